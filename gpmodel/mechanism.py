@@ -1,0 +1,54 @@
+"""What the engine needs to know of a mechanism: a chain of slots, and the loads in it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+AXES = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint coordinate of the measured table.
+
+    kind: "revolute" (SI unit rad) or "prismatic" (m). lower, upper: limits in SI, infinite where unknown.
+    drive: what a small error of this coordinate moves, as (slot, axis, weight) terms. One term for a serial
+    joint; two for an axis driven through a parallel bar. `measured` is False for a joint without a
+    sensor, whose table values are approximate.
+    """
+
+    name: str
+    kind: str
+    lower: float
+    upper: float
+    drive: tuple[tuple[str, str, float], ...]
+    measured: bool = True
+
+
+class Mechanism(Protocol):
+    """A chain of nominal frames.
+
+    The measured point is  T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool  with the error twists
+    E_s = exp(twist) acting in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed`
+    and `NAME.moving`; the first slot is `base`, the last is `tool` (the flange).
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    slots: tuple[str, ...]
+
+    def transforms(self, q: Array) -> Array:
+        """Nominal transforms (S, N, 4, 4) of each slot's frame in the frame of the slot before it (metres);
+        the first is given in the mechanism's root frame. q: (N, n), rad and m, table coordinates."""
+        ...
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """Static loads by name, each (N,): torque_J2 (about the coordinate, Nm, in table coordinates),
+        force_J2_x .. moment_J2_z (reaction wrench on the moving side, in the frame of J2.moving),
+        force_base_x .. moment_base_z (in the frame of the base). Names use the joints' names.
+        payload: (N,) kg carried at the tool. Empty where no masses are known and payload is zero."""
+        ...

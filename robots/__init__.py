@@ -1,0 +1,1 @@
+"""Robots: loaders that turn a description of an arm into a mechanism."""
