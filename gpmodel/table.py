@@ -1,0 +1,212 @@
+"""Reading measured tables: CSV or Excel, units in the headers, separators and decimal commas found out."""
+
+import csv
+import hashlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.dataset import LABELS, Dataset
+from gpmodel.errors import InputError
+from gpmodel.mechanism import Array, Joint, Mechanism
+from gpmodel.units import factor, known_unit, split_header
+
+_DIMENSION = {"revolute": "angle", "prismatic": "length"}
+_NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
+
+
+def read_table(path: str | Path, mechanism: Mechanism, *, need_measurement: bool = True) -> Dataset:
+    """Read poses of `mechanism` from a .csv, .txt or .xlsx file.
+
+    Columns are described in the README. Raises InputError: file missing or empty, a column without or with an
+    unknown unit, joints missing or in surplus, text among numbers, nothing measured.
+    """
+    path = Path(path)
+    frame, digest = _read_frame(path)
+    columns = _split_columns(frame, path)
+    joints, used = _joint_columns(columns, mechanism.joints, path)
+    n = len(frame)
+    position = np.full((n, 3), np.nan)
+    rotation = np.full((n, 3), np.nan)
+    distances, extras, extra_units = {}, {}, {}
+    labels: dict[str, np.ndarray] = {}
+    payload, payload_given = np.zeros(n), False
+    for name, (unit, column) in columns.items():
+        if name in used:
+            continue
+        where = f"{path.name}, column '{name}'"
+        if name in LABELS:
+            labels[name] = column.fillna("").astype(str).str.strip().to_numpy(dtype=str)
+        elif name in ("x", "y", "z"):
+            position[:, "xyz".index(name)] = _numbers(column, where) * _factor(unit, "length", where)
+        elif name in ("rx", "ry", "rz"):
+            i = ("rx", "ry", "rz").index(name)
+            rotation[:, i] = _numbers(column, where) * _factor(unit, "angle", where)
+        elif name.startswith("distance_"):
+            distances[name] = _numbers(column, where) * _factor(unit, "length", where)
+        elif name == "payload":
+            payload = _complete(_numbers(column, where) * _factor(unit, "mass", where), where)
+            payload_given = True
+        else:
+            values = _numbers(column, where)
+            if unit is None:
+                raise InputError(
+                    f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number"
+                )
+            if not known_unit(unit):
+                raise InputError(
+                    f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]"
+                )
+            extras[name], extra_units[name] = _complete(values, where), unit
+    q = np.column_stack(
+        [_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()]
+    )
+    _check_measurement(path, position, rotation, distances, need_measurement)
+    return Dataset(
+        joints=tuple(j.name for j in mechanism.joints),
+        q=q,
+        position=position,
+        rotation=rotation,
+        row=np.arange(1, n + 1),
+        payload=payload,
+        distances=distances,
+        labels=labels,
+        extras=extras,
+        extra_units=extra_units,
+        payload_given=payload_given,
+        source=path.name,
+        sha256=digest,
+    )
+
+
+def _read_frame(path: Path) -> tuple[pd.DataFrame, str]:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a measured table") from None
+    if not raw.strip():
+        raise InputError(f"{path.name}: the file is empty; expected a header line and one row per pose")
+    digest = hashlib.sha256(raw).hexdigest()
+    if path.suffix.lower() in (".xlsx", ".xls"):
+        try:
+            frame = pd.read_excel(io.BytesIO(raw), dtype=str)
+        except ImportError:
+            raise InputError(
+                f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'"
+            ) from None
+        except Exception as error:  # zip, xml and openpyxl errors of many kinds
+            raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
+    else:
+        frame = _read_text(raw, path)
+    frame = frame.dropna(how="all").dropna(axis="columns", how="all")
+    if frame.empty:
+        raise InputError(f"{path.name}: no rows below the header; expected one row per pose")
+    return frame.reset_index(drop=True), digest
+
+
+def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    header = text.lstrip().splitlines()[0]
+    counts = {s: header.count(s) for s in (";", "\t", ",")}
+    separator = max(counts, key=lambda s: counts[s])
+    try:
+        frame = pd.read_csv(
+            io.StringIO(text), sep=separator, dtype=str, skipinitialspace=True, index_col=False
+        )
+    except (pd.errors.ParserError, csv.Error, pd.errors.ParserWarning) as error:
+        raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
+    if separator != ",":
+        frame = frame.map(
+            lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x
+        )
+    return frame
+
+
+def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | None, pd.Series]]:
+    columns: dict[str, tuple[str | None, pd.Series]] = {}
+    for i, header in enumerate(frame.columns):
+        name, unit = split_header(str(header))
+        if name in columns:
+            raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
+        columns[name] = (unit, frame.iloc[:, i])
+    return columns
+
+
+def _joint_columns(
+    columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path
+) -> tuple[dict[str, Array], set[str]]:
+    by_name = {j.name: j for j in joints}
+    by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
+    numbered = not set(by_name) <= set(columns)
+    expected = by_number if numbered else by_name
+    missing = [name for name in expected if name not in columns]
+    if missing:
+        raise InputError(
+            f"{path.name}: joint column '{missing[0]}' is missing; expected {', '.join(by_number)}"
+            f" or {', '.join(by_name)}, each with [deg] or [rad]"
+        )
+    surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
+    if surplus:
+        raise InputError(
+            f"{path.name}: joint column '{surplus[0]}' is one too many; expected {', '.join(by_number)}"
+        )
+    values: dict[str, Array] = {}
+    for column, joint in expected.items():
+        unit, series = columns[column]
+        where = f"{path.name}, column '{column}'"
+        values[column] = _numbers(series, where) * _factor(unit, _DIMENSION[joint.kind], where)
+    return values, set(expected)
+
+
+def _factor(unit: str | None, dimension: str, where: str) -> float:
+    if unit is None:
+        name = where.split("'")[1]
+        example = {"length": "mm", "angle": "deg", "mass": "kg"}[dimension]
+        raise InputError(f"{where}: no unit; write '{name} [{example}]'")
+    return factor(unit, dimension, where)
+
+
+def _numbers(column: pd.Series, where: str) -> Array:
+    text = column.astype("string").str.strip()
+    text = text.mask(text == "")
+    values = pd.to_numeric(text, errors="coerce")
+    bad = values.isna() & text.notna() & ~text.str.lower().isin(["nan"])
+    if bad.any():
+        row = int(np.flatnonzero(bad.to_numpy())[0])
+        raise InputError(
+            f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell"
+        )
+    out = values.astype("float64").to_numpy(dtype=float, na_value=np.nan)
+    if np.isinf(out).any():
+        raise InputError(
+            f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number"
+        )
+    return out
+
+
+def _complete(values: Array, where: str) -> Array:
+    if np.isnan(values).any():
+        row = int(np.flatnonzero(np.isnan(values))[0]) + 1
+        raise InputError(f"{where}, row {row}: empty or NaN; expected a number in every row")
+    return values
+
+
+def _check_measurement(
+    path: Path, position: Array, rotation: Array, distances: dict[str, Array], need: bool
+) -> None:
+    measured = np.isfinite(position).any() or np.isfinite(rotation).any()
+    measured = measured or any(np.isfinite(d).any() for d in distances.values())
+    if need and not measured:
+        raise InputError(
+            f"{path.name}: nothing measured; expected columns 'x [mm],y [mm],z [mm]' or 'distance_A [mm]'"
+        )
+    partial = np.isfinite(rotation).any(axis=1) & ~np.isfinite(rotation).all(axis=1)
+    if partial.any():
+        row = int(np.flatnonzero(partial)[0]) + 1
+        raise InputError(f"{path.name}, row {row}: rotation is incomplete; expected rx, ry and rz, or none")

@@ -1,0 +1,57 @@
+"""Units, only at the door: what a header or an option says, turned into SI."""
+
+import re
+from functools import lru_cache
+
+import pint
+
+from gpmodel.errors import InputError
+
+_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
+_QUANTITY = re.compile(r"^\s*(?P<value>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
+_SI = {"length": "m", "angle": "rad", "mass": "kg"}
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry:
+    return pint.UnitRegistry()
+
+
+def split_header(header: str) -> tuple[str, str | None]:
+    """`J1 [deg]` gives ("J1", "deg"); a header without brackets gives (header, None)."""
+    match = _HEADER.match(header)
+    return (match["name"], match["unit"]) if match else (header.strip(), None)
+
+
+@lru_cache(maxsize=256)
+def known_unit(unit: str) -> bool:
+    """Whether the units library can read this unit; `1` is the dimensionless one."""
+    try:
+        _registry().parse_units("" if unit == "1" else unit)
+    except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
+        return False
+    return True
+
+
+def factor(unit: str, dimension: str, where: str) -> float:
+    """How many SI units one `unit` of `dimension` (length, angle or mass) is.
+
+    Raises InputError naming `where` when the unit is unknown or of another dimension.
+    """
+    si = _SI[dimension]
+    if known_unit(unit) and unit != "1":
+        registry = _registry()
+        if registry.parse_units(unit).is_compatible_with(si):
+            dimensionless = registry.parse_units(unit).dimensionless
+            if dimensionless == (dimension == "angle"):
+                return float(registry.Quantity(1.0, unit).to(si).magnitude)
+    examples = {"length": "[mm], [m], [um] or [in]", "angle": "[deg] or [rad]", "mass": "[kg] or [lb]"}
+    raise InputError(f"{where}: '[{unit}]' is no unit of {dimension}; write {examples[dimension]}")
+
+
+def parse_quantity(text: str, dimension: str, where: str) -> float:
+    """`60kg`, `0.03 mm` in SI. Raises InputError when there is no number or no unit."""
+    match = _QUANTITY.match(text)
+    if not match:
+        raise InputError(f"{where}: '{text}' is no quantity; write a number and its unit, as in 0.03mm")
+    return float(match["value"]) * factor(match["unit"], dimension, where)
