@@ -1,0 +1,130 @@
+"""A serial chain of revolute and prismatic joints, as a Mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism import AXES, Array, Joint
+from robots.statics import GRAVITY, gravity_loads
+
+
+def _zero_vector() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One motion of the chain and the rigid part it carries.
+
+    name: the joint's. placement: (4, 4), the frame before this motion in the frame after the motion before
+    (in the root, for the first), m. axis: one of AXES, the coordinate axis of that frame the motion is about or
+    along, always in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
+    alignment: (4, 4), the frame after the motion in the frame the source description gives the same part.
+    offset: constant part of the motion already contained in placement, rad or m.
+    """
+
+    name: str
+    placement: Array
+    axis: str
+    mass: float = 0.0
+    com: Array = field(default_factory=_zero_vector)
+    alignment: Array = field(default_factory=lambda: np.eye(4))
+    offset: float = 0.0
+
+
+def axis_motion(axis: str, value: Array) -> Array:
+    """Transforms (N, 4, 4) of a motion by value (N,), rad about or m along the axis, one of AXES."""
+    transforms = np.zeros((len(value), 4, 4))
+    transforms[:] = np.eye(4)
+    index = AXES.index(axis)
+    if index < 3:
+        transforms[:, index, 3] = value
+    else:
+        i, j = (index - 2) % 3, (index - 1) % 3
+        transforms[:, i, i] = transforms[:, j, j] = np.cos(value)
+        transforms[:, j, i] = np.sin(value)
+        transforms[:, i, j] = -transforms[:, j, i]
+    return transforms
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain:
+    """A chain of links driven by table coordinates: a Mechanism.
+
+        motion of the links  s = coupling @ q
+
+    coupling: (len(links), len(joints)); the identity for an arm with one motor per joint, with other entries
+    for a reversed axis, a parallel bar or a mimic joint. tool: (4, 4) from the frame after the last motion to
+    the measured frame `tool_frame`, m. gravity: (3,) m/s^2 in the root frame. payload_com: (3,) m, centre of
+    mass of the payload in the measured frame. source: the URDF file the chain was read from, if any.
+    limits: (len(joints), 2), rad or m, in table coordinates. Source: the Mechanism protocol.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    tool: Array
+    joint_names: tuple[str, ...]
+    coupling: Array
+    limits: Array
+    tool_frame: str = "tool"
+    gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
+    payload_com: Array = field(default_factory=_zero_vector)
+    source: Path | None = None
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:
+        sides = (f"{link.name}.{side}" for link in self.links for side in ("fixed", "moving"))
+        return ("base", *sides, "tool")
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        return tuple(self._joint(column) for column in range(len(self.joint_names)))
+
+    def _joint(self, column: int) -> Joint:
+        weights = self.coupling[:, column]
+        drive = tuple(
+            (f"{link.name}.moving", link.axis, float(weight))
+            for link, weight in zip(self.links, weights, strict=True)
+            if weight
+        )
+        kind = "revolute" if drive[0][1].startswith("R") else "prismatic"
+        lower, upper = (float(limit) for limit in self.limits[column])
+        return Joint(self.joint_names[column], kind, lower, upper, drive)
+
+    def motions(self, q: Array) -> Array:
+        """Motions (N, len(links)) of the links, rad and m, at table coordinates q (N, n)."""
+        q = np.asarray(q, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != len(self.joint_names):
+            raise InputError(
+                f"{self.name}: joint values have shape {q.shape}, "
+                f"expected (poses, {len(self.joint_names)}) for {', '.join(self.joint_names)}"
+            )
+        return q @ self.coupling.T
+
+    def transforms(self, q: Array) -> Array:
+        """Nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol states."""
+        motions = self.motions(q)
+        transforms = np.empty((len(self.slots), len(motions), 4, 4))
+        transforms[0] = np.eye(4)
+        for i, link in enumerate(self.links):
+            transforms[1 + 2 * i] = link.placement
+            transforms[2 + 2 * i] = axis_motion(link.axis, motions[:, i])
+        transforms[-1] = self.tool
+        return transforms
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """What gravity does to the arm at rest, each (N,); the gravity load, not the reaction that holds it.
+
+        torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive
+        where gravity drives it upwards, so that `deflection = compliance * torque` has a positive compliance.
+        force_J_x .. moment_J_z (N, Nm): wrench that the weight of everything beyond J exerts at the origin of
+        J.moving, in its axes; force_base_x .. moment_base_z likewise for the whole arm in the root frame,
+        about its origin. payload: (N,) kg at `payload_com`. Empty where nothing weighs anything.
+        Source: recursive Newton-Euler at rest (Featherstone 2008, ch. 5), by Pinocchio.
+        """
+        return gravity_loads(self, q, payload)

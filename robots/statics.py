@@ -1,0 +1,88 @@
+"""Gravity loads of a serial chain at rest, by Pinocchio."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from gpmodel.mechanism import Array
+
+if TYPE_CHECKING:
+    from robots.chain import SerialChain
+
+GRAVITY = (0.0, 0.0, -9.81)
+_COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_{}_y", "moment_{}_z")
+_JOINT_MODELS = {
+    "Tx": pin.JointModelPX,
+    "Ty": pin.JointModelPY,
+    "Tz": pin.JointModelPZ,
+    "Rx": pin.JointModelRX,
+    "Ry": pin.JointModelRY,
+    "Rz": pin.JointModelRZ,
+}
+
+
+def pinocchio_model(chain: SerialChain, payload: float | None = None) -> pin.Model:
+    """Pinocchio's model of the chain in its own motions (before coupling), joint frames as the slots.
+
+    payload: None for the chain's own masses; else kg at the payload's centre of mass and nothing besides.
+    The measured frame is the model's last frame.
+    """
+    model = pin.Model()
+    model.name = chain.name
+    model.gravity.linear = chain.gravity
+    parent = 0
+    for link in chain.links:
+        parent = model.addJoint(parent, _JOINT_MODELS[link.axis](), pin.SE3(link.placement), link.name)
+        if payload is None and link.mass:
+            model.appendBodyToJoint(parent, _point_mass(link.mass, link.com), pin.SE3.Identity())
+    if payload:
+        com = chain.tool[:3, :3] @ chain.payload_com + chain.tool[:3, 3]
+        model.appendBodyToJoint(parent, _point_mass(payload, com), pin.SE3.Identity())
+    model.addFrame(pin.Frame(chain.tool_frame, parent, 0, pin.SE3(chain.tool), pin.FrameType.OP_FRAME))
+    return model
+
+
+def gravity_loads(chain: SerialChain, q: Array, payload: Array) -> dict[str, Array]:
+    """SerialChain.loads: linear in the masses, so those of the links plus payload times those of 1 kg."""
+    motions = chain.motions(q)
+    payload = np.broadcast_to(np.asarray(payload, dtype=np.float64), len(motions))
+    wrenches = np.zeros((len(motions), len(chain.links) + 1, 6))
+    weighs = any(link.mass for link in chain.links)
+    if weighs:
+        wrenches += _wrenches(pinocchio_model(chain), motions)
+    if np.any(payload != 0.0):
+        wrenches += payload[:, None, None] * _wrenches(pinocchio_model(chain, payload=1.0), motions)
+    elif not weighs:
+        return {}
+    return _named(chain, wrenches)
+
+
+def _point_mass(mass: float, com: Array) -> pin.Inertia:
+    return pin.Inertia(mass, np.asarray(com, dtype=np.float64), np.zeros((3, 3)))
+
+
+def _wrenches(model: pin.Model, motions: Array) -> Array:
+    """Wrenches (N, 1 + joints, 6) of gravity on the base and on each joint, in the frame after its motion."""
+    data = model.createData()
+    at_rest = np.zeros(model.nv)
+    first = range(1, model.njoints)
+    wrenches = np.empty((len(motions), model.njoints, 6))
+    for row, motion in zip(wrenches, motions, strict=True):
+        pin.rnea(model, data, motion, at_rest, at_rest)
+        for joint in first:
+            row[joint] = data.f[joint].vector
+        row[0] = data.liMi[1].act(data.f[1]).vector
+    return -wrenches
+
+
+def _named(chain: SerialChain, wrenches: Array) -> dict[str, Array]:
+    components = {"Tx": 0, "Ty": 1, "Tz": 2, "Rx": 3, "Ry": 4, "Rz": 5}
+    along = [wrenches[:, i + 1, components[link.axis]] for i, link in enumerate(chain.links)]
+    torques = np.stack(along, axis=1) @ chain.coupling
+    named = {f"torque_{name}": torques[:, column] for column, name in enumerate(chain.joint_names)}
+    for i, name in enumerate(("base", *(link.name for link in chain.links))):
+        named |= {text.format(name): wrenches[:, i, k] for k, text in enumerate(_COMPONENTS)}
+    return named
