@@ -123,9 +123,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     frames = register[None] @ frames
     tip = register @ tip_root
     rays = [tip_root[:, :3, 3] - placement.anchors[name] for name in data.distances]
-    distances = (
-        np.stack([np.linalg.norm(r, axis=1) for r in rays], axis=1) if rays else np.zeros((len(data), 0))
-    )
+    distances = np.stack([np.linalg.norm(r, axis=1) for r in rays], axis=1) if rays else np.zeros((len(data), 0))
     units = [r / d[:, None] for r, d in zip(rays, distances.T, strict=True)]
     directions = np.stack(units, axis=1) if rays else np.zeros((len(data), 0, 3))
     directions = directions @ np.swapaxes(register[:, :3, :3], 1, 2)

@@ -53,17 +53,11 @@ def read_table(path: str | Path, mechanism: Mechanism, *, need_measurement: bool
         else:
             values = _numbers(column, where)
             if unit is None:
-                raise InputError(
-                    f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number"
-                )
+                raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
             if not known_unit(unit):
-                raise InputError(
-                    f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]"
-                )
+                raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
             extras[name], extra_units[name] = _complete(values, where), unit
-    q = np.column_stack(
-        [_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()]
-    )
+    q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, position, rotation, distances, need_measurement)
     return Dataset(
         joints=tuple(j.name for j in mechanism.joints),
@@ -94,9 +88,7 @@ def _read_frame(path: Path) -> tuple[pd.DataFrame, str]:
         try:
             frame = pd.read_excel(io.BytesIO(raw), dtype=str)
         except ImportError:
-            raise InputError(
-                f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'"
-            ) from None
+            raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
         except Exception as error:  # zip, xml and openpyxl errors of many kinds
             raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
     else:
@@ -116,15 +108,11 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
     try:
-        frame = pd.read_csv(
-            io.StringIO(text), sep=separator, dtype=str, skipinitialspace=True, index_col=False
-        )
+        frame = pd.read_csv(io.StringIO(text), sep=separator, dtype=str, skipinitialspace=True, index_col=False)
     except (pd.errors.ParserError, csv.Error, pd.errors.ParserWarning) as error:
         raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
     if separator != ",":
-        frame = frame.map(
-            lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x
-        )
+        frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
     return frame
 
 
@@ -153,9 +141,7 @@ def _joint_columns(
         )
     surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
     if surplus:
-        raise InputError(
-            f"{path.name}: joint column '{surplus[0]}' is one too many; expected {', '.join(by_number)}"
-        )
+        raise InputError(f"{path.name}: joint column '{surplus[0]}' is one too many; expected {', '.join(by_number)}")
     values: dict[str, Array] = {}
     for column, joint in expected.items():
         unit, series = columns[column]
@@ -179,14 +165,10 @@ def _numbers(column: pd.Series, where: str) -> Array:
     bad = values.isna() & text.notna() & ~text.str.lower().isin(["nan"])
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
-        raise InputError(
-            f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell"
-        )
+        raise InputError(f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell")
     out = values.astype("float64").to_numpy(dtype=float, na_value=np.nan)
     if np.isinf(out).any():
-        raise InputError(
-            f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number"
-        )
+        raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")
     return out
 
 
@@ -197,15 +179,11 @@ def _complete(values: Array, where: str) -> Array:
     return values
 
 
-def _check_measurement(
-    path: Path, position: Array, rotation: Array, distances: dict[str, Array], need: bool
-) -> None:
+def _check_measurement(path: Path, position: Array, rotation: Array, distances: dict[str, Array], need: bool) -> None:
     measured = np.isfinite(position).any() or np.isfinite(rotation).any()
     measured = measured or any(np.isfinite(d).any() for d in distances.values())
     if need and not measured:
-        raise InputError(
-            f"{path.name}: nothing measured; expected columns 'x [mm],y [mm],z [mm]' or 'distance_A [mm]'"
-        )
+        raise InputError(f"{path.name}: nothing measured; expected columns 'x [mm],y [mm],z [mm]' or 'distance_A [mm]'")
     partial = np.isfinite(rotation).any(axis=1) & ~np.isfinite(rotation).all(axis=1)
     if partial.any():
         row = int(np.flatnonzero(partial)[0]) + 1

@@ -1,0 +1,356 @@
+"""Calibration: registration, tool, anchors and every effect solved together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, stats
+from threadpoolctl import threadpool_limits
+
+from gpmodel import identifiability as ident
+from gpmodel import se3
+from gpmodel.dataset import IntArray
+from gpmodel.effect import Effect
+from gpmodel.errors import InputError
+from gpmodel.mechanism import AXES, Array
+from gpmodel.model import ErrorModel, Observed, Placement, Poses, measured_minus, observe
+from gpmodel.placement import start_placement
+from gpmodel.split import folds
+
+ROTATION_LEVER = 0.3
+MAX_ITERATIONS = 30
+STEP_TOLERANCE = 1e-9
+OUTLIER_SIGMAS = 6.0
+OUTLIER_SHARE = 0.1
+MINIMUM_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
+
+    The first `placement` columns are registration, tool and anchors; the others are the model's effects.
+    Metres throughout: rotations are weighted by `lever`. observed: what was predicted.
+    """
+
+    columns: Array
+    residual: Array
+    pose_of_row: IntArray
+    placement: int
+    placement_names: tuple[str, ...]
+    observed: Observed
+    weights: Array
+
+    def weigh(self, values: Array) -> Array:
+        """Observations (N, m, ...) as rows (M, ...), weighted like the residual."""
+        shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
+        rows = (values * self.weights.reshape(shape))[self.weights > 0]
+        return rows
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The fitted numbers and what is needed to distrust them.
+
+    theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
+    correlation: (E, E). unique_share: (E,). sigma: m, one component. error: (N,) 3-D error of each pose, m.
+    outliers: indices of poses left out of the fit. status: converged, stalled or diverged; reason says why.
+    """
+
+    model: ErrorModel
+    placement: Placement
+    theta: Array
+    stderr: Array
+    kept: Array
+    correlation: Array
+    unique_share: Array
+    sigma: float
+    error: Array
+    outliers: IntArray
+    rank: int
+    condition_limit: float
+    rank_curve: tuple[ident.RankChoice, ...]
+    lever: float
+    iterations: int
+    status: str
+    reason: str
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
+
+    def partners(self, limit: float = 0.8) -> Mapping[str, tuple[tuple[str, float], ...]]:
+        """Effects correlated above `limit` in absolute value with each kept effect."""
+        names = [e.name for e in self.model.effects]
+        out = {}
+        for i in np.flatnonzero(self.kept):
+            near = [j for j in np.flatnonzero(self.kept) if j != i and abs(self.correlation[i, j]) > limit]
+            out[names[i]] = tuple((names[j], float(self.correlation[i, j])) for j in near)
+        return out
+
+
+def pose_error(residual: Array) -> Array:
+    """Length (N,) of each pose's measured-minus-predicted vector over its length components, m."""
+    lengths = np.delete(residual, slice(3, 6), axis=1)
+    return np.sqrt(np.nansum(lengths**2, axis=1))
+
+
+def errors_on(calibration: Calibration, poses: Poses) -> Array:
+    """3-D error (N,) of a fitted model on any poses of known setups and tools, m."""
+    observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
+    return pose_error(measured_minus(observed, poses.dataset))
+
+
+def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
+    """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
+    out = np.zeros((len(poses), observed.components, len(effects)))
+    cache: dict[int, Array] = {}
+    for k, effect in enumerate(effects):
+        for term in effect.terms:
+            slot = model.mechanism.slots.index(term.slot)
+            if slot not in cache:
+                cache[slot] = observed.sensitivity(slot)
+            shape = term.weight * term.basis(poses.states)
+            out[:, :, k] += cache[slot][:, :, AXES.index(term.axis)] * shape[:, None]
+    return out
+
+
+def linearise(
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Array
+) -> Linearised:
+    """The weighted problem at one point; `use` (N,) says which poses count."""
+    data = poses.dataset
+    observed = observe(model, poses, theta, placement)
+    residual = measured_minus(observed, data)
+    weights = np.isfinite(residual) * use[:, None].astype(float)
+    weights[:, 3:6] *= lever
+    blocks, names = _placement_columns(poses, observed, placement)
+    blocks.append(effect_columns(model.effects, model, poses, observed))
+    columns = np.concatenate(blocks, axis=2)
+    rows = weights > 0
+    return Linearised(
+        columns=columns[rows] * weights[rows][:, None],
+        residual=residual[rows] * weights[rows],
+        pose_of_row=np.nonzero(rows)[0],
+        placement=columns.shape[2] - len(model.effects),
+        placement_names=tuple(names),
+        observed=observed,
+        weights=weights,
+    )
+
+
+def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
+    data = poses.dataset
+    blocks: list[Array] = []
+    names: list[str] = []
+    absolute = bool(np.isfinite(data.position).any() or data.has_rotation)
+    if absolute:
+        turn = observed.registration_sensitivity(observed.tip[:, :3, 3].mean(axis=0))
+        for name in placement.registration:
+            blocks.append(turn * (data.label("setup") == name)[:, None, None])
+            names += [f"registration{f' {name}' if name else ''} {axis}" for axis in AXES]
+    axes = 6 if data.has_rotation else 3
+    tool = observed.tool_sensitivity()[:, :, :axes]
+    for name in placement.tool:
+        blocks.append(tool * (data.label("tool") == name)[:, None, None])
+        names += [f"tool{f' {name}' if name else ''} {axis}" for axis in AXES[:axes]]
+    for i, name in enumerate(placement.anchors):
+        block = np.zeros((len(poses), observed.components, 3))
+        turn = np.stack([placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
+        block[:, 6 + i] = -(observed.directions[:, i][:, None, :] @ turn)[:, 0]
+        blocks.append(block)
+        names += [f"{name} anchor {axis}" for axis in "xyz"]
+    return blocks, names
+
+
+def _moved(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
+    data, i = poses.dataset, 0
+    registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
+    centre = observed.tip[:, :3, 3].mean(axis=0)
+    if np.isfinite(data.position).any() or data.has_rotation:
+        for name, frame in registration.items():
+            about, back = np.eye(4), np.eye(4)
+            about[:3, 3], back[:3, 3] = centre, -centre
+            registration[name] = about @ se3.exp(step[i : i + 6]) @ back @ frame
+            i += 6
+    axes = 6 if data.has_rotation else 3
+    for name, frame in tool.items():
+        twist = np.zeros(6)
+        twist[:axes] = step[i : i + axes]
+        tool[name] = frame @ se3.exp(twist)
+        i += axes
+    for name, point in anchors.items():
+        anchors[name] = point + step[i : i + 3]
+        i += 3
+    return Placement(registration, tool, anchors)
+
+
+def calibrate(
+    model: ErrorModel,
+    poses: Poses,
+    *,
+    condition_limit: float | None = None,
+    start: Calibration | None = None,
+    robust: bool = True,
+    seed: int = 0,
+) -> Calibration:
+    """Fit every parameter by Gauss-Newton on the analytic columns.
+
+    condition_limit: constant effects whose share is under 1 / limit are dropped and named; None chooses it by
+    cross-validation over identifiability.LIMITS. start: a calibration to go on from (its placement, the values of
+    effects of the same name). Raises InputError with fewer observations than unknowns or poses all alike.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _calibrate(model, poses, condition_limit, start, robust, seed)
+
+
+def _calibrate(
+    model: ErrorModel,
+    poses: Poses,
+    condition_limit: float | None,
+    start: Calibration | None,
+    robust: bool,
+    seed: int,
+) -> Calibration:
+    placement = start.placement if start else start_placement(poses)
+    lever = start.lever if start else ROTATION_LEVER
+    use = np.ones(len(poses), dtype=bool)
+    if start is not None and robust and len(start.error) == len(poses):
+        use[start.outliers] = False
+    before = dict(zip((e.name for e in start.model.effects), start.theta, strict=True)) if start else {}
+    theta = np.array([before.get(e.name, 0.0) for e in model.effects])
+    bare = ErrorModel(model.mechanism, ())
+    iterations = 0
+    if start is None:
+        placement, _, _, iterations, _ = _iterate(bare, poses, np.zeros(0), placement, lever, use, np.zeros(0, bool))
+    curve: tuple[ident.RankChoice, ...] = ()
+    kept = np.zeros(len(theta), dtype=bool)
+    status, limit = "converged", condition_limit or 1e4
+    problem = linearise(model, poses, theta, placement, lever, use)
+    for attempt in range(4):
+        kept, limit, curve = _choose(model, poses, problem, condition_limit, seed)
+        theta = np.where(kept, theta, 0.0)
+        placement, theta, problem, used, status = _iterate(model, poses, theta, placement, lever, use, kept)
+        iterations += used
+        again = robust and _mark_outliers(poses, problem, use)
+        if poses.dataset.has_rotation and attempt == 0 and start is None:
+            lever, again = _lever(problem, poses), True
+        if not again or status != "converged":
+            break
+        problem = linearise(model, poses, theta, placement, lever, use)
+    return _summarise(model, poses, problem, placement, theta, kept, use, limit, curve, lever, iterations, status)
+
+
+def _choose(
+    model: ErrorModel, poses: Poses, problem: Linearised, condition_limit: float | None, seed: int
+) -> tuple[Array, float, tuple[ident.RankChoice, ...]]:
+    """Which effects the poses can tell apart: constants by the condition limit, the others by unique share."""
+    constant = np.array([e.constant for e in model.effects], dtype=bool)
+    fixed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
+    ranking = ident.rank(fixed, columns[:, constant])
+    curve: tuple[ident.RankChoice, ...] = ()
+    limit = condition_limit or 1e4
+    if condition_limit is None and constant.any():
+        fold = folds(poses.dataset, 5, np.random.default_rng(seed))[problem.pose_of_row]
+        curve = ident.rank_curve(fixed, columns[:, constant], ranking, problem.residual, fold)
+        limit = min(curve, key=lambda c: c.cv_rms).condition_limit
+    kept = np.zeros(len(model.effects), dtype=bool)
+    kept[np.flatnonzero(constant)[ranking.kept(limit)]] = True
+    varying = np.flatnonzero(~constant)
+    late = ident.rank(np.hstack([fixed, columns[:, kept]]), columns[:, varying])
+    kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
+    if len(problem.residual) <= problem.placement + kept.sum():
+        raise InputError(
+            f"{poses.dataset.source}: {len(problem.residual)} measured values for "
+            f"{problem.placement + kept.sum()} unknowns; expected more poses than that or fewer parameters"
+        )
+    return kept, limit, curve
+
+
+def _iterate(
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Array, kept: Array
+) -> tuple[Placement, Array, Linearised, int, str]:
+    last = np.inf
+    problem = linearise(model, poses, theta, placement, lever, use)
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
+        columns = problem.columns[:, free]
+        scale = np.linalg.norm(columns, axis=0)
+        scale[scale < ident.NEGLIGIBLE] = np.inf
+        solution = linalg.lstsq(columns / scale, problem.residual, cond=1e-10, lapack_driver="gelsy")[0] / scale
+        moved = float(np.max(np.abs(columns @ solution), initial=0.0))
+        step = np.zeros(len(free))
+        step[free] = solution
+        placement = _moved(poses, problem.observed, placement, step[: problem.placement])
+        theta = theta + step[problem.placement :]
+        problem = linearise(model, poses, theta, placement, lever, use)
+        if moved < STEP_TOLERANCE:
+            return placement, theta, problem, iteration, "converged"
+        if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
+            return placement, theta, problem, iteration, "diverged"
+        last = moved
+    return placement, theta, problem, MAX_ITERATIONS, "stalled"
+
+
+def _mark_outliers(poses: Poses, problem: Linearised, use: Array) -> bool:
+    """Take poses far outside the robust spread of the errors out of `use`; True when any was."""
+    error = pose_error(measured_minus(problem.observed, poses.dataset))
+    inside = error[use]
+    spread = 1.4826 * np.median(np.abs(inside - np.median(inside)))
+    far = use & (error > np.median(inside) + OUTLIER_SIGMAS * max(spread, 1e-9))
+    worst = np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(use))) - int((~use).sum())]
+    far &= np.isin(np.arange(len(use)), worst)
+    use[far] = False
+    return bool(far.any())
+
+
+def _lever(problem: Linearised, poses: Poses) -> float:
+    """Metres a radian is worth: ratio of the robust spreads of position and rotation residuals."""
+    residual = measured_minus(problem.observed, poses.dataset)
+    position, rotation = np.nanmedian(np.abs(residual[:, :3])), np.nanmedian(np.abs(residual[:, 3:6]))
+    return float(np.clip(position / rotation, 0.01, 10.0)) if position > 0 and rotation > 0 else ROTATION_LEVER
+
+
+def _summarise(
+    model: ErrorModel, poses: Poses, problem: Linearised, placement: Placement, theta: Array, kept: Array,
+    use: Array, limit: float, curve: tuple[ident.RankChoice, ...], lever: float, iterations: int, status: str,
+) -> Calibration:  # fmt: skip
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
+    columns = problem.columns[:, free]
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
+    u, s, vt = linalg.svd(columns / scale, full_matrices=False)
+    good = s > 1e-9 * s[0]
+    freedom = max(len(problem.residual) - int(good.sum()), 1)
+    sigma = float(np.sqrt(np.sum(problem.residual**2) / freedom))
+    root = vt[good].T / s[good] / scale[:, None]
+    covariance = sigma**2 * root @ root.T
+    effects = slice(problem.placement, None)
+    deviation = np.sqrt(np.diag(covariance))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    n, at = len(theta), np.flatnonzero(kept)
+    stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
+    stderr[at] = deviation[effects]
+    share[at] = ident.unique_shares(columns)[effects]
+    correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
+    reasons = {
+        "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
+        "stalled": f"still moving after {MAX_ITERATIONS} iterations: poses too alike, or joint values wrong",
+        "diverged": "steps grew: wrong joint units, signs or order, or too few poses",
+    }
+    return Calibration(
+        model=model, placement=placement, theta=theta, stderr=stderr, kept=kept, correlation=correlation,
+        unique_share=share, sigma=sigma, error=pose_error(measured_minus(problem.observed, poses.dataset)),
+        outliers=np.flatnonzero(~use), rank=int(free.sum()), condition_limit=limit, rank_curve=curve, lever=lever,
+        iterations=iterations, status=status, reason=reasons[status],
+    )  # fmt: skip
+
+
+def without_outlier_marks(calibration: Calibration) -> Calibration:
+    """The same fit, ready to judge every pose anew."""
+    return replace(calibration, outliers=np.zeros(0, dtype=np.int64))
+
+
+def critical_error(sigma: float, probability: float = 0.999) -> float:
+    """3-D error that Gaussian noise of `sigma` a component exceeds with 1 - probability."""
+    return float(sigma * stats.chi(3).ppf(probability))
