@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -9,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.errors import InputError
-from gpmodel.mechanism import AXES, Array, Joint
+from gpmodel.mechanism import Array, Joint
+from robots.motion import axis_motion
 from robots.statics import GRAVITY, gravity_loads
+from robots.urdf_export import write_calibrated_urdf
 
 
 def _zero_vector() -> Array:
@@ -22,8 +25,8 @@ class Link:
     """One motion of the chain and the rigid part it carries.
 
     name: the joint's. placement: (4, 4), the frame before this motion in the frame after the motion before
-    (in the root, for the first), m. axis: one of AXES, the coordinate axis of that frame the motion is about or
-    along, always in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
+    (in the root, for the first), m. axis: one of gpmodel.mechanism.AXES, the coordinate axis of that frame
+    the motion is about or along, in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
     alignment: (4, 4), the frame after the motion in the frame the source description gives the same part.
     offset: constant part of the motion already contained in placement, rad or m.
     """
@@ -35,21 +38,6 @@ class Link:
     com: Array = field(default_factory=_zero_vector)
     alignment: Array = field(default_factory=lambda: np.eye(4))
     offset: float = 0.0
-
-
-def axis_motion(axis: str, value: Array) -> Array:
-    """Transforms (N, 4, 4) of a motion by value (N,), rad about or m along the axis, one of AXES."""
-    transforms = np.zeros((len(value), 4, 4))
-    transforms[:] = np.eye(4)
-    index = AXES.index(axis)
-    if index < 3:
-        transforms[:, index, 3] = value
-    else:
-        i, j = (index - 2) % 3, (index - 1) % 3
-        transforms[:, i, i] = transforms[:, j, j] = np.cos(value)
-        transforms[:, j, i] = np.sin(value)
-        transforms[:, i, j] = -transforms[:, j, i]
-    return transforms
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,3 +116,7 @@ class SerialChain:
         Source: recursive Newton-Euler at rest (Featherstone 2008, ch. 5), by Pinocchio.
         """
         return gravity_loads(self, q, payload)
+
+    def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
+        """Writes the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        return write_calibrated_urdf(self, twists or {}, path)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gpmodel.mechanism import Array
 from robots.chain import Link, SerialChain
+from robots.motion import translation
 
 DIMENSIONS = {
     "irb6400r": {"d1": 0.800, "a1": 0.240, "a2": 1.050, "a3": 0.225, "d4": 1.175, "d6": 0.200},
@@ -36,7 +36,7 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
         ]
     )
     links = tuple(
-        Link(f"J{i + 1}", _translation(origins[i]), axis, mass, origins[i + 1] / 2)
+        Link(f"J{i + 1}", translation(origins[i]), axis, mass, origins[i + 1] / 2)
         for i, (axis, mass) in enumerate(zip(AXES, SURROGATE_MASSES, strict=True))
     )
     coupling = np.eye(6)
@@ -44,15 +44,9 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
     return SerialChain(
         name=name,
         links=links,
-        tool=_translation(origins[6]),
+        tool=translation(origins[6]),
         joint_names=tuple(link.name for link in links),
         coupling=coupling,
         limits=np.radians(LIMITS_DEG),
         tool_frame="flange",
     )
-
-
-def _translation(origin: Array) -> Array:
-    transform = np.eye(4)
-    transform[:3, 3] = origin
-    return transform

@@ -12,20 +12,25 @@ import numpy as np
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Array
 from robots.chain import SerialChain
+from robots.dh import read_dh
 from robots.irb6400r import DIMENSIONS, irb6400r
 from robots.urdf import read_urdf
 
+# File under example-robot-data's robots, and the link measured at by default.
 EXAMPLE_ARMS = {
-    "kinova": "kinova_description/robots/kinova.urdf",
-    "panda": "panda_description/urdf/panda.urdf",
-    "so100": "so_arm_description/urdf/so100.urdf",
-    "so101": "so_arm_description/urdf/so101.urdf",
-    "talos_arm": "talos_data/robots/talos_left_arm.urdf",
-    "ur3": "ur_description/urdf/ur3_robot.urdf",
-    "ur5": "ur_description/urdf/ur5_robot.urdf",
-    "ur10": "ur_description/urdf/ur10_robot.urdf",
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "z1": "z1_description/urdf/z1.urdf",
+    "kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "so100": ("so_arm_description/urdf/so100.urdf", "gripper"),
+    "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
+    "talos_arm": ("talos_data/robots/talos_left_arm.urdf", "wrist_left_ft_tool_link"),
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0"),
+    "ur3_limited": ("ur_description/urdf/ur3_joint_limited_robot.urdf", "tool0"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "ur5_limited": ("ur_description/urdf/ur5_joint_limited_robot.urdf", "tool0"),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0"),
+    "ur10_limited": ("ur_description/urdf/ur10_joint_limited_robot.urdf", "tool0"),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", "link_eef"),
+    "z1": ("z1_description/urdf/z1.urdf", "gripperStator"),
 }
 
 
@@ -37,7 +42,8 @@ def mechanism_names() -> tuple[str, ...]:
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
 ) -> SerialChain | None:
-    """The robot `name`: one of mechanism_names(), or a path to a .urdf file.
+    """The robot `name`: one of mechanism_names(), a path to a .urdf file, or one to a .toml file
+    of Denavit-Hartenberg rows (robots.dh).
 
     frame: link to measure at (default: the last link of the arm). payload_com: (3,) m, centre of mass of a
     payload in the measured frame (default: its origin). None where the name is none of a robot.
@@ -53,11 +59,14 @@ def _load(name: str, frame: str | None) -> SerialChain | None:
     if name in DIMENSIONS:
         return _measured_at(irb6400r(name), frame)
     if name in EXAMPLE_ARMS:
-        folder = Path(example_robot_data.getModelPath(EXAMPLE_ARMS[name]))
-        return read_urdf(folder / EXAMPLE_ARMS[name], name=name, frame=frame)
+        file, last_link = EXAMPLE_ARMS[name]
+        folder = Path(example_robot_data.getModelPath(file))
+        return read_urdf(folder / file, name=name, frame=frame or last_link)
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
         return read_urdf(Path(name), frame=frame)
+    if suffix == ".toml":
+        return _measured_at(read_dh(Path(name)), frame)
     return None
 
 
@@ -70,7 +79,5 @@ def _measured_at(chain: SerialChain, frame: str | None) -> SerialChain:
 def _vector(payload_com: Sequence[float]) -> Array:
     vector = np.asarray(payload_com, dtype=np.float64)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-        raise InputError(
-            f"payload centre of mass {tuple(payload_com)}: expected three lengths in the tool frame, m"
-        )
+        raise InputError(f"payload centre of mass {tuple(payload_com)}: expected three lengths in the tool frame, m")
     return vector

@@ -15,7 +15,8 @@ import pinocchio as pin
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array
-from robots.chain import Link, SerialChain, axis_motion
+from robots.chain import Link, SerialChain
+from robots.motion import along
 
 GRIPPER_DEPTH = 3
 ARM_DEPTH = 3
@@ -26,7 +27,8 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
 
     Revolute, continuous and prismatic joints on the chain are its joints, except mimic joints, which follow
     theirs; floating and planar ones, and all joints off the chain, stay at neutral, and what hangs there
-    weighs on the chain. A joint whose axis is no coordinate axis has the frames of its slots turned so that it is z.
+    weighs on the chain. A joint whose axis is no coordinate axis has the frames of its slots turned so that
+    it is z.
 
     Raises InputError where the file cannot be read as URDF, or `frame` is no link beyond a moving joint.
     """
@@ -46,14 +48,12 @@ def default_frame(model: pin.Model) -> str:
     """The link measured at when none is named: the last one of the arm with the most revolute joints.
 
     A hand is not the arm: where a chain of at least ARM_DEPTH joints branches and at most GRIPPER_DEPTH
-    joints follow, it ends. Of several last links fixed to the same part, `tool0` goes before the first in the file.
+    joints follow, it ends. Of several last links fixed to the same part, `tool0` goes before the first in
+    the file.
     """
 
     def turns(joint: int) -> int:
-        return int(
-            "Prismatic" not in (text := model.joints[joint].shortname())
-            and not text.startswith("JointModelP")
-        )
+        return int("Prismatic" not in (text := model.joints[joint].shortname()) and not text.startswith("JointModelP"))
 
     def most_turns(joint: int) -> int:
         return turns(joint) + max((most_turns(int(child)) for child in model.children[joint]), default=0)
@@ -107,16 +107,13 @@ def _chain(
         if leader not in driven:
             leader, factor, offset = mimics[leader]
         if leader not in driven:
-            raise InputError(
-                f"{path}: joint {names[row]!r} mimics {leader!r}, which itself mimics another joint"
-            )
+            raise InputError(f"{path}: joint {names[row]!r} mimics {leader!r}, which itself mimics another joint")
         coupling[row, driven.index(leader)] = sign * factor
         after = data.oMi[index].homogeneous @ alignment
-        shift = axis_motion(axis, np.array([sign * offset]))[0]
         links.append(
             Link(
                 name=names[row],
-                placement=np.linalg.solve(before, after) @ shift,
+                placement=np.linalg.solve(before, after) @ along(axis, sign * offset),
                 axis=axis,
                 mass=inertias[row].mass,
                 com=alignment[:3, :3].T @ inertias[row].lever,
@@ -145,9 +142,7 @@ def _carried(model: pin.Model, data: pin.Data, chain: list[int]) -> list[pin.Ine
         on_chain = [int(i) for i in model.supports[body] if int(i) in chain]
         if on_chain and model.inertias[body].mass:
             holder = data.oMi[on_chain[-1]]
-            carried[chain.index(on_chain[-1])] += (holder.inverse() * data.oMi[body]).act(
-                model.inertias[body]
-            )
+            carried[chain.index(on_chain[-1])] += (holder.inverse() * data.oMi[body]).act(model.inertias[body])
     return carried
 
 
@@ -159,7 +154,7 @@ def _limits(model: pin.Model, index: int) -> tuple[float, float]:
 
 
 def _aligned(screw: Array) -> tuple[str, float, Array]:
-    """Axis name, sign, and the rotation (4, 4) of the joint frame that makes the motion one about that axis."""
+    """Axis name, sign, and the rotation (4, 4) of the joint frame that puts the motion on that axis."""
     largest = int(np.argmax(np.abs(screw)))
     if np.isclose(abs(screw[largest]), 1.0, rtol=0.0, atol=1e-12):
         return AXES[largest], float(np.sign(screw[largest])), np.eye(4)
@@ -195,9 +190,7 @@ def _mimics(path: Path) -> dict[str, tuple[str, float, float]]:
             if (mimic := joint.find("mimic")) is not None
         }
     except ValueError as error:
-        raise InputError(
-            f"{path}: a <mimic> element has no number ({error}); expected a URDF file"
-        ) from error
+        raise InputError(f"{path}: a <mimic> element has no number ({error}); expected a URDF file") from error
 
 
 def _parse(path: Path) -> pin.Model:

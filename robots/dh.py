@@ -1,0 +1,133 @@
+"""Serial chains read from TOML tables of Denavit-Hartenberg rows, with the units in the keys.
+
+    name = "my arm"                # default: the file's name
+    convention = "modified"        # a row is Rx(alpha) Tx(a) Rz(theta) Tz(d) (Craig);
+                                   # or "standard": Rz(theta) Tz(d) Tx(a) Rx(alpha) (Paul)
+    gravity_m_s2 = [0, 0, -9.81]   # in the root frame; this is the default
+
+    [base]                         # first row's frame in the root frame; left out: the same
+    xyz_mm = [0, 0, 0]
+    rpy_deg = [0, 0, 0]            # Rz(yaw) Ry(pitch) Rx(roll)
+
+    [tool]                         # measured frame in the last row's frame; left out: the same
+    xyz_mm = [0, 0, 200]
+
+    [[joint]]                      # one row a joint, from the base
+    name = "J1"                    # default: J1, J2, ...
+    kind = "revolute"              # the default; or "prismatic"
+    alpha_deg = 0                  # what is left out of alpha, a, d, theta is zero;
+    a_mm = 0                       # the joint's own one of theta and d is its value at coordinate zero
+    d_mm = 800
+    theta_deg = 0
+    sign = 1                       # -1 where the coordinate counts the other way
+    lower_deg = -180               # limits of the coordinate; left out: none
+    upper_deg = 180
+    mass_kg = 262.6                # of the part that moves with this joint, up to the next
+    com_mm = [120, 0, -400]        # its centre of mass in this row's frame
+
+    [[coupling]]                   # parallel bar: motion of `joint` = sign * joint + factor * follows
+    joint = "J3"
+    follows = "J2"
+    factor = -1
+
+Angles take _deg or _rad, lengths _mm, _m or _in, masses _kg.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism import Array
+from robots.chain import Link, SerialChain
+from robots.motion import along, translation
+from robots.statics import GRAVITY
+from robots.toml_table import TomlTable
+
+
+def read_dh(path: Path) -> SerialChain:
+    """The chain of a TOML file of Denavit-Hartenberg rows, in the format this module's documentation states.
+
+    The frame of NAME.moving is the row's own in the modified convention; in the standard one it is the one before
+    the row's a and alpha. The joint moves about or along its z axis either way.
+    Raises InputError where the file cannot be read, or a key is unknown, lacks a unit or has no sensible value.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a TOML table of DH rows") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not TOML ({error}); expected a table of DH rows") from error
+    top = TomlTable(content, str(path))
+    name = top.text("name", path.stem)
+    convention = top.choice("convention", ("standard", "modified"))
+    gravity = top.quantity("gravity", "acceleration", np.array(GRAVITY), size=3)
+    before = _placement(top.table("base"))
+    tool = _placement(top.table("tool"))
+    rows = top.tables("joint")
+    if not rows:
+        raise InputError(f"{path}: no [[joint]] rows; expected one for each joint, from the base")
+    links, signs, limits = [], [], []
+    for number, row in enumerate(rows, start=1):
+        link, after = _link(row, number, convention, before)
+        before = after
+        links.append(link)
+        signs.append(row.choice("sign", (1, -1), 1))
+        dimension = "angle" if link.axis == "Rz" else "length"
+        lower = row.quantity("lower", dimension, -math.inf)
+        upper = row.quantity("upper", dimension, math.inf)
+        if not lower < upper:
+            raise InputError(f"{row.where}: the lower limit is not below the upper one")
+        limits.append((lower, upper))
+        row.done()
+    names = tuple(link.name for link in links)
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: joint names {', '.join(names)} repeat; expected each once")
+    coupling = np.diag(np.array(signs, dtype=np.float64))
+    for table in top.tables("coupling"):
+        joint, follows = table.choice("joint", names), table.choice("follows", names)
+        if joint == follows:
+            raise InputError(f"{table.where}: {joint} follows itself; expected another joint")
+        coupling[names.index(joint), names.index(follows)] += table.number("factor")
+        table.done()
+    top.done()
+    return SerialChain(
+        name=name,
+        links=tuple(links),
+        tool=before @ tool,
+        joint_names=names,
+        coupling=coupling,
+        limits=np.array(limits),
+        gravity=gravity,
+    )
+
+
+def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
+    """The row as a link, and the constant transform from its motion to its own frame."""
+    name = row.text("name", f"J{number}")
+    axis = {"revolute": "Rz", "prismatic": "Tz"}[row.choice("kind", ("revolute", "prismatic"), "revolute")]
+    alpha, theta = row.quantity("alpha", "angle", 0.0), row.quantity("theta", "angle", 0.0)
+    a, d = row.quantity("a", "length", 0.0), row.quantity("d", "length", 0.0)
+    mass = row.quantity("mass", "mass", 0.0)
+    if mass < 0.0:
+        raise InputError(f"{row.where}: mass_kg is {mass!r}, expected none below zero")
+    com = row.quantity("com", "length", np.zeros(3), size=3)
+    screw = along("Rz", theta) @ along("Tz", d)
+    twist = along("Rx", alpha) @ along("Tx", a)
+    if convention == "modified":
+        return Link(name, before @ twist @ screw, axis, mass, com), np.eye(4)
+    return Link(name, before @ screw, axis, mass, twist[:3, :3] @ com + twist[:3, 3]), twist
+
+
+def _placement(table: TomlTable) -> Array:
+    xyz = table.quantity("xyz", "length", np.zeros(3), size=3)
+    rpy = table.quantity("rpy", "angle", np.zeros(3), size=3)
+    table.done()
+    placement = translation(xyz)
+    placement[:3, :3] = pin.rpy.rpyToMatrix(*rpy)
+    return placement

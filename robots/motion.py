@@ -1,0 +1,34 @@
+"""Homogeneous transforms (..., 4, 4) of elementary motions, metres and radians."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gpmodel.mechanism import AXES, Array
+
+
+def axis_motion(axis: str, value: Array) -> Array:
+    """Transforms (N, 4, 4) of a motion by value (N,), rad about or m along the axis, one of AXES."""
+    transforms = np.zeros((len(value), 4, 4))
+    transforms[:] = np.eye(4)
+    index = AXES.index(axis)
+    if index < 3:
+        transforms[:, index, 3] = value
+    else:
+        i, j = (index - 2) % 3, (index - 1) % 3
+        transforms[:, i, i] = transforms[:, j, j] = np.cos(value)
+        transforms[:, j, i] = np.sin(value)
+        transforms[:, i, j] = -transforms[:, j, i]
+    return transforms
+
+
+def translation(vector: ArrayLike) -> Array:
+    """Transform (4, 4) by vector (3,), m."""
+    transform = np.eye(4)
+    transform[:3, 3] = vector
+    return transform
+
+
+def along(axis: str, value: float) -> Array:
+    """Transform (4, 4) of one motion by value, rad about or m along the axis, one of AXES."""
+    motion: Array = axis_motion(axis, np.array([value]))[0]
+    return motion

@@ -1,0 +1,151 @@
+"""Calibrated geometry written as URDF."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism import AXES, Array
+from robots.motion import along
+
+if TYPE_CHECKING:
+    from robots.chain import SerialChain
+
+
+def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], path: Path) -> str:
+    """Writes the mechanism with a constant error twist at each slot as URDF; returns the link to measure at.
+
+        root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
+
+    twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; no entry, no error.
+    A mechanism read from URDF gives that file with the origins of its joints changed; all that hangs on a link
+    moves with it. Any other gives a new file in the motions of its own joints: URDF has no parallel bar, so a
+    comment states how a motion follows the coordinates of the measured table. A twist beyond the last joint of
+    a chain measured at its very last link needs a link of its own, FRAME_calibrated.
+    Raises InputError for a slot the mechanism does not have, or a file that cannot be written.
+    """
+    for slot, twist in twists.items():
+        if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
+            raise InputError(
+                f"twist at {slot!r} of {mechanism.name}: expected six finite numbers at one of "
+                f"{', '.join(mechanism.slots)}"
+            )
+    errors = {slot: pin.exp6(np.asarray(twists.get(slot, np.zeros(6)))).homogeneous for slot in mechanism.slots}
+    if mechanism.source is None:
+        robot, frame = _generated(mechanism, errors), mechanism.tool_frame
+    else:
+        parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+        robot = ET.parse(mechanism.source, parser).getroot()
+        frame = _corrected(mechanism, robot, errors)
+    ET.indent(robot)
+    try:
+        ET.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    return frame
+
+
+def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, Array]) -> str:
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    above = {_link(joint, "child"): joint for joint in joints.values()}
+    route = [above[mechanism.tool_frame]]
+    while _link(route[0], "parent") in above:
+        route.insert(0, above[_link(route[0], "parent")])
+    _compose(route[0], before=errors["base"])
+    for link in mechanism.links:
+        joint = joints[link.name]
+        turn = link.alignment @ along(link.axis, link.offset)
+        _compose(joint, after=turn @ errors[f"{link.name}.fixed"] @ np.linalg.inv(turn))
+        moved = link.alignment @ errors[f"{link.name}.moving"] @ link.alignment.T
+        for beyond in joints.values():
+            if _link(beyond, "parent") == _link(joint, "child"):
+                _compose(beyond, before=moved)
+    if route[-1].get("name") != mechanism.links[-1].name:
+        _compose(route[-1], after=errors["tool"])
+        return mechanism.tool_frame
+    if np.array_equal(moved, np.eye(4)) and np.array_equal(errors["tool"], np.eye(4)):
+        return mechanism.tool_frame
+    frame = f"{mechanism.tool_frame}_calibrated"
+    offset = moved @ mechanism.tool @ errors["tool"]
+    ET.SubElement(robot, "link", name=frame)
+    _add_joint(robot, f"{frame}_joint", "fixed", mechanism.tool_frame, frame, offset)
+    return frame
+
+
+def _generated(mechanism: SerialChain, errors: Mapping[str, Array]) -> ET.Element:
+    robot = ET.Element("robot", name=mechanism.name)
+    parent, before = "base_link", errors["base"]
+    ET.SubElement(robot, "link", name=parent)
+    for row, link in enumerate(mechanism.links):
+        child = f"{link.name}_link"
+        body = ET.SubElement(robot, "link", name=child)
+        if link.mass:
+            inertial = ET.SubElement(body, "inertial")
+            ET.SubElement(inertial, "origin", xyz=_text(link.com), rpy="0 0 0")
+            ET.SubElement(inertial, "mass", value=repr(float(link.mass)))
+            ET.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+        column = mechanism.joint_names.index(link.name)
+        sign = float(np.sign(mechanism.coupling[row, column]))
+        weights = sign * mechanism.coupling[row]
+        alone = np.count_nonzero(weights) == 1
+        lower, upper = mechanism.limits[column] if alone else (-np.inf, np.inf)
+        bounded = bool(np.all(np.isfinite((lower, upper))))
+        kind = "prismatic" if link.axis.startswith("T") else "revolute" if bounded else "continuous"
+        if not alone:
+            terms = (f"{w:+g} * {name}" for w, name in zip(weights, mechanism.joint_names, strict=True) if w)
+            robot.append(ET.Comment(f" {link.name} here, from the measured table: {' '.join(terms)} "))
+        origin = before @ link.placement @ errors[f"{link.name}.fixed"]
+        joint = _add_joint(robot, link.name, kind, parent, child, origin)
+        axis = np.zeros(3)
+        axis[AXES.index(link.axis) % 3] = sign
+        ET.SubElement(joint, "axis", xyz=_text(axis))
+        if kind != "continuous":
+            limits = {"lower": repr(float(lower)), "upper": repr(float(upper))} if bounded else {}
+            ET.SubElement(joint, "limit", limits, effort="0", velocity="0")
+        parent, before = child, errors[f"{link.name}.moving"]
+    ET.SubElement(robot, "link", name=mechanism.tool_frame)
+    tool = before @ mechanism.tool @ errors["tool"]
+    _add_joint(robot, f"{mechanism.tool_frame}_joint", "fixed", parent, mechanism.tool_frame, tool)
+    return robot
+
+
+def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str, origin: Array) -> ET.Element:
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    _set_origin(joint, origin)
+    return joint
+
+
+def _compose(joint: ET.Element, *, before: Array | None = None, after: Array | None = None) -> None:
+    origin = joint.find("origin")
+    xyz = [0.0] * 3 if origin is None else [float(x) for x in origin.get("xyz", "0 0 0").split()]
+    rpy = [0.0] * 3 if origin is None else [float(x) for x in origin.get("rpy", "0 0 0").split()]
+    transform = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)).homogeneous
+    changed = transform if before is None else before @ transform
+    changed = changed if after is None else changed @ after
+    if not np.array_equal(changed, transform):
+        _set_origin(joint, changed)
+
+
+def _set_origin(joint: ET.Element, transform: Array) -> None:
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    origin.set("xyz", _text(transform[:3, 3]))
+    origin.set("rpy", _text(pin.rpy.matrixToRpy(transform[:3, :3])))
+
+
+def _text(numbers: Array) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
