@@ -1,0 +1,335 @@
+"""The catalogue: what a finding would be physically. One row a family; adding a known effect is one line.
+
+The entry bar for a family: a cited mechanism, or a recorded discovery.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.basis import Expression
+from gpmodel.effect import Effect, Term, axis_unit, drive_effect, effect_at
+from gpmodel.errors import InputError
+from gpmodel.mechanism import AXES, Joint, Mechanism
+from gpmodel.states import States
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing the model may be missing: effects that come together, each with its own unknown.
+
+    cost: nats of description beyond the data: the log of how many alternatives it was chosen from.
+    """
+
+    name: str
+    effects: tuple[Effect, ...]
+    family: str
+    cost: float
+    found_by: str = "catalogue"
+
+
+Builder = Callable[[Mechanism, States], Iterator[Candidate]]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A named physical effect: what it is, who described it, and its instances on a mechanism."""
+
+    name: str
+    explanation: str
+    source: str
+    build: Builder
+
+
+def _one(name: str, effect: Effect, cost: float) -> Candidate:
+    return Candidate(name, (effect,), effect.family, cost)
+
+
+def _pair(name: str, joint: Joint, argument: str, family: str, cost: float) -> Candidate:
+    effects = tuple(
+        drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family) for f in ("sin", "cos")
+    )
+    return Candidate(name, effects, family, cost)
+
+
+def _revolute(mechanism: Mechanism) -> list[Joint]:
+    return [j for j in mechanism.joints if j.kind == "revolute"]
+
+
+def _across(joint: Joint) -> tuple[str, str]:
+    """The two axes at right angles to a joint's own."""
+    own = joint.drive[0][1][1]
+    first, second = (a for a in "xyz" if a != own)
+    return first, second
+
+
+def _base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if "moment_base_x" in states.columns:
+        terms = tuple(Term("base", f"R{a}", Expression(f"moment_base_{a}")) for a in "xy")
+        yield _one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)
+
+
+def _joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        if f"torque_{j.name}" in states.columns:
+            unit = "rad/Nm" if j.kind == "revolute" else "m/N"
+            effect = drive_effect(
+                f"joint compliance, {j.name}", j, Expression(f"torque_{j.name}"), unit, "joint_compliance"
+            )
+            yield _one(effect.name, effect, 4.0)
+
+
+def _joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism):
+        axes = _across(j)
+        if f"moment_{j.name}_x" in states.columns:
+            terms = tuple(Term(f"{j.name}.moving", f"R{a}", Expression(f"moment_{j.name}_{a}")) for a in axes)
+            effect = Effect(f"joint bending, {j.name}", terms, "rad/Nm", "joint_bending")
+            yield _one(effect.name, effect, 5.0)
+
+
+def _eccentricity(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism):
+        yield _pair(f"eccentricity, 1 per turn, {j.name}", j, j.name, "eccentricity", 4.0)
+
+
+def _gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism):
+        yield _pair(f"gear error, 2 per turn, {j.name}", j, f"2*{j.name}", "gear_harmonic", 4.5)
+
+
+def _transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    highest = 12 if len(states) < 300 else 400
+    for j in _revolute(mechanism):
+        for n in range(3, highest + 1):
+            cost = 4.0 + np.log(highest)
+            yield _pair(f"transmission ripple, {n} per turn, {j.name}", j, f"{n}*{j.name}", "transmission_ripple", cost)
+
+
+def _backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        if f"torque_{j.name}" in states.columns:
+            basis = Expression(f"sign(torque_{j.name})")
+            effect = drive_effect(f"backlash by load, {j.name}", j, basis, family="backlash_load")
+            yield _one(effect.name, effect, 4.5)
+
+
+def _backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for column in states.columns:
+        if column.startswith("approach"):
+            for i, j in enumerate(mechanism.joints, 1):
+                own = column in (f"approach_{j.name}", f"approach_J{i}")
+                effect = drive_effect(
+                    f"backlash by approach, {j.name} ({column})", j, Expression(column), family="backlash_approach"
+                )
+                yield _one(effect.name, effect, 4.0 if own else 6.0)
+
+
+def _gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        effect = drive_effect(f"gear ratio, {j.name}", j, Expression(j.name), "1", "gear_ratio")
+        yield _one(effect.name, effect, 4.0)
+
+
+def _wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    joints = _revolute(mechanism)
+    for i, source in enumerate(joints):
+        for target in joints[i + 1 :]:
+            effect = drive_effect(
+                f"coupling, {source.name} to {target.name}", target, Expression(source.name), "1", "wrist_coupling"
+            )
+            yield _one(effect.name, effect, 4.0 if i >= len(joints) - 3 else 5.5)
+
+
+def _parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        for slot, _, _ in j.drive[1:]:
+            other = next(o for o in mechanism.joints if slot == f"{o.name}.moving")
+            yield _pair(f"parallel-bar closure, {j.name}", other, j.name, "parallel_bar_closure", 4.5)
+
+
+def _balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism)[1:2]:
+        effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
+        yield _one(effect.name, effect, 4.5)
+
+
+def _hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        torque = f"torque_{j.name}"
+        if torque in states.columns:
+            scale = float(np.max(np.abs(states[torque]))) or 1.0
+            basis = Expression(f"({torque}/{scale:.4g})**3")
+            yield _one(f"hardening stiffness, {j.name}",
+                       drive_effect(f"hardening stiffness, {j.name}", j, basis, family="hardening_stiffness"), 5.0)  # fmt: skip
+
+
+def _temperatures(states: States) -> list[str]:
+    return [c for c in states.columns if states.units[c] in ("degC", "K", "kelvin", "celsius", "degF", "°C")]
+
+
+def _thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
+    for column in _temperatures(states):
+        terms = []
+        for slot, frame in zip(mechanism.slots[1:], rest[1:], strict=True):
+            lengths = frame[:, :3].T @ frame[:, 3]
+            terms += [
+                Term(slot, f"T{a}", Expression(column), float(v))
+                for a, v in zip("xyz", lengths, strict=True)
+                if abs(v) > 1e-9
+            ]
+        name = f"thermal growth of the arm ({column})"
+        yield _one(name, Effect(name, tuple(terms), f"1/{states.units[column]}", "thermal_growth"), 4.0)
+        for slot, frame in zip(mechanism.slots[1:], rest[1:], strict=True):
+            lengths = frame[:, :3].T @ frame[:, 3]
+            if np.linalg.norm(lengths) > 0.02:
+                along = tuple(
+                    Term(slot, f"T{a}", Expression(column), float(v))
+                    for a, v in zip("xyz", lengths, strict=True)
+                    if abs(v) > 1e-9
+                )
+                name = f"thermal growth of the link before {slot} ({column})"
+                yield _one(name, Effect(name, along, f"1/{states.units[column]}", "thermal_growth"), 5.0)
+
+
+def _thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for column in _temperatures(states):
+        for j in mechanism.joints:
+            effect = drive_effect(
+                f"thermal drift of the zero, {j.name} ({column})", j, Expression(column), family="thermal_zero"
+            )
+            yield _one(effect.name, effect, 5.0)
+
+
+def _drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for axis in AXES:
+        name = f"drift of the set-up, {axis}"
+        yield _one(name, effect_at(name, "base", axis, Expression("row"), f"{axis_unit(axis)}/row", "drift"), 4.5)
+
+
+def _steps(states: States) -> list[int]:
+    rows = np.sort(states["row"])
+    if len(rows) < 10:
+        return []
+    stride = max(1, len(rows) // 60)
+    return [int(r) for r in rows[4:-4:stride]]
+
+
+def _setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    rows = _steps(states)
+    for axis in AXES:
+        for row in rows:
+            name = f"set-up moved after row {row}, {axis}"
+            effect = effect_at(name, "base", axis, Expression(f"step(row - {row}.5)"), family="set_up_step")
+            yield _one(name, effect, 3.0 + np.log(6 * len(rows)))
+
+
+def _tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    rows = _steps(states)
+    for axis in AXES[:3]:
+        for row in rows:
+            name = f"tool slipped after row {row}, {axis}"
+            effect = effect_at(name, "tool", axis, Expression(f"step(row - {row}.5)"), family="tool_slip")
+            yield _one(name, effect, 3.0 + np.log(3 * len(rows)))
+
+
+def _warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    span = float(np.ptp(states["row"])) or 1.0
+    for share in (0.05, 0.1, 0.2, 0.4):
+        basis = Expression(f"exp(-row/{share * span:.4g})")
+        for j in mechanism.joints:
+            name = f"warm-up of the zero, {j.name}"
+            yield _one(name, drive_effect(name, j, basis, family="warm_up"), 7.0)
+        for axis in AXES:
+            name = f"warm-up of the set-up, {axis}"
+            yield _one(name, effect_at(name, "base", axis, basis, family="warm_up"), 7.0)
+
+
+def _axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism):
+        for a in _across(j):
+            name = f"axis wobble, {j.name} R{a}"
+            effects = tuple(
+                effect_at(
+                    f"{name}, {f}", f"{j.name}.moving", f"R{a}", Expression(f"{f}({j.name})"), family="axis_wobble"
+                )
+                for f in ("sin", "cos")
+            )
+            yield Candidate(name, effects, "axis_wobble", 5.0)
+
+
+def _run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _revolute(mechanism):
+        for a in "xyz":
+            for f in ("sin", "cos"):
+                name = f"axis run-out, {j.name} T{a}, {f}"
+                basis = Expression(f"{f}({j.name})")
+                yield _one(name, effect_at(name, f"{j.name}.moving", f"T{a}", basis, family="axis_run_out"), 5.5)
+
+
+FAMILIES: tuple[Family, ...] = (
+    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson 2003, 5.2.3", _base_compliance),
+    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson 2003, 5.2.3 (joint bending); Dumas 2011", _joint_compliance),
+    Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", _joint_bending),
+    Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", _eccentricity),
+    Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", _gear_harmonic),
+    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", _transmission_ripple),
+    Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", _backlash_load),
+    Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", _backlash_approach),
+    Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", _gear_ratio),
+    Family("wrist_coupling", "one wrist axis drags another through its gears", "Mooring 1991", _wrist_coupling),
+    Family("parallel_bar_closure", "the parallel bar is no exact parallelogram", "Schröer 1997", _parallel_bar),
+    Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", _balancing_spring),
+    Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", _hardening),
+    Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", _thermal_growth),
+    Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", _thermal_zero),
+    Family("drift", "instrument or base creeps during the session", "ISO 230-3", _drift),
+    Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", _setup_step),
+    Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", _tool_slip),
+    Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", _warm_up),
+    Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", _axis_wobble),
+    Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7; Robertson 2003, Table 5.2", _run_out),
+)  # fmt: skip
+
+
+def candidates(mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
+    """Every instance of every family that these poses and columns allow."""
+    return tuple(c for family in FAMILIES for c in family.build(mechanism, states))
+
+
+def names() -> tuple[str, ...]:
+    """The families' names."""
+    return tuple(f.name for f in FAMILIES)
+
+
+def family(name: str) -> Family | None:
+    """The family of that name, or None."""
+    return next((f for f in FAMILIES if f.name == name), None)
+
+
+def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
+    """Effects of `family`, `family JOINT` or a candidate's full name, as written on a command line.
+
+    Raises InputError for an unknown name, or one with no instance on this mechanism and table.
+    """
+    pool = candidates(mechanism, states)
+    exact = [c for c in pool if c.name == name]
+    if exact:
+        return exact[0].effects
+    first, *words = name.split()
+    of_family = [c for c in pool if c.family == first]
+    if family(first) is None:
+        raise InputError(f"effect '{name}' is unknown; available: {', '.join(names())}")
+    wanted = [c for c in of_family if all(_mentions(c.name, w, mechanism) for w in words)]
+    if not wanted:
+        instances = "; ".join(c.name for c in of_family[:12]) or "none on this mechanism and table"
+        raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
+    return wanted[0].effects
+
+
+def _mentions(text: str, word: str, mechanism: Mechanism) -> bool:
+    aliases = {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)}
+    tokens = text.replace(",", " ").replace("(", " ").replace(")", " ").split()
+    return word in tokens or aliases.get(word) in tokens
