@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +11,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array
 from robots.chain import Link, SerialChain
 from robots.motion import along
+from robots.urdf_file import Mimic, parse_mimics, parse_model
 
 GRIPPER_DEPTH = 3
 ARM_DEPTH = 3
@@ -32,15 +27,15 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
 
     Raises InputError where the file cannot be read as URDF, or `frame` is no link beyond a moving joint.
     """
-    mimics = _mimics(path)
-    model = _parse(path)
+    mimics = parse_mimics(path)
+    model = parse_model(path)
     frame = default_frame(model) if frame is None else frame
     if not model.existBodyName(frame):
         links = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-        raise InputError(f"{path}: no link named {frame!r} to measure at; its links are {', '.join(links)}")
+        raise InputError(f"{name or path}: no link named {frame!r} to measure at; its links are {', '.join(links)}")
     chain = _moving_joints(model, frame)
     if not chain:
-        raise InputError(f"{path}: no moving joint between the root and link {frame!r}; choose another frame")
+        raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
     return _chain(model, chain, name or path.stem, frame, mimics, path)
 
 
@@ -88,24 +83,29 @@ def _chain(
     chain: list[int],
     name: str,
     frame: str,
-    mimics: dict[str, tuple[str, float, float]],
+    mimics: dict[str, Mimic],
     path: Path,
 ) -> SerialChain:
     data, neutral = model.createData(), pin.neutral(model)
     pin.computeJointJacobians(model, data, neutral)
     pin.updateFramePlacements(model, data)
     names = [model.names[i] for i in chain]
-    driven = [joint for joint in names if joint not in mimics or mimics[joint][0] not in names]
+    driven = [joint for joint in names if joint not in mimics or mimics[joint].leader not in names]
     inertias = _carried(model, data, chain)
     coupling = np.zeros((len(chain), len(driven)))
     links = []
     before = np.eye(4)
     for row, index in enumerate(chain):
         joint = model.joints[index]
-        axis, sign, alignment = _aligned(pin.getJointJacobian(model, data, index, pin.LOCAL)[:, joint.idx_v])
+        jacobian = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, model.nv)
+        screw = jacobian[:, joint.idx_v]
+        if not np.any(screw):
+            raise InputError(f"{path}: joint {names[row]!r} has axis 0 0 0; expected a direction")
+        axis, sign, alignment = _aligned(screw)
         leader, factor, offset = names[row], 1.0, 0.0
         if leader not in driven:
-            leader, factor, offset = mimics[leader]
+            mimic = mimics[leader]
+            leader, factor, offset = mimic.leader, mimic.multiplier, mimic.offset
         if leader not in driven:
             raise InputError(f"{path}: joint {names[row]!r} mimics {leader!r}, which itself mimics another joint")
         coupling[row, driven.index(leader)] = sign * factor
@@ -165,58 +165,3 @@ def _aligned(screw: Array) -> tuple[str, float, Array]:
     turn = np.eye(4)
     turn[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     return AXES[first + 2], 1.0, turn
-
-
-def _mimics(path: Path) -> dict[str, tuple[str, float, float]]:
-    """Leader, multiplier and offset of every mimic joint, after checking that the file can be a URDF."""
-    try:
-        root = ET.parse(path).getroot()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
-    except (ET.ParseError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
-    if root.tag != "robot":
-        raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
-    if any("xacro" in element.tag for element in root.iter()):
-        raise InputError(f"{path}: holds xacro macros; expected plain URDF (run `xacro {path.name}` first)")
-    try:
-        return {
-            joint.get("name", ""): (
-                mimic.get("joint", ""),
-                float(mimic.get("multiplier", "1")),
-                float(mimic.get("offset", "0")),
-            )
-            for joint in root.findall("joint")
-            if (mimic := joint.find("mimic")) is not None
-        }
-    except ValueError as error:
-        raise InputError(f"{path}: a <mimic> element has no number ({error}); expected a URDF file") from error
-
-
-def _parse(path: Path) -> pin.Model:
-    try:
-        with _quiet() as said:
-            return pin.buildModelFromUrdf(str(path))
-    except (ValueError, RuntimeError) as error:
-        reason = next((line.strip() for line in said if line.strip()), str(error).splitlines()[0])
-        raise InputError(f"{path}: not a URDF that can be read ({reason})") from error
-
-
-@contextmanager
-def _quiet() -> Iterator[list[str]]:
-    """Keeps what C libraries print off the terminal; the lines are in the yielded list afterwards."""
-    lines: list[str] = []
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = [os.dup(1), os.dup(2)]
-    with tempfile.TemporaryFile("w+", errors="replace") as sink:
-        try:
-            os.dup2(sink.fileno(), 1)
-            os.dup2(sink.fileno(), 2)
-            yield lines
-        finally:
-            for stream, copy in zip((1, 2), kept, strict=True):
-                os.dup2(copy, stream)
-                os.close(copy)
-            sink.seek(0)
-            lines.extend(sink)

@@ -1,0 +1,83 @@
+"""URDF files opened with care: what is wrong with one comes as one line, and nothing else is printed."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pinocchio as pin
+
+from gpmodel.errors import InputError
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that moves with another: motion = multiplier * motion of the leader + offset (rad or m)."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+def parse_mimics(path: Path) -> dict[str, Mimic]:
+    """Every mimic joint by name. Raises InputError where the file cannot be a URDF."""
+    try:
+        root = ET.parse(path).getroot()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
+    except (ET.ParseError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
+    if root.tag != "robot":
+        raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise InputError(f"{path}: holds xacro macros; expected plain URDF (run `xacro {path.name}` first)")
+    try:
+        return {
+            joint.get("name", ""): Mimic(
+                mimic.get("joint", ""),
+                float(mimic.get("multiplier", "1")),
+                float(mimic.get("offset", "0")),
+            )
+            for joint in root.findall("joint")
+            if (mimic := joint.find("mimic")) is not None
+        }
+    except ValueError as error:
+        raise InputError(f"{path}: a <mimic> element has no number ({error}); expected a URDF file") from error
+
+
+def parse_model(path: Path) -> pin.Model:
+    """Pinocchio's model of the file, no mesh opened. Raises InputError with the parser's first complaint."""
+    try:
+        with _quiet() as said:
+            return pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        complaint = next((line for line in said if line.strip()), str(error).splitlines()[0])
+        raise InputError(
+            f"{path}: not a URDF that can be read ({complaint.strip().removeprefix('Error:').strip()})"
+        ) from error
+
+
+@contextmanager
+def _quiet() -> Iterator[list[str]]:
+    """Keeps what C libraries print off the terminal; the lines are in the yielded list afterwards."""
+    lines: list[str] = []
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(1), os.dup(2)]
+    with tempfile.TemporaryFile("w+", errors="replace") as sink:
+        try:
+            os.dup2(sink.fileno(), 1)
+            os.dup2(sink.fileno(), 2)
+            yield lines
+        finally:
+            for stream, copy in zip((1, 2), kept, strict=True):
+                os.dup2(copy, stream)
+                os.close(copy)
+            sink.seek(0)
+            lines.extend(sink)
