@@ -1,0 +1,156 @@
+"""Hertz contact of two curved elastic bodies (thesis section 3.5), exact and as the thesis computed it.
+
+Exact: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form so that
+circles and long ellipses are equally accurate. Published: A. Slocum, Precision Machine Design (1992), exponential
+fits, of which the thesis prints lambda (Fig 3.23) and uses alpha and beta in Table 3.3.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import ellipk, elliprd
+
+from joints.limits import not_negative, positive, require
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Principal radii [m] at the contact (negative concave, inf flat), elastic modulus [Pa], Poisson's ratio."""
+
+    major_radius: float
+    minor_radius: float
+    elastic_modulus: float
+    poisson: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name, radius in (("major radius", self.major_radius), ("minor radius", self.minor_radius)):
+            require(radius != 0 and not np.isnan(radius), name, radius, "a radius other than 0 m")
+        positive("elastic modulus", self.elastic_modulus, "Pa")
+        require(-1 < self.poisson <= 0.5, "Poisson's ratio", self.poisson, "above -1 and at most 0.5")
+
+
+@dataclass(frozen=True)
+class HertzContact:
+    """Semi-axes [m] of the contact ellipse, peak pressure [Pa], approach [m], stiffness dF/d(approach) [N/m]."""
+
+    semi_major: Array
+    semi_minor: Array
+    pressure: Array
+    approach: Array
+    stiffness: Array
+
+
+def contact_modulus(one: Body, two: Body) -> float:
+    """E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]."""
+    return 1 / sum((1 - body.poisson**2) / body.elastic_modulus for body in (one, two))
+
+
+def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float, float]:
+    """A <= B [1/m] of the separation A x^2 + B y^2; `angle` [rad] lies between the planes of minor curvature.
+
+    A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 + 2 d1 d2 cos 2 angle)/2, d = k_minor - k_major.
+    """
+    total = sum(1 / body.major_radius + 1 / body.minor_radius for body in (one, two))
+    first, second = (1 / body.minor_radius - 1 / body.major_radius for body in (one, two))
+    difference = np.sqrt(max(first**2 + second**2 + 2 * first * second * np.cos(2 * angle), 0.0))
+    small, large = (total - difference) / 4, (total + difference) / 4
+    require(small > 1e-13 * abs(large), "smallest relative curvature", small, "above 0 1/m: a point contact")
+    return float(small), float(large)
+
+
+def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzContact:
+    """Contact under `force` [N]. Two balls of 25.4 and 6.3 mm, steel, 100 N: 4.5 um and 2.1 GPa.
+
+    With p the peak pressure, k = b/a, R_D Carlson's integral and m = 1 - k^2:
+    A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0, 1, k^2) / (3 E* a^2), approach = p b K(m) / E*,
+    F = 2 pi a b p / 3.
+    """
+    load = positive("contact force", force, "N")
+    small, large = relative_curvatures(one, two, angle)
+    modulus = contact_modulus(one, two)
+    k = _axis_ratio(large / small)
+    minor_integral = float(elliprd(0, k**2, 1)) / 3
+    semi_major = np.cbrt(3 * load * minor_integral / (2 * np.pi * modulus * small))
+    pressure = 3 * load / (2 * np.pi * k * semi_major**2)
+    approach = pressure * k * semi_major * ellipk(1 - k**2) / modulus
+    return HertzContact(semi_major, k * semi_major, pressure, approach, 1.5 * load / approach)
+
+
+def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
+    """Peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface): 1.61 Y for nu = 0.3.
+
+    On the axis, s = z/a: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
+    """
+
+    def shear(s: float) -> float:
+        return -abs(1.5 / (1 + s * s) - (1 + poisson) * (1 - s * np.arctan(1 / s)))
+
+    deepest = minimize_scalar(shear, bounds=(0.05, 3.0), method="bounded", options={"xatol": 1e-10})
+    return positive("yield stress", yield_stress, "Pa") / -deepest.fun
+
+
+@dataclass(frozen=True)
+class PublishedContact:
+    """The rows of Table 3.3: Slocum's coefficients and what follows from them, SI."""
+
+    equivalent_radius: float
+    cos_theta: float
+    theta: float
+    alpha: float
+    beta: float
+    lam: float
+    semi_major: Array
+    semi_minor: Array
+    pressure: Array
+    approach: Array
+    stiffness: Array
+
+
+def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> PublishedContact:
+    """Table 3.3's spreadsheet: c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), delta = lambda (2 F^2/(3 Re E*^2))^(1/3).
+
+    The thesis enters R_maj = 1e6 m for both balls, which makes them two parallel cylinders (0.50 um). With
+    R_maj = R_min the same formulas give 4.5 um, as `hertz` does. `stiffness` is F/delta.
+    """
+    load = not_negative("contact force", force, "N")
+    small, large = relative_curvatures(one, two, angle)
+    modulus = contact_modulus(one, two)
+    radius = 1 / (2 * (small + large))
+    cos_theta = (large - small) / (large + small)
+    theta = float(np.arccos(cos_theta))
+    alpha = 1.939 * np.exp(-5.26 * theta) + 1.78 * np.exp(-1.09 * theta) + 0.723 / theta + 0.221
+    beta = 35.228 * np.exp(-0.98 * theta) - 32.424 * np.exp(-1.0475 * theta) + 1.486 * theta - 2.634
+    lam = -0.214 * np.exp(-4.95 * theta) - 0.179 * theta**2 + 0.555 * theta + 0.319
+    scale = np.cbrt(3 * load * radius / (2 * modulus))
+    approach = lam * np.cbrt(2 * load**2 / (3 * radius * modulus**2))
+    pressure = 3 * load / (2 * np.pi * alpha * beta * scale**2)
+    return PublishedContact(
+        radius,
+        cos_theta,
+        theta,
+        float(alpha),
+        float(beta),
+        float(lam),
+        alpha * scale,
+        beta * scale,
+        pressure,
+        approach,
+        load / approach,
+    )
+
+
+def _axis_ratio(curvature_ratio: float) -> float:
+    """k = b/a in (0, 1] with R_D(0, 1, k^2)/R_D(0, k^2, 1) = B/A."""
+    low, high = -30.0, 0.0
+    for _ in range(100):
+        middle = (low + high) / 2
+        k2 = np.exp(2 * middle)
+        if elliprd(0, 1, k2) / elliprd(0, k2, 1) > curvature_ratio:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp((low + high) / 2))

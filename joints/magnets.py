@@ -1,0 +1,157 @@
+"""How many magnets fit a ring, and which ring and socket give the most preload (thesis Tables 3.1 and 4.1)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from joints.limits import angle_within, not_negative, positive
+from joints.preload import MagnetRing, cap_area, published_socket_area
+
+
+@dataclass(frozen=True)
+class Magnet:
+    """A magnet that can be bought: `diameter` and `thickness` [m], measured pull `force` [N], `cost` [$]."""
+
+    diameter: float
+    thickness: float
+    force: float
+    cost: float = 1.0
+
+    def __post_init__(self) -> None:
+        positive("magnet diameter", self.diameter, "m")
+        positive("magnet thickness", self.thickness, "m")
+        positive("magnet force", self.force, "N")
+        not_negative("magnet cost", self.cost, "$")
+
+
+@dataclass(frozen=True)
+class MagnetSeat:
+    """Where magnets sit: the `radius` [m] of their faces, the wall `clearance` [m] between two of them, and
+    whether poles alternate around the ring (`paired`: an even number, thesis 3.2.1)."""
+
+    radius: float
+    clearance: float
+    paired: bool = True
+
+    def __post_init__(self) -> None:
+        positive("magnet seat radius", self.radius, "m")
+        not_negative("magnet clearance", self.clearance, "m")
+
+    def half_width(self, diameter: float) -> float:
+        """Angle [rad] from a magnet's axis to its rim, seen from the ball's centre."""
+        if diameter >= 2 * self.radius:
+            raise InputError(f"magnet diameter = {diameter:.6g} m, expected below {2 * self.radius:.6g} m")
+        return float(np.arcsin(diameter / (2 * self.radius)))
+
+    def fitting_count(self, diameter: float, angle: float) -> int:
+        """Largest n with 2 r sin(gamma) sin(pi/n) >= diameter + clearance; 1 or 2 never touch the far side."""
+        chord = (diameter + self.clearance) / (2 * self.radius * np.sin(angle))
+        if chord > 1:
+            return 0 if self.paired else 1
+        count = int(np.pi / np.arcsin(chord) + 1e-9)
+        return count - count % 2 if self.paired else count
+
+    def smallest_angle(self, diameter: float, count: int) -> float:
+        """Smallest ring angle [rad] at which `count` >= 2 magnets fit; nan where no ring up to 90 deg holds."""
+        sine = (diameter + self.clearance) / (2 * self.radius * np.sin(np.pi / count))
+        return float(np.arcsin(sine)) if sine <= 1 else float("nan")
+
+    def check(self, rings: Sequence[MagnetRing], socket_angle: float) -> None:
+        """Raise InputError for a ring that is too crowded, leaves the socket or runs into its neighbour."""
+        angle_within("socket angle", socket_angle, np.pi / 2)
+        for number, ring in enumerate(rings, 1):
+            fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(
+                ring.diameter, ring.angle
+            )
+            place = f"magnet ring {number} at {np.degrees(ring.angle):.4g} deg"
+            if ring.count > fits:
+                raise InputError(
+                    f"{place}: {ring.count} magnets of {ring.diameter * 1e3:.4g} mm do not fit, at most {fits}"
+                )
+            rim = ring.angle + self.half_width(ring.diameter)
+            if rim > socket_angle + 1e-12:
+                raise InputError(
+                    f"{place}: its rim at {np.degrees(rim):.4g} deg lies outside the socket,"
+                    f" expected at most {np.degrees(socket_angle):.4g} deg"
+                )
+        ordered = sorted(rings, key=lambda ring: ring.angle)
+        for inner, outer in zip(ordered, ordered[1:], strict=False):
+            apart = self.half_width(inner.diameter) + self.half_width(outer.diameter)
+            if outer.angle - inner.angle < apart:
+                raise InputError(
+                    f"magnet rings at {np.degrees(inner.angle):.4g} and {np.degrees(outer.angle):.4g} deg overlap,"
+                    f" expected at least {np.degrees(apart):.4g} deg between them"
+                )
+
+
+@dataclass(frozen=True)
+class PreloadDesign:
+    """One candidate: a socket, a ring, and what they give. Angles rad, area ratios 1, pressures Pa."""
+
+    socket_angle: float
+    ring: MagnetRing
+    magnet: Magnet
+    preload: float
+    cost: float
+    published_area_ratio: float
+    published_pressure: float
+    area_ratio: float
+    pressure: float
+
+
+def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: MagnetSeat) -> PreloadDesign | None:
+    """The fullest ring of `magnet` at `angle` in a socket of `socket_angle`; None where it does not fit."""
+    count = seat.fitting_count(magnet.diameter, angle)
+    if count < 2 or angle + seat.half_width(magnet.diameter) > socket_angle + 1e-12:
+        return None
+    ring = MagnetRing(count, magnet.force, angle, magnet.diameter)
+    published = float(published_socket_area(seat.radius, socket_angle))
+    true = float(cap_area(seat.radius, socket_angle))
+    return PreloadDesign(
+        socket_angle,
+        ring,
+        magnet,
+        ring.axial_force,
+        count * magnet.cost,
+        ring.face_area / published,
+        ring.axial_force / published,
+        ring.face_area / true,
+        ring.axial_force / true,
+    )
+
+
+def rank_designs(
+    socket_angles: Sequence[float], ring_angles: Sequence[float], magnets: Sequence[Magnet], seat: MagnetSeat
+) -> list[PreloadDesign]:
+    """Every design of the grid that fits, best first: most preload, then highest socket pressure.
+
+    The six best of 12.7 mm magnets on a grid of 9 deg up to a socket of 72 deg are Table 3.1, row for row.
+    """
+    candidates = [
+        preload_design(alpha, gamma, magnet, seat)
+        for alpha in socket_angles
+        for gamma in ring_angles
+        for magnet in magnets
+    ]
+    fitting = [design for design in candidates if design is not None]
+    if not fitting:
+        raise InputError("preload optimisation: no magnet ring fits any socket, expected at least one")
+    return sorted(fitting, key=lambda design: (-round(design.preload, 9), -design.published_pressure))
+
+
+def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) -> PreloadDesign:
+    """The most preload over every ring angle: each count n sits at the smallest angle that holds it, since
+    n F cos(gamma) falls with the angle, in the smallest socket that holds the ring."""
+    half = seat.half_width(magnet.diameter)
+    designs = []
+    for count in range(2, 200, 2 if seat.paired else 1):
+        angle = seat.smallest_angle(magnet.diameter, count)
+        if np.isnan(angle) or angle + half > largest_socket:
+            break
+        designs.append(preload_design(angle + half, angle, magnet, seat))
+    best = max((design for design in designs if design), key=lambda design: design.preload, default=None)
+    if best is None:
+        raise InputError("preload optimisation: no magnet ring fits the socket, expected at least one")
+    return best

@@ -1,0 +1,134 @@
+"""Magnetic preload of a ball and socket, and the largest force it can resist (thesis section 3.2).
+
+Frame: origin at the ball's centre, z along the socket's axis, out of the socket. The magnets pull the ball
+along -z. Angles are measured from z; forces in N, lengths in m, angles in rad.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from joints.limits import angle_within, not_negative, positive, require
+
+THREE_AZIMUTHS = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
+
+
+@dataclass(frozen=True)
+class MagnetRing:
+    """`count` magnets of pull `force` [N] and `diameter` [m], each at polar `angle` [rad] from the axis."""
+
+    count: int
+    force: float
+    angle: float
+    diameter: float
+
+    def __post_init__(self) -> None:
+        require(self.count >= 1, "magnet count", self.count, "at least 1")
+        positive("magnet force", self.force, "N")
+        positive("magnet diameter", self.diameter, "m")
+        angle_within("magnet ring angle", self.angle, np.pi / 2)
+
+    @property
+    def axial_force(self) -> float:
+        """n F cos(gamma) [N]: lateral components cancel around the ring."""
+        return self.count * self.force * float(np.cos(self.angle))
+
+    @property
+    def face_area(self) -> float:
+        """Total magnet face area [m^2]."""
+        return self.count * np.pi * self.diameter**2 / 4
+
+
+def total_preload(rings: Sequence[MagnetRing]) -> float:
+    """Preload [N] of several rings, the sum of n F cos(gamma)."""
+    return sum(ring.axial_force for ring in rings)
+
+
+def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+    """Largest pull [N] with the ball fixed to the robot: the preload at every joint angle (Fig 3.8)."""
+    return not_negative("preload", preload, "N") * np.ones_like(_pull_angle(angle))
+
+
+def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> NDArray[np.float64]:
+    """Largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig 3.7).
+
+    `reaction_angle` phi is where the resultant of the socket's reaction acts. Over all angles the limit falls
+    to P sin(phi), at t = 90 deg - phi: by half for phi = 30 deg, the fall Fig 3.9 reports.
+    """
+    phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
+    theta = _pull_angle(angle)
+    return not_negative("preload", preload, "N") / (np.cos(theta) + np.sin(theta) / np.tan(phi))
+
+
+def contact_directions(
+    contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS
+) -> NDArray[np.float64]:
+    """(3, 3) unit vectors, one a row, from the ball's centre to its three supports."""
+    angle_within("contact angle", contact_angle, np.pi / 2)
+    psi = np.asarray(azimuths, float)
+    require(psi.size == 3, "number of contacts", psi.size, "3 (more are statically indeterminate)")
+    sine = np.sin(contact_angle)
+    return np.column_stack([sine * np.cos(psi), sine * np.sin(psi), np.full(3, -np.cos(contact_angle))])
+
+
+def contact_forces(
+    preload: float, pull: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
+) -> NDArray[np.float64]:
+    """Normal forces (..., 3) [N] of three supports: sum N_i c_i = F u - P z; a negative one has separated."""
+    at_rest, per_newton = _support_responses(angle, azimuth, directions)
+    return preload * at_rest + np.asarray(pull, float)[..., None] * per_newton
+
+
+def three_contact_limit(
+    preload: ArrayLike,
+    angle: ArrayLike,
+    azimuth: ArrayLike,
+    contact_angle: float,
+    azimuths: Sequence[float] = THREE_AZIMUTHS,
+) -> NDArray[np.float64]:
+    """Largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
+
+    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)).
+    Towards a support it falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from one, to
+    P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis leaves out.
+    """
+    at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle, azimuths))
+    unloading = per_newton < 0
+    limits = np.where(unloading, at_rest / np.where(unloading, -per_newton, 1.0), np.inf)
+    return not_negative("preload", preload, "N") * limits.min(axis=-1)
+
+
+def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+    """4 alpha r^2 [m^2], the thesis' socket area (Tables 3.1, 4.1); exact only for a hemisphere."""
+    alpha = angle_within("socket angle", socket_angle, np.pi / 2)
+    return 4 * alpha * positive("socket radius", radius, "m") ** 2
+
+
+def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+    """2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
+    alpha = angle_within("socket angle", socket_angle, np.pi / 2)
+    return 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
+
+
+def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+    """pi (r sin alpha)^2 [m^2], the cap seen along its axis, on which a uniform pressure lifts (Fig 4.11)."""
+    alpha = angle_within("socket angle", socket_angle, np.pi / 2)
+    return np.pi * (positive("socket radius", radius, "m") * np.sin(alpha)) ** 2
+
+
+def _pull_angle(angle: ArrayLike) -> NDArray[np.float64]:
+    theta = np.asarray(angle, float)
+    valid = np.isfinite(theta) & (theta >= 0) & (theta <= np.pi / 2 * (1 + 1e-12))
+    require(valid, "pull angle [deg]", np.degrees(theta), "0 to 90 deg")
+    return theta
+
+
+def _support_responses(
+    angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    theta, psi = np.broadcast_arrays(_pull_angle(angle), np.asarray(azimuth, float))
+    pull = np.stack([np.sin(theta) * np.cos(psi), np.sin(theta) * np.sin(psi), np.cos(theta)], axis=-1)
+    inverse = np.linalg.inv(np.asarray(directions, float).T)
+    return inverse @ np.array([0.0, 0.0, -1.0]), pull @ inverse.T

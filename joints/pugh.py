@@ -1,0 +1,76 @@
+"""Pugh charts: concepts scored against a baseline by counting plus and minus marks (thesis Tables 2.6 and 2.12)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+
+
+@dataclass(frozen=True)
+class PughChart:
+    """`marks` (criteria, concepts) of integers, plus counted positive; `weights` (criteria,)."""
+
+    title: str
+    concepts: tuple[str, ...]
+    criteria: tuple[str, ...]
+    marks: NDArray[np.int64]
+    weights: NDArray[np.float64]
+
+    @property
+    def scores(self) -> NDArray[np.float64]:
+        """Weighted plus marks less minus marks, one a concept."""
+        return self.weights @ self.marks
+
+    @property
+    def pluses(self) -> NDArray[np.int64]:
+        """Number of plus marks of each concept, "++" counting two."""
+        return np.maximum(self.marks, 0).sum(axis=0)
+
+    @property
+    def minuses(self) -> NDArray[np.int64]:
+        """Number of minus marks of each concept."""
+        return np.maximum(-self.marks, 0).sum(axis=0)
+
+    @property
+    def ranking(self) -> tuple[str, ...]:
+        """Concepts from best to worst; equal scores keep the chart's order."""
+        return tuple(self.concepts[i] for i in np.argsort(-self.scores, kind="stable"))
+
+
+def read_mark(text: str, where: str) -> int:
+    """"0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
+    mark = text.strip()
+    if mark == "0":
+        return 0
+    if mark and set(mark) in ({"+"}, {"-"}):
+        return len(mark) if mark[0] == "+" else -len(mark)
+    raise InputError(f"{where}: mark '{text}', expected 0, or plus or minus signs such as ++")
+
+
+def pugh_chart(
+    title: str,
+    concepts: Sequence[str],
+    marks: Mapping[str, Sequence[str]],
+    weights: Mapping[str, float] | None = None,
+) -> PughChart:
+    """A chart from rows of marks {criterion: [one mark a concept]}; a criterion's weight is 1 unless given.
+
+    Raises InputError for a row of the wrong length, a mark that is none, or a weight of an unknown criterion.
+    """
+    if not concepts or not marks:
+        raise InputError(f"Pugh chart '{title}': no concepts or no criteria, expected at least one of each")
+    rows = []
+    for criterion, row in marks.items():
+        where = f"Pugh chart '{title}', {criterion}"
+        if len(row) != len(concepts):
+            raise InputError(f"{where}: {len(row)} marks, expected {len(concepts)}, one a concept")
+        rows.append([read_mark(str(mark), where) for mark in row])
+    given = dict(weights or {})
+    unknown = [name for name in given if name not in marks]
+    if unknown:
+        raise InputError(f"Pugh chart '{title}': weight of unknown criterion '{unknown[0]}', expected one of its rows")
+    weight = np.array([float(given.get(name, 1.0)) for name in marks])
+    return PughChart(title, tuple(concepts), tuple(marks), np.array(rows, int), weight)

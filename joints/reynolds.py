@@ -1,0 +1,163 @@
+"""The spherical air film: Reynolds' equation over the real gap, the improvement thesis section 4.4.1 suggests.
+
+Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t, d the ball's axial
+displacement from contact. Flow across the ring at t: Q = -(pi sin t h^3 / (6 mu)) dp/dt. The orifices are spread
+over their ring at phi; below it the film holds the socket pressure. Units as in `joints.film`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from joints.film import FilmGeometry, feed_factor
+from joints.limits import not_negative, positive, require
+from joints.orifice import ATMOSPHERE, Orifice
+
+Array = NDArray[np.float64]
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+
+
+@dataclass(frozen=True)
+class SphericalFilm:
+    """The film at each displacement: flow through one orifice, socket and inlet pressure, stiffness."""
+
+    displacement: Array
+    flow: Array
+    socket_pressure: Array
+    inlet_pressure: Array
+    stiffness_constant_flow: Array
+    stiffness_constant_inlet: Array
+
+
+def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
+    """h(t) = h0 + (d - h0) cos t [m]; raises InputError where the ball would touch the socket."""
+    lift = not_negative("displacement", displacement, "m")
+    gap = geometry.clearance + (lift - geometry.clearance) * np.cos(np.asarray(angle, float))
+    require(gap > 0, "film gap", gap, "above 0 m")
+    return gap
+
+
+def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
+    """R_s = (6 mu / pi) integral from phi to alpha of dt / (sin t h^3) [Pa s/m^3], incompressible.
+
+    Gauss-Legendre in s = ln tan(t/2), where dt / sin t = ds; 24 nodes leave 1e-10 of the whole.
+    """
+    return 6 * geometry.viscosity / np.pi * _log_integral(geometry, displacement, 0)
+
+
+def orifice_spreading_resistance(
+    geometry: FilmGeometry, displacement: ArrayLike, orifice_diameter: ArrayLike
+) -> Array:
+    """(6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
+
+    What N holes add, per unit of their own flow, to the source spread evenly over their ring (log potentials of N
+    equal sources on a circle). It comes off the inlet pressure; the load hardly changes.
+    """
+    gap = film_gap(geometry, displacement, geometry.orifice_angle)
+    ring = geometry.ball_radius * np.sin(geometry.orifice_angle)
+    spread = ring / (geometry.orifices * positive("orifice diameter", orifice_diameter, "m") / 2)
+    require(spread > 1, "orifice diameter", orifice_diameter, "smaller than the spacing of the orifices")
+    return 6 * geometry.viscosity / (np.pi * gap**3) * np.log(spread)
+
+
+def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
+    """Load over socket pressure [m^2]: pi r^2 (integral sin t / h^3 dt) / (integral dt / (sin t h^3))."""
+    load_integral = _load_integral(geometry, displacement)
+    return np.pi * geometry.ball_radius**2 * load_integral / _log_integral(geometry, displacement, 0)
+
+
+def spherical_film(
+    geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike
+) -> SphericalFilm:
+    """Flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
+
+    W = 6 mu Q r^2 J with J = integral of sin t / h^3, in closed form; both derivatives follow from
+    dh/dd = cos t. At constant inlet pressure the orifices' law weakens the stiffness as in the flat film.
+    """
+    lift = positive("displacement", displacement, "m")
+    weight = not_negative("load", load, "N")
+    resistance = spherical_resistance(geometry, lift)
+    socket = weight / spherical_area(geometry, lift)
+    flow = socket / (resistance * geometry.orifices)
+    inlet = orifice.inlet_pressure(flow, socket)
+    load_rate = _load_integral_slope(geometry, lift) / _load_integral(geometry, lift)
+    resistance_rate = -3 * _log_integral(geometry, lift, 1) / _log_integral(geometry, lift, 0)
+    area_rate = load_rate - resistance_rate
+    feed = feed_factor(geometry, resistance, orifice.flow_slope(inlet, socket))
+    return SphericalFilm(
+        lift, flow, socket, inlet, -weight * load_rate, -weight * (area_rate + resistance_rate * feed)
+    )
+
+
+def spherical_pressure(
+    geometry: FilmGeometry, displacement: float, socket_pressure: float, angle: ArrayLike, compressible: bool = True
+) -> Array:
+    """Gauge pressure [Pa] at polar angles `angle`: linear in G = integral from t to alpha of dt/(sin t h^3),
+    or, for isothermal air, the absolute pressure squared is."""
+    share = _share(geometry, displacement, angle)
+    socket = not_negative("socket pressure", socket_pressure, "Pa")
+    if not compressible:
+        return socket * share
+    squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
+    return np.sqrt(squared) - ATMOSPHERE
+
+
+def compressible_film(geometry: FilmGeometry, load: float, displacement: float) -> tuple[float, float]:
+    """(flow through one orifice, socket pressure) of isothermal compressible air carrying `load`.
+
+    Flow at atmospheric pressure: pi (p_s^2 - p_a^2) / (12 mu p_a G N), p absolute, G as in `spherical_resistance`.
+    """
+    target = float(positive("load", load, "N"))
+    alpha, phi, r = geometry.socket_angle, geometry.orifice_angle, geometry.ball_radius
+    nodes, weights = np.polynomial.legendre.leggauss(48)
+    angle = phi + (alpha - phi) * (nodes + 1) / 2
+    strip = np.pi * r**2 * np.sin(2 * angle) * weights * (alpha - phi) / 2
+    share = _share(geometry, displacement, angle)
+
+    low, high = 0.0, target / (np.pi * (r * np.sin(phi)) ** 2)
+    for _ in range(100):
+        socket = (low + high) / 2
+        squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
+        carried = np.pi * (r * np.sin(phi)) ** 2 * socket + strip @ (np.sqrt(squared) - ATMOSPHERE)
+        low, high = (socket, high) if carried < target else (low, socket)
+    resistance = float(spherical_resistance(geometry, displacement))
+    return socket * (1 + socket / (2 * ATMOSPHERE)) / (resistance * geometry.orifices), socket
+
+
+def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Array:
+    """G(t) / G(phi), held at 1 below the orifices and 0 beyond the edge."""
+    clipped = np.clip(np.asarray(angle, float), geometry.orifice_angle, geometry.socket_angle)
+    return _log_integral(geometry, displacement, 0, clipped) / _log_integral(geometry, displacement, 0)
+
+
+def _log_integral(
+    geometry: FilmGeometry, displacement: ArrayLike, order: int, lower: ArrayLike | None = None
+) -> Array:
+    """Integral from `lower` to alpha of (cos t)^order / h^(3 + order) dt / sin t."""
+    start = np.log(np.tan(np.asarray(geometry.orifice_angle if lower is None else lower, float) / 2))
+    half = (np.log(np.tan(geometry.socket_angle / 2)) - start) / 2
+    total = np.zeros(np.broadcast_shapes(np.shape(displacement), np.shape(start)))
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        cosine = -np.tanh(start + half * (node + 1))
+        gap = geometry.clearance + (np.asarray(displacement, float) - geometry.clearance) * cosine
+        total += weight * cosine**order / gap ** (3 + order)
+    return half * total
+
+
+def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
+    """Integral of sin t / h^3 = (cos phi - cos alpha)(h_phi + h_alpha) / (2 h_phi^2 h_alpha^2)."""
+    inner = film_gap(geometry, displacement, geometry.orifice_angle)
+    outer = film_gap(geometry, displacement, geometry.socket_angle)
+    cosines = np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle)
+    return cosines * (inner + outer) / (2 * inner**2 * outer**2)
+
+
+def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
+    """d/dd of `_load_integral`."""
+    inner = film_gap(geometry, displacement, geometry.orifice_angle)
+    outer = film_gap(geometry, displacement, geometry.socket_angle)
+    cos_inner, cos_outer = np.cos(geometry.orifice_angle), np.cos(geometry.socket_angle)
+    relative = (cos_inner + cos_outer) / (inner + outer) - 2 * cos_inner / inner - 2 * cos_outer / outer
+    return _load_integral(geometry, displacement) * relative

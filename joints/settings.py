@@ -1,0 +1,121 @@
+"""Settings of the joint's studies: a TOML table laid over the thesis' joint, every quantity written with its unit."""
+
+import re
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pint
+
+from gpmodel.errors import InputError
+from joints.limits import require
+
+_QUANTITY = re.compile(r"^\s*([-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([^\s\d].*?)\s*$")
+DATA = Path(__file__).parent / "data"
+
+Settings = dict[str, Any]
+
+
+@lru_cache(maxsize=1)
+def _units() -> pint.UnitRegistry:
+    registry = pint.UnitRegistry()
+    registry.define("sccm = centimeter ** 3 / minute")
+    return registry
+
+
+def quantity(text: Any, like: str, where: str) -> float:
+    """The SI value of `text`, a number and a unit such as "25.4 mm", of the same dimension as the example `like`."""
+    expected = f"a quantity with its unit, such as '{like}'"
+    match = _QUANTITY.match(text) if isinstance(text, str) else None
+    if match is None:
+        raise InputError(f"{where}: {text!r}, expected {expected}")
+    example = _QUANTITY.match(like)
+    assert example is not None
+    unit = unit_factor(match[2], example[2], f"{where}: {text!r}, expected {expected}")
+    return float(match[1]) * unit
+
+
+def unit_factor(unit: str, like: str, message: str) -> float:
+    """How many SI units one `unit` is; InputError(`message`) unless it has the dimension of `like`."""
+    try:
+        parsed = _units().Quantity(1.0, unit.removeprefix("/").strip())
+        value = 1 / parsed if unit.startswith("/") else parsed
+        reference = _units().Quantity(1.0, like.removeprefix("/").strip())
+        same = value.dimensionality == (1 / reference if like.startswith("/") else reference).dimensionality
+        return float(value.to_base_units().magnitude) if same else _refuse(message)
+    except InputError:
+        raise
+    except Exception as error:  # pint raises its own, tokenize's and attribute errors for malformed text
+        raise InputError(message) from error
+
+
+def load_settings(study: str, path: Path | None = None) -> Settings:
+    """The defaults of `study` (joints/data/<study>.toml) with the table at `path` laid over them, in SI.
+
+    A list of tables in `path` replaces the default list. Raises InputError for a file that cannot be read, an unknown
+    key, a missing unit, another dimension or another type than the default's.
+    """
+    default = read_toml(DATA / f"{study}.toml")
+    return _overlay(default, read_toml(path) if path else {}, path.name if path else f"{study}.toml", "")
+
+
+def read_toml(path: Path) -> Settings:
+    """The TOML table at `path`; InputError in one line if there is none."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}, expected a TOML file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: no TOML: {' '.join(str(error).split())}") from error
+
+
+def _overlay(default: Settings, given: Settings, file: str, place: str) -> Settings:
+    unknown = [key for key in given if key not in default]
+    if unknown:
+        names = ", ".join(default)
+        raise InputError(f"{file}: unknown key '{place}{unknown[0]}', expected one of {names}")
+    return {key: _value(default[key], given.get(key), file, f"{place}{key}") for key in default}
+
+
+def _value(default: Any, given: Any, file: str, place: str) -> Any:
+    where = f"{file}: {place}"
+    if isinstance(default, dict):
+        table = {} if given is None else given
+        if not isinstance(table, dict):
+            raise InputError(f"{where} = {given!r}, expected a table [{place}]")
+        return _overlay(default, table, file, f"{place}.")
+    if isinstance(default, list):
+        entries = default if given is None else given
+        if not isinstance(entries, list) or not entries:
+            raise InputError(f"{where} = {given!r}, expected a list that is not empty")
+        return [_entry(default[0], entry, file, f"{place}[{i}]") for i, entry in enumerate(entries)]
+    value = default if given is None else given
+    if isinstance(default, str):
+        if _QUANTITY.match(default):
+            return quantity(value, default, where)
+        if not isinstance(value, str):
+            raise InputError(f"{where} = {value!r}, expected text such as '{default}'")
+        return value
+    if isinstance(default, bool) or isinstance(value, bool):
+        if not (isinstance(default, bool) and isinstance(value, bool)):
+            raise InputError(f"{where} = {value!r}, expected {'true or false' if isinstance(default, bool) else 'a number'}")
+        return value
+    if not isinstance(value, (int, float)) or (isinstance(default, int) and not isinstance(value, int)):
+        kind = "a whole number" if isinstance(default, int) else "a number"
+        raise InputError(f"{where} = {value!r}, expected {kind}")
+    require(abs(value) < float("inf"), where, value, "a finite number")
+    return value
+
+
+def _entry(default: Any, given: Any, file: str, place: str) -> Any:
+    """One entry of a list; a table must name all of its keys, since there is no default entry to lend them."""
+    if isinstance(default, dict) and isinstance(given, dict):
+        missing = [key for key in default if key not in given]
+        if missing:
+            raise InputError(f"{file}: {place} has no '{missing[0]}', expected {', '.join(default)}")
+    return _value(default, given, file, place)
+
+
+def _refuse(message: str) -> float:
+    raise InputError(message)

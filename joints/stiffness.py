@@ -1,0 +1,112 @@
+"""One force-displacement curve of magnet, film, transition and contact (thesis 4.2.3, Figs 4.14-4.19).
+
+The tester pulls the ball out of the socket along x [m]; tension is positive [N], stiffnesses are dF/dx [N/m].
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from joints.film import FilmGeometry, edge_gap, film_resistance
+from joints.limits import not_negative, positive, require
+from joints.orifice import Orifice
+
+Array = NDArray[np.float64]
+
+
+def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:
+    """E pi r^2 / t [N/m]: replica layer 2702 N/um (Fig 4.18 prints 2700), brass tube 138 (Fig 4.19 prints 140)."""
+    area = np.pi * positive("radius", radius, "m") ** 2
+    return positive("elastic modulus", elastic_modulus, "Pa") * area / positive("thickness", thickness, "m")
+
+
+def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Array:
+    """F = P (s / (s + x))^2 [N], the K_m/x^2 of Fig 4.16 with the distance counted from `stand_off` s below contact.
+
+    The magnets stand 1/32 in behind the replica (thesis 2.2.4), so the pull P at contact is finite and K_m = P s^2.
+    """
+    gap = not_negative("separation", separation, "m")
+    return positive("preload", preload, "N") * (positive("stand-off", stand_off, "m") / (stand_off + gap)) ** 2
+
+
+def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacement: ArrayLike) -> Array:
+    """Lift [N] of the flat film at constant inlet pressure, P_s A with P_s/R_s = N q(P_i, P_s) by bisection."""
+    supply = float(not_negative("inlet pressure", inlet, "Pa"))
+    resistance = film_resistance(geometry, edge_gap(geometry, displacement)) * geometry.orifices
+    low, high = np.zeros_like(resistance), np.full_like(resistance, supply)
+    for _ in range(60):
+        middle = (low + high) / 2
+        starved = middle < resistance * orifice.flow(supply, middle)
+        low, high = np.where(starved, middle, low), np.where(starved, high, middle)
+    return (low + high) / 2 * geometry.area
+
+
+@dataclass(frozen=True)
+class RegimeCurve:
+    """The four regimes of Fig 4.15, continuous: contact below `contact_end`, transition to `transition_end`, film to
+    `film_end` where the tension peaks at `peak_force`, then F = peak (s / (s + x - film_end))^2, s `stand_off`."""
+
+    contact_stiffness: float
+    transition_stiffness: float
+    film_stiffness: float
+    peak_force: float
+    contact_end: float
+    transition_end: float
+    film_end: float
+    stand_off: float
+
+    def __post_init__(self) -> None:
+        ordered = self.contact_end <= self.transition_end <= self.film_end
+        require(ordered, "end of transition", self.transition_end, "between the ends of contact and film")
+        positive("stand-off", self.stand_off, "m")
+
+    def force(self, displacement: ArrayLike) -> Array:
+        """Measured tension [N] at `displacement` [m]."""
+        basis = regime_basis(
+            displacement, self.contact_end, self.transition_end, self.film_end, self.stand_off
+        )
+        return basis @ [
+            self.peak_force,
+            self.film_stiffness,
+            self.transition_stiffness,
+            self.contact_stiffness,
+        ]
+
+    @property
+    def magnet_coefficient(self) -> float:
+        """K_m = peak s^2 [N m^2] of Fig 4.16."""
+        return self.peak_force * self.stand_off**2
+
+
+def regime_basis(
+    displacement: ArrayLike, contact_end: float, transition_end: float, film_end: float, stand_off: float
+) -> Array:
+    """(N, 4) columns of peak force, film, transition and contact stiffness: the curve is linear in these four."""
+    x = np.asarray(displacement, float)
+    beyond = np.maximum(x - film_end, 0.0)
+    return np.stack(
+        [
+            (stand_off / (stand_off + beyond)) ** 2,
+            -np.clip(film_end - x, 0.0, film_end - transition_end),
+            -np.clip(transition_end - x, 0.0, transition_end - contact_end),
+            -np.maximum(contact_end - x, 0.0),
+        ],
+        axis=-1,
+    )
+
+
+def equilibrium_curve(
+    geometry: FilmGeometry,
+    orifice: Orifice,
+    inlet: float,
+    preload: float,
+    stand_off: float,
+    contact_stiffness: float,
+    displacement: ArrayLike,
+) -> Array:
+    """Predicted tension [N] of magnet less film above contact (x >= 0) plus the linear contact below (Fig 4.14)."""
+    x = np.asarray(displacement, float)
+    lift = np.maximum(x, 0.0)
+    held = magnet_force(lift, preload, stand_off) - film_force(geometry, orifice, inlet, lift)
+    return held + positive("contact stiffness", contact_stiffness, "N/m") * np.minimum(x, 0.0)
