@@ -258,8 +258,10 @@ def _choose(
     kept[np.flatnonzero(constant)[ranking.kept(limit)]] = True
     varying = np.flatnonzero(~constant)
     late = ident.rank(np.hstack([fixed, columns[:, kept]]), columns[:, varying])
+    believed = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
-    if len(problem.residual) <= problem.placement + kept.sum():
+    kept |= believed
+    if len(problem.residual) <= problem.placement + (kept & ~believed).sum():
         raise InputError(
             f"{poses.dataset.source}: {len(problem.residual)} measured values for "
             f"{problem.placement + kept.sum()} unknowns; expected more poses than that or fewer parameters"
@@ -275,9 +277,12 @@ def _iterate(
     for iteration in range(1, MAX_ITERATIONS + 1):
         free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
         columns = problem.columns[:, free]
-        scale = np.linalg.norm(columns, axis=0)
+        belief, pull = _belief(model, theta, problem, kept)
+        system = np.vstack([columns, belief[:, free]])
+        scale = np.linalg.norm(system, axis=0)
         scale[scale < ident.NEGLIGIBLE] = np.inf
-        solution = linalg.lstsq(columns / scale, problem.residual, cond=1e-10, lapack_driver="gelsy")[0] / scale
+        target = np.concatenate([problem.residual, pull])
+        solution = linalg.lstsq(system / scale, target, cond=1e-10, lapack_driver="gelsy")[0] / scale
         moved = float(np.max(np.abs(columns @ solution), initial=0.0))
         step = np.zeros(len(free))
         step[free] = solution
@@ -290,6 +295,16 @@ def _iterate(
             return placement, theta, problem, iteration, "diverged"
         last = moved
     return placement, theta, problem, MAX_ITERATIONS, "stalled"
+
+
+def _belief(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
+    """Rows of the priors, θ σ / prior = 0, one a kept effect that has one; σ from the residual itself."""
+    prior = np.array([e.prior for e in model.effects])
+    at = np.flatnonzero(kept & np.isfinite(prior))
+    sigma = float(np.sqrt(np.mean(problem.residual**2)))
+    rows = np.zeros((len(at), problem.columns.shape[1]))
+    rows[np.arange(len(at)), problem.placement + at] = sigma / prior[at]
+    return rows, -theta[at] * sigma / prior[at]
 
 
 def _mark_outliers(poses: Poses, problem: Linearised, use: Array) -> bool:
@@ -316,12 +331,13 @@ def _summarise(
     use: Array, limit: float, curve: tuple[ident.RankChoice, ...], lever: float, iterations: int, status: str,
 ) -> Calibration:  # fmt: skip
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    columns = problem.columns[:, free]
+    belief, _ = _belief(model, theta, problem, kept)
+    columns = np.vstack([problem.columns[:, free], belief[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     u, s, vt = linalg.svd(columns / scale, full_matrices=False)
     good = s > 1e-9 * s[0]
-    freedom = max(len(problem.residual) - int(good.sum()), 1)
+    freedom = max(len(columns) - int(good.sum()), 1)
     sigma = float(np.sqrt(np.sum(problem.residual**2) / freedom))
     root = vt[good].T / s[good] / scale[:, None]
     covariance = sigma**2 * root @ root.T

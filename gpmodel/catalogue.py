@@ -149,6 +149,28 @@ def _parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             yield _pair(f"parallel-bar closure, {j.name}", other, j.name, "parallel_bar_closure", 4.5)
 
 
+CURVE_SPREAD = 5e-4
+CURVE_CORNER = 15.0
+
+
+def _joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 120
+    k = np.arange(1, highest + 1)
+    shape = 1.0 / (1.0 + (k / CURVE_CORNER) ** 1.5)
+    for spread in (CURVE_SPREAD, CURVE_SPREAD / 4):
+        deviation = spread * shape / np.sqrt(np.sum(shape**2))
+        for j in _revolute(mechanism):
+            name = f"error curve of the angle, {j.name}"
+            effects = tuple(
+                drive_effect(
+                    f"{name}, {f} {n}", j, Expression(f"{f}({n}*{j.name})"), family="joint_curve", prior=float(s)
+                )
+                for n, s in zip(k, deviation, strict=True)
+                for f in ("sin", "cos")
+            )
+            yield Candidate(name, effects, "joint_curve", 6.0)
+
+
 def _balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in _revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
@@ -269,6 +291,7 @@ def _run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 yield _one(name, effect_at(name, f"{j.name}.moving", f"T{a}", basis, family="axis_run_out"), 5.5)
 
 
+# ruff: noqa: E501
 FAMILIES: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson 2003, 5.2.3", _base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson 2003, 5.2.3 (joint bending); Dumas 2011", _joint_compliance),
@@ -276,6 +299,7 @@ FAMILIES: tuple[Family, ...] = (
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", _eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", _gear_harmonic),
     Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", _transmission_ripple),
+    Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", _joint_curve),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", _backlash_load),
     Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", _backlash_approach),
     Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", _gear_ratio),

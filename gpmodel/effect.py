@@ -1,5 +1,6 @@
 """Effects: one unknown number each, a small twist at one or more slots, shaped by a basis."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,13 +29,15 @@ class Term:
 class Effect:
     """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
 
-    family: the catalogue's word for what it would be, empty for what nobody has named.
+    family: the catalogue's word for what it would be, empty for what nobody has named. prior: standard deviation
+    of the unknown around zero that is believed before measuring; infinite for none.
     """
 
     name: str
     terms: tuple[Term, ...]
     unit: str
     family: str = ""
+    prior: float = math.inf
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -68,10 +71,12 @@ def effect_at(name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "
     return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family)
 
 
-def drive_effect(name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "") -> Effect:
+def drive_effect(
+    name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "", prior: float = math.inf
+) -> Effect:
     """An error of a joint's own coordinate, wherever its drive makes it act."""
     terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in joint.drive)
-    return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family)
+    return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family, prior)
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
