@@ -1,6 +1,7 @@
 """Give blind robots to the product and compare what it finds with an oracle that is told the effect's form.
 
-python -m experiments.blind.run --set open --seeds 2 --results results.json
+From the root of the repository: python -m experiments.blind.run --set open --seeds 2 --results FILE
+Options it does not know go on to `gpmodel discover`; --oracle-only leaves the product out.
 """
 
 from __future__ import annotations
@@ -8,10 +9,12 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +23,9 @@ import pandas as pd
 
 from experiments.blind.cases import CASES
 from experiments.blind.generate import make, write
-from experiments.blind.grading import answers, innocent
+from experiments.blind.grading import answers, innocent, summarise
 from experiments.blind.oracle import rms_mm
 
-GOAL = 1.25
 PROGRAM = str(Path(sys.executable).with_name("gpmodel"))
 
 
@@ -39,19 +41,23 @@ def predict(model: Path, folder: Path, name: str) -> np.ndarray:
     """(N, 3) mm: the table `gpmodel predict` leaves in its folder, or prints."""
     out = folder / "predicted" / name
     run = program("predict", model, folder / f"{name}.csv", "--out", out)
-    run.check_returncode()
+    if run.returncode:
+        raise SystemExit(f"{folder}: predict failed: {run.stderr.strip()}")
     tables = [out] if out.is_file() else sorted(out.glob("*.csv"))
     return positions(tables[0]) if tables else positions(io.StringIO(run.stdout))
 
 
 def judge(name: str, seed: int, folder: Path, options: list[str]) -> dict[str, Any]:
+    shutil.rmtree(folder, ignore_errors=True)
     truth = write(make(CASES[name], seed), folder)
     row: dict[str, Any] = {"case": name, "seed": seed, **truth["errors"]}
     if "--oracle-only" in options:
         return row
     started = time.perf_counter()
-    table, mechanism, out = folder / "table.csv", folder / "robot.urdf", folder / "out"
-    run = program("discover", table, "--mechanism", mechanism, "--out", out, "--quiet", "--seed", 0, *options)
+    out, mechanism = folder / "out", folder / "robot.urdf"
+    run = program(
+        "discover", folder / "table.csv", "--mechanism", mechanism, "--out", out, "--quiet", "--seed", 0, *options
+    )
     row["seconds"] = round(time.perf_counter() - started, 1)
     if run.returncode:
         return {**row, "failed": (run.stderr.strip().splitlines() or ["no message"])[-1]}
@@ -78,21 +84,11 @@ def main() -> None:
     parser.add_argument("--results", type=Path)
     settings, options = parser.parse_known_args()
     rows = []
-    for name in (n for n in settings.only.split(",") if settings.set in ("all", "aside" if CASES[n].aside else "open")):
-        for seed in range(settings.first_seed, settings.first_seed + settings.seeds):
-            rows.append(row := judge(name, seed, settings.work / f"{name}_{seed}", options))
-            print(json.dumps({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()}), flush=True)
-    done = [row for row in rows if "named" in row]
-    told = [row for row in done if CASES[row["case"]].effects]
-    ratios = [row["ratio_noisy"] for row in done]
-    summary = {
-        "command": " ".join(["python -m experiments.blind.run", *sys.argv[1:]]),
-        "robots": len(rows), "judged": len(done), "failed": sum("failed" in row for row in rows),
-        "within_goal": sum(ratio <= GOAL for ratio in ratios), "worst_ratio": max(ratios, default=None),
-        "with_effect": len(told), "named": sum(row["named"] for row in told),
-        "false_additions": sum(row["false"] for row in done),
-        "slowest_s": max((row["seconds"] for row in done), default=None),
-    }  # fmt: skip
+    names = [n for n in settings.only.split(",") if settings.set in ("all", "aside" if CASES[n].aside else "open")]
+    for name, seed in product(names, range(settings.first_seed, settings.first_seed + settings.seeds)):
+        rows.append(row := judge(name, seed, settings.work / f"{name}_{seed}", options))
+        print(json.dumps({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()}), flush=True)
+    summary = {"command": " ".join(["python -m experiments.blind.run", *sys.argv[1:]]), **summarise(rows)}
     print(json.dumps(summary, indent=1))
     if settings.results:
         settings.results.write_text(json.dumps({"summary": summary, "robots": rows}, indent=1) + "\n")
