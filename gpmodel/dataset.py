@@ -21,6 +21,7 @@ class Dataset:
     NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
+    columns: the joints' names in the table, where they differ from the mechanism's.
     """
 
     joints: tuple[str, ...]
@@ -36,6 +37,7 @@ class Dataset:
     payload_given: bool = False
     source: str = "table"
     sha256: str = ""
+    columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):

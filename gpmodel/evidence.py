@@ -207,7 +207,9 @@ class Evidence:
         columns = np.hstack([self.problem.columns[:, free], extra])
         scale = np.linalg.norm(columns, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
-        belief = np.concatenate([self._belief(self.calibration.model.effects)[self.calibration.kept], self._belief(effects)])
+        belief = np.concatenate(
+            [self._belief(self.calibration.model.effects)[self.calibration.kept], self._belief(effects)]
+        )
         rows = np.diag(np.concatenate([np.zeros(self.problem.placement), belief]) / scale)
         rows = rows[rows.any(axis=1)]
         per_pose = np.zeros(len(self.poses))

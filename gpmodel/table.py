@@ -73,6 +73,7 @@ def read_table(path: str | Path, mechanism: Mechanism, *, need_measurement: bool
         payload_given=payload_given,
         source=path.name,
         sha256=digest,
+        columns=tuple(joints),
     )
 
 

@@ -1,0 +1,229 @@
+"""The loop: calibrate, look at the residual, find what is missing, add it, look again."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gpmodel import catalogue
+from gpmodel.calibration import Calibration, calibrate, errors_on, without_outlier_marks
+from gpmodel.catalogue import Candidate
+from gpmodel.dataset import IntArray
+from gpmodel.effect import Effect, geometric_effects
+from gpmodel.evidence import Evidence, Score, gather, sites_of
+from gpmodel.hypothesis import Hypothesis, Pool, judge
+from gpmodel.mechanism import Array, Mechanism
+from gpmodel.model import ErrorModel, Poses
+from gpmodel.search import Exploration, explore
+
+SEARCH_POSES = 1500
+SHUFFLES = 199
+
+
+@dataclass(frozen=True)
+class Options:
+    """How hard to look. runs: GP runs per representation and round; the same again on shuffled residuals.
+
+    standard: the effects of the standard model, None for the complete geometric set. minutes: no new round starts
+    after that. known: effects enabled from the start beside the standard model.
+    """
+
+    seed: int = 0
+    runs: int = 6
+    max_effects: int = 12
+    minutes: float = 10.0
+    workers: int = 2
+    condition_limit: float | None = None
+    standard: tuple[Effect, ...] | None = None
+    known: tuple[Candidate, ...] = ()
+    representations: tuple[str, ...] = ("linear", "tree")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An accepted hypothesis and the round that found it."""
+
+    hypothesis: Hypothesis
+    round: int
+
+    @property
+    def candidate(self) -> Candidate:
+        return self.hypothesis.candidate
+
+
+@dataclass(frozen=True)
+class Round:
+    """One look at the residual: everything tried, the null it had to stand out of, and what was dropped again."""
+
+    number: int
+    hypotheses: tuple[Hypothesis, ...]
+    null: Array
+    exploration: Exploration
+    dropped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: a fitted model and its 3-D errors, m, on training and held-out poses."""
+
+    name: str
+    calibration: Calibration
+    train_error: Array
+    heldout_error: Array
+    finding: int | None = None
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything the loop found, in order."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    rounds: tuple[Round, ...]
+    final: Calibration
+    standard_model: tuple[Effect, ...]
+    seconds: float
+    stopped: str
+
+
+Progress = Callable[[str], None]
+
+
+@dataclass
+class _Loop:
+    """The loop's running state: what is accepted so far and the ladder it has climbed."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    options: Options
+    say: Progress
+    standard: tuple[Effect, ...]
+    findings: list[Finding] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    def model(self, findings: Sequence[Finding]) -> ErrorModel:
+        found = [e for f in findings for e in f.candidate.effects]
+        known = [e for c in self.options.known for e in c.effects]
+        return ErrorModel(self.mechanism, (*self.standard, *known, *found))
+
+    def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
+        train = self.poses.subset(self.train)
+        again = without_outlier_marks(start) if start else None
+        limit = start.condition_limit if start and start.rank_curve else self.options.condition_limit
+        return calibrate(model, train, condition_limit=limit, start=again, robust=robust, seed=self.options.seed)
+
+    def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
+        heldout = errors_on(calibration, self.poses.subset(self.heldout))
+        self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
+
+
+def discover(
+    mechanism: Mechanism,
+    poses: Poses,
+    train: IntArray,
+    heldout: IntArray,
+    options: Options,
+    say: Progress = lambda text: None,
+    keep: Callable[[Sequence[Finding], Sequence[Round]], None] = lambda findings, rounds: None,
+    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+) -> Discovery:
+    """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
+
+    say: called with one line on what is being tried. keep: called after every round with all that is finished.
+    resume: findings and rounds of an interrupted run with the same options.
+    """
+    started = time.monotonic()
+    standard = geometric_effects(mechanism) if options.standard is None else options.standard
+    loop = _Loop(mechanism, poses, train, heldout, options, say, standard)
+    say("registration and tool")
+    loop.climb("registration", loop.fit(ErrorModel(mechanism, ())))
+    say("standard model")
+    calibration = loop.fit(loop.model(()))
+    loop.climb("standard", calibration)
+    for finding in resume[0]:
+        loop.findings.append(finding)
+        calibration = loop.fit(loop.model(loop.findings), calibration)
+        loop.climb(f"effect {len(loop.findings)}", calibration, len(loop.findings) - 1)
+    loop.rounds.extend(resume[1])
+    stopped = "nothing else stands out of chance"
+    while True:
+        if len(loop.findings) >= options.max_effects:
+            stopped = f"stopped at {options.max_effects} effects"
+            break
+        if loop.rounds and time.monotonic() - started > 60 * options.minutes:
+            stopped = f"stopped after {options.minutes:g} minutes; there may be more to find"
+            break
+        calibration, found = _round(loop, calibration)
+        keep(loop.findings, loop.rounds)
+        if not found:
+            break
+    say("final fit on all poses")
+    final = calibrate(
+        loop.model(loop.findings),
+        poses,
+        condition_limit=calibration.condition_limit,
+        start=calibration,
+        seed=options.seed,
+    )
+    seconds = time.monotonic() - started
+    return Discovery(
+        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final, standard,
+        seconds, stopped,
+    )  # fmt: skip
+
+
+def _round(loop: _Loop, calibration: Calibration) -> tuple[Calibration, bool]:
+    number = len(loop.rounds) + 1
+    rng = np.random.default_rng([loop.options.seed, number])
+    train = loop.poses.subset(loop.train)
+    rows = np.arange(len(train))
+    if len(train) > SEARCH_POSES:
+        rows = np.sort(rng.permutation(len(train))[:SEARCH_POSES])
+    evidence = gather(calibration, train.subset(rows), loop.options.seed)
+    loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
+    known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
+    pool = [c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known]
+    scores, null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))
+    exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
+    evolved, evolved_null = _score_evolved(evidence, exploration)
+    joined = Pool((*pool, *exploration.candidates), (*scores, *evolved), {"catalogue": null, "evolved": evolved_null})
+    hypotheses = judge(evidence, joined)
+    best = next((h for h in hypotheses if h.accepted), None)
+    dropped: tuple[str, ...] = ()
+    if best is not None:
+        loop.say(f"round {number}: added {best.candidate.name}")
+        loop.findings.append(Finding(best, number))
+        calibration = loop.fit(loop.model(loop.findings), calibration)
+        dropped, calibration = _prune(loop, calibration)
+        loop.climb(f"effect {len(loop.findings)}", calibration, len(loop.findings) - 1)
+    loop.rounds.append(Round(number, hypotheses, joined.nulls["evolved"], exploration, dropped))
+    return calibration, best is not None
+
+
+def _score_evolved(evidence: Evidence, exploration: Exploration) -> tuple[list[Score], Array]:
+    scores, _ = evidence.scores(exploration.candidates)
+    return scores, exploration.null_nats
+
+
+def _prune(loop: _Loop, calibration: Calibration) -> tuple[tuple[str, ...], Calibration]:
+    """Take out earlier findings that the newest one has made superfluous: description length without them is less."""
+    dropped: list[str] = []
+    train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
+    for finding in list(loop.findings[:-1]):
+        others = [f for f in loop.findings if f is not finding]
+        without = loop.fit(loop.model(others), calibration)
+        score = gather(without, train, loop.options.seed).scores([finding.candidate])[0][0]
+        if score.nats < 0:
+            dropped.append(finding.candidate.name)
+            loop.findings.remove(finding)
+            loop.say(f"dropped {finding.candidate.name}: the others explain it")
+            calibration = without
+    return tuple(dropped), calibration

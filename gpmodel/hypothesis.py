@@ -1,0 +1,139 @@
+"""From a pool of candidates to one hypothesis: what fits, what it would be, and what else it could be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.catalogue import Candidate
+from gpmodel.evidence import Evidence, Score, canonical_correlation, chance
+from gpmodel.mechanism import Array
+
+LIKENESS = 0.95
+SIGNIFICANCE = 0.01
+MINIMUM_SIGMAS = 3.0
+MINIMUM_SHARE = 0.03
+MINIMUM_CV_T = 2.0
+NAMING_MARGIN = 8.0
+SHORTLIST = 8
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A candidate with what speaks for and against it, all from training poses.
+
+    cv_rms: m, cross-validated 3-D RMS with it; cv_before: without. sigmas: largest |coefficient| / σ. stable: whether
+    the coefficients keep their signs in every fold. why: the reason of the verdict, in words.
+    """
+
+    candidate: Candidate
+    score: Score
+    p_value: float
+    cv_rms: float
+    cv_before: float
+    cv_t: float
+    sigmas: float
+    stable: bool
+    rivals: tuple[tuple[str, float], ...]
+    accepted: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Candidates of one round, their scores, and the null maxima of where each came from."""
+
+    candidates: tuple[Candidate, ...]
+    scores: tuple[Score, ...]
+    nulls: dict[str, Array]
+
+    def p_value(self, i: int) -> float:
+        """Chance of the score among shuffled residuals, times the number of searches that competed."""
+        null = self.nulls[self.candidates[i].found_by]
+        return min(1.0, len(self.nulls) * chance(self.scores[i].nats, null))
+
+
+def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
+    """The distinct best candidates, best first, each with its verdict; naming and rivals included.
+
+    Candidates whose projected columns correlate above 0.95 are one finding with several possible places.
+    """
+    order = sorted(range(len(pool.scores)), key=lambda i: -pool.scores[i].nats)
+    order = [i for i in order if np.isfinite(pool.scores[i].nats)][: 6 * SHORTLIST]
+    spans = {i: evidence.projected(pool.candidates[i].effects)[0] for i in order}
+    leaders: list[int] = []
+    followers: dict[int, list[int]] = {}
+    for i in order:
+        leader = next((k for k in leaders if _alike(spans[i], spans[k])), None)
+        if leader is None:
+            leaders.append(i)
+            followers[i] = []
+        else:
+            followers[leader].append(i)
+    before, per_pose, _ = evidence.cross_validated(())
+    judged = [_verdict(evidence, pool, i, followers[i], before, per_pose) for i in leaders[:SHORTLIST]]
+    return tuple(judged)
+
+
+def _alike(first: Array, second: Array) -> bool:
+    return min(canonical_correlation(first, second), canonical_correlation(second, first)) > LIKENESS
+
+
+def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidate]:
+    """The catalogue's word for an evolved finding where one fits as well; and where GP found it too, that it did."""
+    best = pool.candidates[leader]
+    group = [leader, *alike]
+    if best.found_by == "evolved":
+        named = [i for i in alike if pool.candidates[i].family and pool.candidates[i].found_by == "catalogue"]
+        for i in named:
+            if pool.scores[i].nats > pool.scores[leader].nats - NAMING_MARGIN:
+                return i, replace(pool.candidates[i], found_by="evolved")
+        return leader, best
+    evolved = any(pool.candidates[i].found_by == "evolved" for i in group)
+    return leader, replace(best, found_by="evolved" if evolved else "catalogue")
+
+
+def _verdict(
+    evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float, per_pose: Array
+) -> Hypothesis:
+    chosen, candidate = _named(pool, leader, alike)
+    score, p_value = pool.scores[chosen], pool.p_value(leader)
+    cv_rms, after, coefficients = evidence.cross_validated(candidate.effects)
+    gain = per_pose - after
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    cv_t = float(gain.mean() / spread) if spread > 0 else 0.0
+    believed = bool(np.isfinite(candidate.effects[0].prior))
+    sigmas = 0.0 if believed else _sigmas(evidence, candidate)
+    stable = believed or bool(_stable(coefficients))
+    rivals = []
+    for i in [leader, *alike]:
+        if i != chosen and pool.candidates[i].name != candidate.name and len(rivals) < 6:
+            rivals.append((pool.candidates[i].name, evidence.cross_validated(pool.candidates[i].effects)[0]))
+    tests = (
+        (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {p_value:.2g}, limit {SIGNIFICANCE}"),
+        (score.nats > 0, f"description length grows by {-score.nats:.1f} nats"),
+        (cv_rms < before and cv_t > MINIMUM_CV_T, f"cross-validated gain {cv_t:.1f} standard errors, limit {MINIMUM_CV_T}"),
+        (believed or sigmas > MINIMUM_SIGMAS, f"coefficient {sigmas:.1f} sigma, limit {MINIMUM_SIGMAS}"),
+        (stable, "sign changes between folds"),
+        (score.share > MINIMUM_SHARE or believed, f"unique share {score.share:.3f}, limit {MINIMUM_SHARE}"),
+    )  # fmt: skip
+    failed = [text for passed, text in tests if not passed]
+    why = "; ".join(failed) or f"removes {100 * score.gain:.0f} % of the residual energy, p {p_value:.1g}"
+    return Hypothesis(candidate, score, p_value, cv_rms, before, cv_t, sigmas, stable, tuple(rivals), not failed, why)
+
+
+def _sigmas(evidence: Evidence, candidate: Candidate) -> float:
+    span, _ = evidence.projected(candidate.effects)
+    gram = np.linalg.pinv(span.T @ span)
+    solved = gram @ (span.T @ evidence.residual)
+    rest = evidence.residual - span @ solved
+    sigma = np.sqrt(rest @ rest / max(evidence.freedom - span.shape[1], 1))
+    deviation = sigma * np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return float(np.max(np.abs(solved) / deviation))
+
+
+def _stable(coefficients: Array) -> Array:
+    """Whether the largest coefficient of a set keeps its sign in every fold."""
+    leading = int(np.argmax(np.abs(coefficients.mean(axis=0))))
+    signs = np.sign(coefficients[:, leading])
+    return np.all(signs == signs[0])
