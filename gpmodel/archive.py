@@ -1,0 +1,108 @@
+"""The best program seen at every complexity, over a whole run: the Pareto front."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.layout import Layout
+from gpmodel.population import Sequences
+from gpmodel.problems import CartesianProblem, Problem
+from gpmodel.program import Program
+from gpmodel.scoring import Scores
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A program, where it acts, and what it explains.
+
+    ``gain`` is the share of residual energy (slot) or of the norm (compensator) it removes, ``coefficients``
+    multiply its outputs (ones for a compensator), ``validation`` is the gain of the same coefficients on the
+    validation poses, where there are any.
+    """
+
+    program: Program
+    site: int
+    site_name: str
+    gain: float
+    coefficients: Array
+    complexity: int
+    validation: float | None = None
+
+
+class Archive:
+    """Keeps, at each complexity, the genome with the largest gain."""
+
+    def __init__(self, problem: Problem, layout: Layout) -> None:
+        self.problem, self.layout = problem, layout
+        self.best_gain = 0.0
+        self._gains: dict[int, float] = {}
+        self._kept: dict[int, tuple[object, int]] = {}
+
+    def add(self, population, scores: Scores) -> None:
+        order = np.lexsort((-scores.gain, scores.complexity))
+        sizes, first = np.unique(scores.complexity[order], return_index=True)
+        for size, row in zip(sizes.tolist(), order[first].tolist(), strict=True):
+            gain = float(scores.gain[row])
+            if np.isfinite(gain) and gain > self._gains.get(size, 0.0):
+                self._gains[size] = gain
+                self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
+                self.best_gain = max(self.best_gain, gain)
+
+    def front(self) -> tuple[Candidate, ...]:
+        """Candidates that no simpler one equals in gain, simplest first."""
+        found: list[Candidate] = []
+        for size in sorted(self._kept):
+            candidate = self._candidate(*self._kept[size])
+            if not found or candidate.gain > found[-1].gain + 1e-12:
+                found.append(candidate)
+        return tuple(found) or (self._nothing(),)
+
+    def best(self, front: tuple[Candidate, ...], parsimony: float) -> Candidate:
+        """The candidate of least description length (slot) or of largest gain (compensator)."""
+        if isinstance(self.problem, CartesianProblem):
+            return max(front, key=lambda candidate: candidate.gain)
+        half = 0.5 * self.problem.targets.components
+
+        def length(candidate: Candidate) -> float:
+            cost = parsimony * (candidate.complexity + len(candidate.coefficients))
+            return half * float(np.log(max(1.0 - candidate.gain, 1e-16))) + cost
+
+        return min(front, key=length)
+
+    def _candidate(self, population, chosen: int) -> Candidate:
+        program = self._program(population)
+        outputs = [k for k in range(self.layout.outputs) if chosen >> k & 1]
+        return scored(program.select(outputs), self.problem)
+
+    def _program(self, population) -> Program:
+        if isinstance(population, Sequences):
+            from gpmodel import linear
+
+            return linear.program_of(population.genes[0], population.constants[0], self.layout)
+        from gpmodel import tree
+
+        return tree.program_of(population.individuals[0], self.layout)
+
+    def _nothing(self) -> Candidate:
+        return scored(Program.parse("0").select([]), self.problem)
+
+
+def scored(program: Program, problem: Problem) -> Candidate:
+    """A program as a candidate of a problem: its best site, gain and coefficients."""
+    values = program.evaluate(problem.inputs.mapping())
+    if isinstance(problem, CartesianProblem):
+        initial = problem.initial_norm()
+        gain = 1.0 - problem.norm_of(values) / initial if len(values) else 0.0
+        return Candidate(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
+    targets = problem.targets
+    solved = [targets.set_gain(values, site) for site in range(targets.sites)]
+    site = int(np.argmax([gain for gain, _ in solved]))
+    gain, coefficients = solved[site]
+    validation = None
+    if problem.validation is not None and problem.validation_inputs is not None and len(values):
+        held_out = program.evaluate(problem.validation_inputs.mapping())
+        validation = problem.validation.gain_of(held_out, coefficients, site)
+    return Candidate(program, site, targets.names[site], gain, coefficients, program.complexity, validation)

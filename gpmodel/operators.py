@@ -1,0 +1,141 @@
+"""The operators of Table 5.1 of the thesis and a few more, with every choice the thesis leaves open.
+
+Choices, made once and tested:
+
+* arithmetic is IEEE and unprotected: a division by zero gives an infinity, and a program whose output is
+  not finite is rejected by the search. No branch is hidden inside a smooth function.
+* ``sqrt`` and ``log`` read the absolute value; ``modulo`` is ``a - b*floor(a/b)``, the sign of the divisor.
+* ``not`` is C's: 1 where the accumulator is 0, else 0.
+* ``min`` and ``max`` hand on a NaN.
+* angles are radians.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+
+Array = NDArray[np.float64]
+
+TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+"""Input elements 9 to 15 of Table 5.1."""
+
+
+@dataclass(frozen=True)
+class Operator:
+    """One operator: its op-code, its function of one or two arguments and the partial derivatives of it.
+
+    ``smooth`` says that the first derivative is continuous everywhere; ``derivatives`` takes the arguments
+    and returns one array an argument (almost everywhere for the others).
+    """
+
+    code: int
+    name: str
+    arity: int
+    smooth: bool
+    function: Callable[..., Array]
+    derivatives: Callable[..., tuple[Array, ...]]
+
+
+def _modulo(a: Array, b: Array) -> Array:
+    return a - b * np.floor(a / b)
+
+
+def _arcsin(a: Array) -> Array:
+    return np.arcsin(a)
+
+
+def _ones(a: Array) -> Array:
+    return np.ones_like(a)
+
+
+def _between(chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    first = chosen.astype(float)
+    return first, 1.0 - first
+
+
+INPUT, LOAD, STORE = 0, 1, 2
+"""Op-codes that move data and compute nothing."""
+
+ARITHMETIC: tuple[Operator, ...] = (
+    Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),
+    Operator(4, "subtract", 2, True, np.subtract, lambda a, b: (_ones(a), -_ones(b))),
+    Operator(5, "multiply", 2, True, np.multiply, lambda a, b: (b, a)),
+    Operator(6, "divide", 2, False, np.divide, lambda a, b: (1.0 / b, -a / (b * b))),
+    Operator(7, "modulo", 2, False, _modulo, lambda a, b: (_ones(a), -np.floor(a / b))),
+    Operator(8, "min", 2, False, np.minimum, lambda a, b: _between(a < b)),
+    Operator(9, "max", 2, False, np.maximum, lambda a, b: _between(a > b)),
+    Operator(10, "abs", 1, False, np.abs, lambda a: (np.sign(a),)),
+    Operator(11, "square", 1, True, np.square, lambda a: (2.0 * a,)),
+    Operator(12, "sqrt", 1, False, lambda a: np.sqrt(np.abs(a)), lambda a: (0.5 * np.sign(a) / np.sqrt(np.abs(a)),)),
+    Operator(13, "not", 1, False, lambda a: (a == 0.0).astype(float), lambda a: (np.zeros_like(a),)),
+    Operator(14, "sin", 1, True, np.sin, lambda a: (np.cos(a),)),
+    Operator(15, "cos", 1, True, np.cos, lambda a: (-np.sin(a),)),
+    Operator(16, "tan", 1, False, np.tan, lambda a: (1.0 + np.square(np.tan(a)),)),
+    Operator(17, "atan", 1, True, np.arctan, lambda a: (1.0 / (1.0 + a * a),)),
+    Operator(18, "exp", 1, True, np.exp, lambda a: (np.exp(a),)),
+    Operator(19, "log", 1, False, lambda a: np.log(np.abs(a)), lambda a: (1.0 / a,)),
+    Operator(20, "tanh", 1, True, np.tanh, lambda a: (1.0 - np.square(np.tanh(a)),)),
+    Operator(21, "asin", 1, False, _arcsin, lambda a: (1.0 / np.sqrt(1.0 - a * a),)),
+)
+"""All computing operators; codes 3 to 17 are those of Table 5.1, the rest are ours."""
+
+BY_NAME: dict[str, Operator] = {operator.name: operator for operator in ARITHMETIC}
+BY_CODE: dict[int, Operator] = {operator.code: operator for operator in ARITHMETIC}
+
+SETS: dict[str, tuple[str, ...]] = {
+    "thesis": tuple(operator.name for operator in ARITHMETIC if operator.code <= 17),
+    "smooth": tuple(operator.name for operator in ARITHMETIC if operator.smooth and operator.code <= 17),
+    "slot": (
+        "add",
+        "subtract",
+        "multiply",
+        "divide",
+        "min",
+        "max",
+        "abs",
+        "square",
+        "sin",
+        "cos",
+        "exp",
+        "tanh",
+    ),
+    "physics": (
+        "add",
+        "subtract",
+        "multiply",
+        "divide",
+        "square",
+        "sqrt",
+        "sin",
+        "cos",
+        "exp",
+        "log",
+        "asin",
+        "tanh",
+    ),
+}
+"""Named subsets: ``thesis`` (Table 5.1), ``smooth`` (continuous first derivative, section 5.2.3), ``slot``
+(shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""
+
+
+def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
+    """The operators of a named set, or of a list of operator names, in op-code order.
+
+    Raises InputError for a name that is neither.
+    """
+    if isinstance(names, str):
+        names = SETS[names] if names in SETS else [name.strip() for name in names.split(",")]
+    chosen = set(names)
+    unknown = sorted(chosen - BY_NAME.keys())
+    if unknown:
+        raise InputError(
+            f"operators: unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; "
+            f"operators are {', '.join(BY_NAME)}"
+        )
+    if not chosen:
+        raise InputError("operators: none given, expected at least one")
+    return tuple(operator for operator in ARITHMETIC if operator.name in chosen)

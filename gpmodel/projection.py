@@ -1,0 +1,179 @@
+"""Scoring a shape by projection: its coefficient is solved, never evolved.
+
+A basis phi (N,) at site s adds the column ``sensitivity_s * phi`` to a weighted least-squares problem whose
+enabled columns Q are orthonormal and whose residual is r. With
+
+    D = squared sensitivity per pose,  B = sensitivity . Q,  g = sensitivity . r,  G = diag(D) - B^T B
+
+the share of the residual energy that the column removes is ``(phi.g)^2 / (phi^T G phi) / r.r``; a set Phi is
+solved together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+
+Array = NDArray[np.float64]
+
+UNIQUE_SHARE = 1e-4
+"""A column of which less than this share lies outside the enabled columns scores nothing (default)."""
+
+ROUNDING_SHARE = 1e-10
+"""The same limit for noise-free regression, where only rounding makes columns alike."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """The sites (S of them) a basis is scored against, on N poses with K enabled columns.
+
+    ``weight`` (S, N) is D, ``cross`` (S, K, N) is B, ``pull`` (S, N) is g, ``energy`` is r.r and ``names`` has
+    one text a site. ``samples`` is the number of measured components behind the poses (N where it is 0).
+    Raises InputError where shapes disagree or a number is not finite.
+    """
+
+    weight: Array
+    cross: Array
+    pull: Array
+    energy: float
+    names: tuple[str, ...]
+    samples: int = 0
+    unique_share: float = UNIQUE_SHARE
+
+    def __post_init__(self) -> None:
+        sites, poses = self.pull.shape
+        if self.weight.shape != (sites, poses) or len(self.names) != sites:
+            raise InputError(f"targets: weight {self.weight.shape}, {len(self.names)} names, pull {self.pull.shape}")
+        if self.cross.shape[::2] != (sites, poses):
+            raise InputError(f"targets: cross {self.cross.shape}, expected ({sites}, columns, {poses})")
+        for name in ("weight", "cross", "pull", "energy"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise InputError(f"targets: {name} holds a number that is not finite")
+
+    @property
+    def poses(self) -> int:
+        return int(self.pull.shape[1])
+
+    @property
+    def sites(self) -> int:
+        return int(self.pull.shape[0])
+
+    @cached_property
+    def components(self) -> int:
+        """Measured components: ``samples``, or one a pose."""
+        return self.samples or self.poses
+
+    def only(self, site: int) -> "Targets":
+        """The same problem at one site."""
+        rows = slice(site, site + 1)
+        return replace(
+            self,
+            weight=self.weight[rows],
+            cross=self.cross[rows],
+            pull=self.pull[rows],
+            names=self.names[rows],
+        )
+
+    def gains(self, values: Array) -> Array:
+        """Share of the residual energy that each single basis removes at each site.
+
+        ``values`` is (P, N), the result (P, S). A basis that is not finite, is zero, or lies inside the span
+        of the enabled columns (unique share below ``unique_share``) scores 0.
+        """
+        scaled = _scaled(values)
+        pull = scaled @ self.pull.T
+        total = np.square(scaled) @ self.weight.T
+        columns = self.cross.shape[1]
+        seen = scaled @ self.cross.reshape(self.sites * columns, self.poses).T
+        inside = np.square(seen).reshape(len(values), self.sites, columns).sum(axis=2)
+        unique = total - inside
+        usable = unique > self.unique_share * total
+        gain = np.where(usable, np.square(pull) / np.where(usable, unique, 1.0), 0.0)
+        return gain / self.energy if self.energy > 0 else np.zeros_like(gain)
+
+    def set_gain(self, values: Array, site: int) -> tuple[float, Array]:
+        """Gain of a set of bases (m, N) solved together at one site, and their coefficients (m,).
+
+        Directions whose share outside the enabled columns and outside each other is below the rank limit get
+        coefficient 0 (pivoted forward selection, no ridge).
+        """
+        scale = np.abs(values).max(axis=1, initial=0.0)
+        scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
+        scaled = _scaled(values)
+        seen = scaled @ self.cross[site].T
+        gram = (scaled * self.weight[site]) @ scaled.T
+        total = np.diag(gram).copy()
+        gram = gram - seen @ seen.T
+        pull = scaled @ self.pull[site]
+        chosen = independent(gram, total, self.unique_share)
+        coefficients = np.zeros(len(values))
+        if not len(chosen) or self.energy <= 0:
+            return 0.0, coefficients
+        diagonal = np.sqrt(np.diag(gram)[chosen])
+        normal = gram[np.ix_(chosen, chosen)] / np.outer(diagonal, diagonal)
+        solution = np.linalg.solve(normal, pull[chosen] / diagonal) / diagonal
+        coefficients[chosen] = solution / scale[chosen]
+        return float(pull[chosen] @ solution / self.energy), coefficients
+
+    def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
+        """Share of the residual energy removed by fixed coefficients, for instance on validation poses.
+
+        Negative where they make the residual larger.
+        """
+        shape = coefficients @ values
+        if not np.all(np.isfinite(shape)) or self.energy <= 0:
+            return -np.inf
+        column = float(self.weight[site] @ np.square(shape) - np.square(self.cross[site] @ shape).sum())
+        return float((2.0 * (shape @ self.pull[site]) - column) / self.energy)
+
+    def shuffled(self, rng: np.random.Generator) -> "Targets":
+        """The same sites with ``pull`` permuted over the poses: what the search finds where nothing is."""
+        return replace(self, pull=self.pull[:, rng.permutation(self.poses)])
+
+
+def regression(response: Array, name: str = "response") -> Targets:
+    """Plain symbolic regression of ``response`` (N,) as one site: unit sensitivity, an intercept enabled.
+
+    Raises InputError where the response is not finite or constant.
+    """
+    response = np.asarray(response, dtype=float)
+    if response.ndim != 1 or len(response) < 3 or not np.all(np.isfinite(response)):
+        raise InputError(f"{name}: expected at least 3 finite numbers")
+    poses = len(response)
+    residual = response - response.mean()
+    energy = float(residual @ residual)
+    if energy <= 0:
+        raise InputError(f"{name}: constant, nothing to explain")
+    intercept = np.full((1, 1, poses), 1.0 / np.sqrt(poses))
+    return Targets(np.ones((1, poses)), intercept, residual[None, :], energy, (name,), poses, ROUNDING_SHARE)
+
+
+def _scaled(values: Array) -> Array:
+    """Rows divided by their largest magnitude; rows with a number that is not finite become zero."""
+    with np.errstate(invalid="ignore"):
+        scale = np.abs(values).max(axis=1, keepdims=True, initial=0.0)
+    usable = np.isfinite(scale) & (scale > 0)
+    return np.where(usable, values / np.where(usable, scale, 1.0), 0.0)
+
+
+def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
+    """Rows of a Gram matrix that are independent, by pivoted Cholesky.
+
+    ``total`` holds the squared norms before anything was projected out; a row is left out where the part of
+    it that is new is below ``limit`` of that.
+    """
+    remaining = gram.astype(float).copy()
+    chosen: list[int] = []
+    for _ in range(len(gram)):
+        share = np.where(total > 0, np.diag(remaining) / np.where(total > 0, total, 1.0), 0.0)
+        share[chosen] = 0.0
+        pivot = int(np.argmax(share))
+        if share[pivot] <= limit:
+            break
+        chosen.append(pivot)
+        column = remaining[:, pivot] / np.sqrt(remaining[pivot, pivot])
+        remaining -= np.outer(column, column)
+    return np.array(sorted(chosen), dtype=np.intp)

@@ -1,0 +1,70 @@
+"""From decoded programs to scores: a compensator's distance, or a slot's description length."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.engine import Code, values
+from gpmodel.projection import Targets
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One row a program: the score selection minimises, the gain, and where and how it is reached.
+
+    ``chosen`` is the bit set of outputs in use and ``complexity`` their size; ``site`` indexes the targets.
+    """
+
+    score: Array
+    gain: Array
+    complexity: NDArray[np.int64]
+    site: NDArray[np.int64]
+    chosen: NDArray[np.int64]
+    hashes: NDArray[np.uint64]
+
+    @staticmethod
+    def empty(count: int) -> "Scores":
+        whole = (np.zeros(count, np.int64) for _ in range(3))
+        return Scores(np.empty(count), np.empty(count), *whole, np.empty(count, np.uint64))
+
+    def __setitem__(self, part: slice, other: "Scores") -> None:
+        for name in ("score", "gain", "complexity", "site", "chosen", "hashes"):
+            getattr(self, name)[part] = getattr(other, name)
+
+    def take(self, rows: NDArray[np.intp]) -> "Scores":
+        return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def join(self, other: "Scores") -> "Scores":
+        pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
+        return Scores(*(np.concatenate(pair) for pair in pairs))
+
+
+def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
+    """Every program against every site: the best site and the few outputs worth their size."""
+    from gpmodel.kernels.selection import choose_outputs
+
+    found = values(code, fixed)
+    programs, outputs, poses = found.shape
+    with np.errstate(all="ignore"):
+        scale = np.abs(found).max(axis=2)
+        usable = np.isfinite(scale) & (scale > 1e-150) & (scale < 1e150)
+        scaled = np.where(usable[:, :, None], found / scale[:, :, None], 0.0)
+    first, second = np.triu_indices(outputs)
+    products = (scaled[:, first] * scaled[:, second]).reshape(-1, poses) @ targets.weight.T
+    flat = scaled.reshape(-1, poses)
+    columns = targets.cross.shape[1]
+    seen = flat @ targets.cross.reshape(-1, poses).T
+    pull = flat @ targets.pull.T
+    scores = Scores.empty(programs)
+    choose_outputs(
+        products.reshape(programs, -1, targets.sites),
+        seen.reshape(programs, outputs, targets.sites, columns),
+        pull.reshape(programs, outputs, targets.sites),
+        usable, code.sizes, targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
+        scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
+    )  # fmt: skip
+    scores.hashes[:] = code.hashes
+    return scores
