@@ -61,7 +61,7 @@ def _load(name: str, frame: str | None) -> SerialChain | None:
     if name in EXAMPLE_ARMS:
         file, last_link = EXAMPLE_ARMS[name]
         folder = Path(example_robot_data.getModelPath(file))
-        return read_urdf(folder / file, name=name, frame=frame or last_link)
+        return read_urdf(folder / file, name=name, frame=last_link if frame is None else frame)
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
         return read_urdf(Path(name), frame=frame)

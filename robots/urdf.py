@@ -13,7 +13,7 @@ from robots.chain import Link, SerialChain
 from robots.motion import along
 from robots.urdf_file import Mimic, parse_mimics, parse_model
 
-GRIPPER_DEPTH = 3
+FINGER_DEPTH = 3
 ARM_DEPTH = 3
 
 
@@ -42,8 +42,8 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
 def default_frame(model: pin.Model) -> str:
     """The link measured at when none is named: the last one of the arm with the most revolute joints.
 
-    A hand is not the arm: where a chain of at least ARM_DEPTH joints branches and at most GRIPPER_DEPTH
-    joints follow, it ends. Of several last links fixed to the same part, `tool0` goes before the first in
+    Fingers are not the arm: where a chain of at least ARM_DEPTH joints splits into equally long branches of
+    at most FINGER_DEPTH joints, it ends. Of several last links fixed to the same part, `tool0` goes before the first in
     the file.
     """
 
@@ -59,7 +59,9 @@ def default_frame(model: pin.Model) -> str:
     joint, passed = 0, 0
     while children := [int(child) for child in model.children[joint]]:
         following = max(children, key=most_turns)
-        if len(children) > 1 and passed >= ARM_DEPTH and depth(following) <= GRIPPER_DEPTH:
+        length = depth(following)
+        alike = sum(depth(child) == length for child in children) > 1
+        if alike and passed >= ARM_DEPTH and length <= FINGER_DEPTH:
             break
         joint, passed = following, passed + 1
     links = [i for i, f in enumerate(model.frames) if f.parentJoint == joint and f.type == pin.FrameType.BODY]

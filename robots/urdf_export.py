@@ -36,7 +36,8 @@ def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], p
                 f"twist at {slot!r} of {mechanism.name}: expected six finite numbers at one of "
                 f"{', '.join(mechanism.slots)}"
             )
-    errors = {slot: pin.exp6(np.asarray(twists.get(slot, np.zeros(6)))).homogeneous for slot in mechanism.slots}
+    errors = dict.fromkeys(mechanism.slots, np.eye(4))
+    errors |= {slot: pin.exp6(np.asarray(twist)).homogeneous for slot, twist in twists.items()}
     if mechanism.source is None:
         robot, frame = _generated(mechanism, errors), mechanism.tool_frame
     else:
@@ -61,8 +62,8 @@ def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, A
     for link in mechanism.links:
         joint = joints[link.name]
         turn = link.alignment @ along(link.axis, link.offset)
-        _compose(joint, after=turn @ errors[f"{link.name}.fixed"] @ np.linalg.inv(turn))
-        moved = link.alignment @ errors[f"{link.name}.moving"] @ link.alignment.T
+        _compose(joint, after=_seen_from(turn, errors[f"{link.name}.fixed"]))
+        moved = _seen_from(link.alignment, errors[f"{link.name}.moving"])
         for beyond in joints.values():
             if _link(beyond, "parent") == _link(joint, "child"):
                 _compose(beyond, before=moved)
@@ -72,7 +73,7 @@ def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, A
     if np.array_equal(moved, np.eye(4)) and np.array_equal(errors["tool"], np.eye(4)):
         return mechanism.tool_frame
     frame = f"{mechanism.tool_frame}_calibrated"
-    offset = moved @ mechanism.tool @ errors["tool"]
+    offset = moved @ link.alignment @ mechanism.tool @ errors["tool"]
     ET.SubElement(robot, "link", name=frame)
     _add_joint(robot, f"{frame}_joint", "fixed", mechanism.tool_frame, frame, offset)
     return frame
@@ -121,6 +122,11 @@ def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str,
     ET.SubElement(joint, "child", link=child)
     _set_origin(joint, origin)
     return joint
+
+
+def _seen_from(frame: Array, error: Array) -> Array:
+    """An error that acts in the frame, as it acts in the frame's own reference; none stays exactly none."""
+    return error if np.array_equal(error, np.eye(4)) else frame @ error @ np.linalg.inv(frame)
 
 
 def _compose(joint: ET.Element, *, before: Array | None = None, after: Array | None = None) -> None:

@@ -31,7 +31,7 @@ def parse_mimics(path: Path) -> dict[str, Mimic]:
         root = ET.parse(path).getroot()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
-    except (ET.ParseError, UnicodeDecodeError) as error:
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
     if root.tag != "robot":
         raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")

@@ -1,0 +1,144 @@
+"""Chains read from URDF against Pinocchio's own reading of the whole file."""
+
+from pathlib import Path
+
+import example_robot_data
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots_cases import ODD_URDF, poses, slot_frames
+
+from gpmodel.errors import InputError
+from robots import load_mechanism
+from robots.library import EXAMPLE_ARMS
+from robots.urdf import read_urdf
+
+LINK = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+JOINT = (
+    LINK + '<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+)
+
+
+@pytest.fixture
+def odd(tmp_path: Path) -> Path:
+    path = tmp_path / "odd.urdf"
+    path.write_text(ODD_URDF)
+    return path
+
+
+def whole_configuration(model: pin.Model, values: dict[str, float]) -> np.ndarray:
+    configuration = pin.neutral(model)
+    for name, value in values.items():
+        joint = model.joints[model.getJointId(name)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    return configuration
+
+
+@pytest.mark.parametrize("name", EXAMPLE_ARMS)
+def test_example_arm_agrees_with_pinocchio(name: str) -> None:
+    file, frame = EXAMPLE_ARMS[name]
+    model = pin.buildModelFromUrdf(f"{example_robot_data.getModelPath(file)}/{file}")
+    data = model.createData()
+    arm = load_mechanism(name)
+    assert arm is not None
+    q = poses(arm, np.random.default_rng(5), 20)
+    frames = slot_frames(arm, q)
+    torques = arm.loads(q, np.zeros(20))
+    for row, values in enumerate(q):
+        configuration = whole_configuration(model, dict(zip(arm.joint_names, values, strict=True)))
+        pin.framesForwardKinematics(model, data, configuration)
+        placement = data.oMf[model.getFrameId(frame, pin.FrameType.BODY)].homogeneous
+        np.testing.assert_allclose(frames[-1, row], placement, atol=1e-9)
+        holding = pin.rnea(model, data, configuration, np.zeros(model.nv), np.zeros(model.nv))
+        for joint in arm.joint_names:
+            expected = -holding[model.joints[model.getJointId(joint)].idx_v]
+            np.testing.assert_allclose(torques[f"torque_{joint}"][row], expected, atol=1e-9)
+
+
+def test_every_kind_of_joint_is_placed_as_pinocchio_does(odd: Path) -> None:
+    arm = read_urdf(odd)
+    assert arm.joint_names == ("swing", "lift", "turn")
+    assert arm.tool_frame == "tip"
+    assert [joint.kind for joint in arm.joints] == ["revolute", "prismatic", "revolute"]
+    np.testing.assert_array_equal(arm.limits, [[-np.inf, np.inf], [-0.2, 0.4], [-1.0, 2.0]])
+    assert arm.joints[0].drive == (("swing.moving", "Rz", 1.0), ("follow.moving", "Rz", -0.5))
+    assert arm.joints[1].drive == (("lift.moving", "Tz", -1.0),)
+    assert arm.joints[2].drive == (("turn.moving", "Rx", -1.0),)
+    model = pin.buildModelFromUrdf(str(odd))
+    data = model.createData()
+    q = poses(arm, np.random.default_rng(6), 10)
+    loads, frames = arm.loads(q, np.zeros(10)), slot_frames(arm, q)
+    for row, (swing, lift, turn) in enumerate(q):
+        values = {"swing": swing, "lift": lift, "follow": 0.3 - 0.5 * swing, "turn": turn}
+        configuration = whole_configuration(model, values)
+        pin.framesForwardKinematics(model, data, configuration)
+        np.testing.assert_allclose(frames[-1, row], data.oMf[model.getFrameId("tip")].homogeneous, atol=1e-12)
+        holding = pin.rnea(model, data, configuration, np.zeros(model.nv), np.zeros(model.nv))
+        by_joint = {name: -holding[model.joints[model.getJointId(name)].idx_v] for name in values}
+        np.testing.assert_allclose(loads["torque_swing"][row], by_joint["swing"] - 0.5 * by_joint["follow"], atol=1e-9)
+        np.testing.assert_allclose(loads["torque_lift"][row], by_joint["lift"], atol=1e-9)
+        np.testing.assert_allclose(loads["torque_turn"][row], by_joint["turn"], atol=1e-9)
+        np.testing.assert_allclose(loads["force_base_z"][row], -9.81 * 13.5, rtol=1e-12)
+
+
+def test_frame_chooses_the_chain(odd: Path) -> None:
+    flap = read_urdf(odd, frame="flap")
+    assert flap.joint_names == ("swing", "lift", "flap")
+    carriage = read_urdf(odd, frame="carriage")
+    assert carriage.joint_names == ("swing", "lift")
+    q = np.array([[0.4, 0.1]])
+    assert carriage.loads(q, np.zeros(1))["force_base_z"] == pytest.approx(-9.81 * 13.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("panda", "panda_hand_tcp"), ("ur5", "tool0"), ("xarm7", "link_eef"), ("ur10", "tool0")],
+)
+def test_default_frame_is_the_last_link_of_the_arm_not_of_its_fingers(name: str, expected: str) -> None:
+    file, _ = EXAMPLE_ARMS[name]
+    assert read_urdf(Path(example_robot_data.getModelPath(file)) / file).tool_frame == expected
+
+
+def test_default_frame_stops_before_a_gripper_that_turns() -> None:
+    file = "ur_description/urdf/ur5_gripper.urdf"
+    arm = read_urdf(Path(example_robot_data.getModelPath(file)) / file)
+    assert len(arm.joint_names) == 6
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("", "not well-formed XML"),
+        ("<robot><link", "not well-formed XML"),
+        ("<html/>", "expected <robot>"),
+        ('<robot name="r"/>', "No link elements"),
+        ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "xacro"),
+        (JOINT.replace('child link="b"', 'child link="c"'), r"\[c\]"),
+        (JOINT.replace("0 0 1", "0 zero 1"), r"\[zero\]"),
+        (JOINT.replace("0 0 1", "0 0 0"), "axis 0 0 0"),
+        (JOINT.replace("revolute", "hinged"), "hinged"),
+        (JOINT.replace("revolute", "fixed"), "no moving joint"),
+        (JOINT.replace("<axis", '<mimic joint="j" multiplier="two"/><axis'), "two"),
+        (JOINT.replace("<axis", '<mimic joint="j"/><axis'), "mimics"),
+        (JOINT.replace("<limit", "<nolimit"), "limits"),
+    ],
+)
+def test_bad_file_is_one_line_and_nothing_printed(
+    content: str, complaint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.urdf"
+    path.write_text(content)
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_urdf(path)
+    assert "\n" not in str(caught.value)
+    assert "bad.urdf" in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_missing_file_and_unknown_frame(tmp_path: Path, odd: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_urdf(tmp_path / "none.urdf")
+    with pytest.raises(InputError, match=r"no link named 'flange' .* world, bench"):
+        read_urdf(odd, frame="flange")
+    with pytest.raises(InputError, match="no moving joint"):
+        read_urdf(odd, frame="bench")
