@@ -18,11 +18,14 @@ from robots.urdf import read_urdf
 
 # File under example-robot-data's robots, and the link measured at by default.
 EXAMPLE_ARMS = {
+    "baxter": ("baxter_description/urdf/baxter.urdf", "left_gripper"),
+    "bravo7_no_ee": ("bravo7_description/urdf/bravo7_no_ee.urdf", "contact_point"),
     "kinova": ("kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
     "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
     "so100": ("so_arm_description/urdf/so100.urdf", "gripper"),
     "so101": ("so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
     "talos_arm": ("talos_data/robots/talos_left_arm.urdf", "wrist_left_ft_tool_link"),
+    "tiago_no_hand": ("tiago_description/robots/tiago_no_hand.urdf", "wrist_ft_tool_link"),
     "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0"),
     "ur3_limited": ("ur_description/urdf/ur3_joint_limited_robot.urdf", "tool0"),
     "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from gpmodel.mechanism import Array
+from gpmodel.mechanism import AXES, Array
 
 if TYPE_CHECKING:
     from robots.chain import SerialChain
@@ -68,19 +68,18 @@ def _wrenches(model: pin.Model, motions: Array) -> Array:
     """Wrenches (N, 1 + joints, 6) of gravity on the base and on each joint, in the frame after its motion."""
     data = model.createData()
     at_rest = np.zeros(model.nv)
-    first = range(1, model.njoints)
+    joints = range(1, model.njoints)
     wrenches = np.empty((len(motions), model.njoints, 6))
     for row, motion in zip(wrenches, motions, strict=True):
         pin.rnea(model, data, motion, at_rest, at_rest)
-        for joint in first:
+        for joint in joints:
             row[joint] = data.f[joint].vector
         row[0] = data.liMi[1].act(data.f[1]).vector
     return -wrenches
 
 
 def _named(chain: SerialChain, wrenches: Array) -> dict[str, Array]:
-    components = {"Tx": 0, "Ty": 1, "Tz": 2, "Rx": 3, "Ry": 4, "Rz": 5}
-    along = [wrenches[:, i + 1, components[link.axis]] for i, link in enumerate(chain.links)]
+    along = [wrenches[:, i + 1, AXES.index(link.axis)] for i, link in enumerate(chain.links)]
     torques = np.stack(along, axis=1) @ chain.coupling
     named = {f"torque_{name}": torques[:, column] for column, name in enumerate(chain.joint_names)}
     for i, name in enumerate(("base", *(link.name for link in chain.links))):

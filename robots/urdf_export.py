@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from gpmodel import se3
 from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array
 from robots.motion import along
+from robots.urdf_file import parse_xml
 
 if TYPE_CHECKING:
     from robots.chain import SerialChain
@@ -37,12 +39,11 @@ def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], p
                 f"{', '.join(mechanism.slots)}"
             )
     errors = dict.fromkeys(mechanism.slots, np.eye(4))
-    errors |= {slot: pin.exp6(np.asarray(twist)).homogeneous for slot, twist in twists.items()}
+    errors |= {slot: se3.exp(np.asarray(twist, dtype=np.float64)) for slot, twist in twists.items()}
     if mechanism.source is None:
         robot, frame = _generated(mechanism, errors), mechanism.tool_frame
     else:
-        parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
-        robot = ET.parse(mechanism.source, parser).getroot()
+        robot = parse_xml(mechanism.source)
         frame = _corrected(mechanism, robot, errors)
     ET.indent(robot)
     try:

@@ -25,18 +25,24 @@ class Mimic:
     offset: float
 
 
-def parse_mimics(path: Path) -> dict[str, Mimic]:
-    """Every mimic joint by name. Raises InputError where the file cannot be a URDF."""
+def parse_xml(path: Path) -> ET.Element:
+    """The <robot> element, comments kept. Raises InputError where the file cannot be a URDF."""
     try:
-        root = ET.parse(path).getroot()
+        root = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
     if root.tag != "robot":
         raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
-    if any("xacro" in element.tag for element in root.iter()):
+    if any("xacro" in str(element.tag) for element in root.iter()):
         raise InputError(f"{path}: holds xacro macros; expected plain URDF (run `xacro {path.name}` first)")
+    return root
+
+
+def parse_mimics(path: Path) -> dict[str, Mimic]:
+    """Every mimic joint by name. Raises InputError where the file cannot be a URDF."""
+    joints = parse_xml(path).findall("joint")
     try:
         return {
             joint.get("name", ""): Mimic(
@@ -44,7 +50,7 @@ def parse_mimics(path: Path) -> dict[str, Mimic]:
                 float(mimic.get("multiplier", "1")),
                 float(mimic.get("offset", "0")),
             )
-            for joint in root.findall("joint")
+            for joint in joints
             if (mimic := joint.find("mimic")) is not None
         }
     except ValueError as error:

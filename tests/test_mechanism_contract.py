@@ -90,8 +90,7 @@ def test_loads_are_linear_in_the_payload_of_each_row(mechanism: Mechanism, q: Ar
         np.testing.assert_allclose(load, bare + payload / 60.0 * (full[name] - bare), atol=1e-9)
 
 
-def test_torque_is_the_work_of_the_base_force_field(mechanism: Mechanism, q: Array) -> None:
-    """Whatever hangs where, the torque about a coordinate is  sum(weight * wrench on the driven slot)."""
+def test_torque_is_what_the_drive_collects_of_the_wrenches(mechanism: Mechanism, q: Array) -> None:
     loads = mechanism.loads(q, np.full(len(q), 12.0))
     for joint in mechanism.joints:
         work = np.zeros(len(q))

@@ -94,6 +94,14 @@ def test_bad_twist(slot: str, twist: Array, tmp_path: Path) -> None:
     assert not (tmp_path / "out.urdf").exists()
 
 
+def test_source_that_has_gone(tmp_path: Path) -> None:
+    (tmp_path / "odd.urdf").write_text(ODD_URDF)
+    chain = read_urdf(tmp_path / "odd.urdf")
+    (tmp_path / "odd.urdf").unlink()
+    with pytest.raises(InputError, match="No such file"):
+        chain.write_urdf(tmp_path / "out.urdf")
+
+
 def test_folder_that_is_not_there(tmp_path: Path) -> None:
     chain = load_mechanism("irb6400r")
     assert chain is not None
