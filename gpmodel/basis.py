@@ -9,13 +9,14 @@ import numpy as np
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Array
+from gpmodel.operators import ARITHMETIC
 from gpmodel.states import States
 
 _FUNCTIONS: dict[str, Any] = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "atan": np.arctan, "tanh": np.tanh, "exp": np.exp,
-    "log": np.log, "sqrt": np.sqrt, "Abs": np.abs, "abs": np.abs, "sign": np.sign, "step": lambda x: (x > 0) * 1.0,
-    "Min": np.minimum, "Max": np.maximum, "min": np.minimum, "max": np.maximum, "Mod": np.mod, "asinh": np.arcsinh,
-}  # fmt: skip
+    **{o.name: o.function for o in ARITHMETIC if o.name != "not"},
+    "sign": np.sign,
+    "step": lambda x: (x > 0) * 1.0,
+}
 _NODES = (
     ast.Expression, ast.BinOp, ast.UnaryOp, ast.Call, ast.Name, ast.Constant, ast.Load,
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd,

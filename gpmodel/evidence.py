@@ -264,4 +264,4 @@ def chance(value: float, null: Array) -> float:
 def canonical_correlation(first: Array, second: Array) -> float:
     """Smallest share in which the span of `first` (M, a) lies inside the span of `second` (M, b)."""
     inside = ident.orthonormal(second).T @ ident.orthonormal(first)
-    return float(np.linalg.svd(inside, compute_uv=False).min(initial=0.0)) if inside.size else 0.0
+    return float(np.linalg.svd(inside, compute_uv=False).min()) if inside.size else 0.0

@@ -1,0 +1,214 @@
+"""Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
+
+import ast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy import stats
+
+from gpmodel.basis import Expression
+from gpmodel.catalogue import Candidate
+from gpmodel.effect import axis_unit
+from gpmodel.errors import InputError
+from gpmodel.evidence import Evidence, Site, chance
+from gpmodel.evolve import Evolution, Inputs, Settings, SlotProblem, evolve
+from gpmodel.mechanism import Array
+from gpmodel.program import Program
+from gpmodel.projection import Targets
+from gpmodel.states import States
+
+NATS_PER_NODE = 2.0
+GP_POSES = 300
+SIGNIFICANCE = 0.05
+POPULATION = 512
+GENERATIONS = 40
+
+
+class Effort(Protocol):
+    """What the search reads of the loop's options."""
+
+    @property
+    def runs(self) -> int: ...
+    @property
+    def workers(self) -> int: ...
+    @property
+    def representations(self) -> tuple[str, ...]: ...
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Runs whose best program references each input in effective code, by representation, and on shuffled residuals.
+
+    p_values: chance of the count and of what the best such run saves, times the number of inputs.
+    """
+
+    inputs: tuple[str, ...]
+    linear: tuple[int, ...]
+    tree: tuple[int, ...]
+    shuffled: tuple[int, ...]
+    p_values: tuple[float, ...]
+    significant: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What GP made of one residual: candidates, the null of their description lengths, and the histogram."""
+
+    candidates: tuple[Candidate, ...]
+    null_nats: Array
+    histogram: Histogram
+
+
+def explore(
+    evidence: Evidence, sites: tuple[Site, ...], effort: Effort, rng: np.random.Generator,
+    say: Callable[[str], None], number: int,
+) -> Exploration:  # fmt: skip
+    """Evolve bases over all sites at once, `runs` times a representation; then the same on shuffled residuals.
+
+    Above 300 poses the GP sees a sample of them; what it finds is scored on all.
+    """
+    n = len(evidence.poses)
+    rows = np.sort(rng.permutation(n)[:GP_POSES]) if n > GP_POSES else np.arange(n)
+    inputs, names = readable_inputs(evidence.poses.states, rows)
+    full = evidence.targets(sites)
+    candidates: dict[str, Candidate] = {}
+    tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
+    null: list[float] = []
+    chance_runs: list[Evolution] = []
+    total = 2 * effort.runs * len(effort.representations)
+    shuffles = evidence.shuffled(rng, effort.runs * len(effort.representations))
+    done = 0
+    for representation in effort.representations:
+        settings = Settings(
+            representation=representation, population=POPULATION, generations=GENERATIONS, seconds=1e9,
+            parsimony=NATS_PER_NODE, threads=effort.workers, depth=5,
+        )  # fmt: skip
+        for run in range(effort.runs):
+            say(f"round {number}: evolving, {representation} run {run + 1} of {effort.runs}, {done} of {total} done")
+            found = evolve(SlotProblem(inputs, _at(full, rows)), settings, rng.spawn(1)[0])
+            tried[representation].append(found)
+            for item in found.front:
+                candidate = _candidate(item.program, sites[item.site], names, item.complexity, len(sites))
+                if candidate is not None:
+                    candidates.setdefault(candidate.name, candidate)
+            shuffled = evidence.targets(sites, shuffles[:, done // 2])
+            by_chance = evolve(SlotProblem(inputs, _at(shuffled, rows)), settings, rng.spawn(1)[0])
+            chance_runs.append(by_chance)
+            null.append(_best_nats(evidence, by_chance, len(sites)))
+            done += 2
+    histogram = referenced(inputs.names, tried, chance_runs, lambda run: _best_nats(evidence, run, len(sites)), null)
+    return Exploration(tuple(candidates.values()), np.array(null), histogram)
+
+
+def readable_inputs(states: States, rows: Array) -> tuple[Inputs, Mapping[str, str]]:
+    """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
+
+    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns.
+    """
+    names, values, written = [], [], {}
+    for name, column in states.columns.items():
+        if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
+            continue
+        spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
+        if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if states.units[name] in ("rad", "m"):
+            offset, scale = 0.0, 1.0
+        elif states.units[name] in ("Nm", "N"):
+            offset, scale = 0.0, float(f"{largest:.3g}")
+        else:
+            offset, scale = float(f"{column.mean():.4g}"), float(f"{max(column.std(), 1e-12):.3g}")
+        names.append(name)
+        values.append((column[rows] - offset) / scale)
+        shifted = f"({name} - {offset!r})" if offset else name
+        written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
+    angles = tuple(n for n in names if states.units[n] == "rad")
+    return Inputs(tuple(names), np.array(values), angles), written
+
+
+def _best_nats(evidence: Evidence, run: Evolution, sites: int) -> float:
+    """The largest description length that any program of a run saves."""
+    saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(c.complexity, sites)) for c in run.front]
+    return float(max(saved, default=-np.inf))
+
+
+def _at(targets: Targets, rows: Array) -> Targets:
+    """The same sites at some poses only, with the energy in proportion."""
+    if len(rows) == targets.poses:
+        return targets
+    pull = targets.pull[:, rows]
+    share = len(rows) / targets.poses
+    return replace(
+        targets, weight=targets.weight[:, rows], cross=targets.cross[:, :, rows], pull=pull,
+        energy=targets.energy * share, samples=int(targets.samples * share),
+    )  # fmt: skip
+
+
+def _cost(complexity: int, sites: int) -> float:
+    return NATS_PER_NODE * complexity + float(np.log(sites))
+
+
+def _candidate(program: Program, site: Site, names: Mapping[str, str], complexity: int, sites: int) -> Candidate | None:
+    """A program as effects at its site, one an output; None where it is no function of any input."""
+    texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
+    texts = [t for t in dict.fromkeys(texts)]
+    try:
+        bases = [Expression(t) for t in texts]
+    except InputError:
+        return None
+    bases = [b for b in bases if b.inputs]
+    if not bases:
+        return None
+    label = " and ".join(b.text for b in bases)
+    name = f"{label} on {site.name}"
+    unit = axis_unit(site.axis)
+    effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
+    return Candidate(name, effects, "", _cost(complexity, sites), "evolved")
+
+
+def expression_text(program: Program, names: Mapping[str, str]) -> str:
+    """A one-output program as one line of arithmetic over the table's columns.
+
+    A program that is a bare input is that input unscaled: its coefficient takes the scale up.
+    """
+    infix = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "modulo": "%"}
+    if len(program.nodes) == 1 and program.nodes[0].operator == "input":
+        return str(program.nodes[0].value)
+    texts: list[str] = []
+    for node in program.nodes:
+        arguments = [texts[k] for k in node.arguments]
+        if node.operator == "input":
+            texts.append(names[str(node.value)])
+        elif node.operator == "constant":
+            texts.append(f"({float(node.value or 0.0):.5g})")
+        elif node.operator in infix:
+            texts.append(f"({arguments[0]} {infix[node.operator]} {arguments[1]})")
+        else:
+            texts.append(f"{node.operator}({', '.join(arguments)})")
+    return ast.unparse(ast.parse(texts[program.outputs[0]], mode="eval"))
+
+
+def referenced(inputs: tuple[str, ...], tried: Mapping[str, list[Evolution]], by_chance: list[Evolution]) -> Histogram:
+    """The histogram of referenced inputs of real runs beside that of runs on shuffled residuals."""
+
+    def count(runs: list[Evolution], name: str) -> int:
+        return sum(name in run.best.program.inputs for run in runs)
+
+    real = [run for runs in tried.values() for run in runs]
+    p_values = []
+    for name in inputs:
+        yes, chance_yes = count(real, name), count(by_chance, name)
+        table = [[yes, len(real) - yes], [chance_yes, len(by_chance) - chance_yes]]
+        best = max((saved(run) for run in real if name in run.best.program.inputs), default=-np.inf)
+        by_count = float(stats.fisher_exact(table, "greater").pvalue)
+        p_values.append(min(1.0, len(inputs) * max(by_count, chance(best, np.array(null)))))
+    return Histogram(
+        inputs=inputs,
+        linear=tuple(count(tried.get("linear", []), name) for name in inputs),
+        tree=tuple(count(tried.get("tree", []), name) for name in inputs),
+        shuffled=tuple(count(by_chance, name) for name in inputs),
+        p_values=tuple(p_values),
+        significant=tuple(n for n, p in zip(inputs, p_values, strict=True) if p < SIGNIFICANCE),
+    )
