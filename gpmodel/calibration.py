@@ -12,6 +12,16 @@ from gpmodel import se3
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect
 from gpmodel.errors import InputError
+from gpmodel.free_joints import (
+    Complement,
+    check_points,
+    complement,
+    free_joints,
+    joint_columns,
+    observable,
+    solve_joints,
+    without_absorbed,
+)
 from gpmodel.mechanism import AXES, Array
 from gpmodel.model import ErrorModel, Observed, Placement, Poses, measured_minus, observe
 from gpmodel.placement import start_placement
@@ -23,6 +33,8 @@ STEP_TOLERANCE = 1e-9
 OUTLIER_SIGMAS = 6.0
 OUTLIER_SHARE = 0.1
 MINIMUM_SHARE = 1e-3
+MANY_COLUMNS = 200
+FREE_JOINTS_LIMIT = 50.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +42,9 @@ class Linearised:
     """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
 
     The first `placement` columns are registration, tool and anchors; the others are the model's effects.
-    Metres throughout: rotations are weighted by `lever`. observed: what was predicted.
+    Metres throughout: rotations are weighted by `lever`. observed: what was predicted. poses: those given, with
+    free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
+    weights: (N, m), positive where an observation is a row; `left` is what free joints leave, None without any.
     """
 
     columns: Array
@@ -39,13 +53,26 @@ class Linearised:
     placement: int
     placement_names: tuple[str, ...]
     observed: Observed
+    poses: Poses
+    sizes: Array
     weights: Array
+    left: "Left | None" = None
 
     def weigh(self, values: Array) -> Array:
-        """Observations (N, m, ...) as rows (M, ...), weighted like the residual."""
+        """Observations (N, m, ...) as rows (M, ...), weighted like the residual; what free joints absorb is zero."""
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
-        rows = (values * self.weights.reshape(shape))[self.weights > 0]
-        return rows
+        if self.left is not None:
+            weighted = values * self.left.weights.reshape(shape)
+            return without_absorbed(self.left.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
+        return (values * self.weights.reshape(shape))[self.weights > 0]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What free joints leave of the observations, and the weights (N, m) these had before."""
+
+    complement: Complement
+    weights: Array
 
 
 @dataclass(frozen=True)
@@ -96,9 +123,15 @@ def pose_error(residual: Array) -> Array:
 
 
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
-    """3-D error (N,) of a fitted model on any poses of known setups and tools, m."""
+    """3-D error (N,) of a fitted model on any poses of known setups and tools, m; free joints are solved first."""
+    poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
     return pose_error(measured_minus(observed, poses.dataset))
+
+
+def resolved(calibration: Calibration, poses: Poses) -> Poses:
+    """The poses with the free joints of the mechanism solved against what was measured; the same without any."""
+    return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
@@ -118,24 +151,59 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Array
 ) -> Linearised:
-    """The weighted problem at one point; `use` (N,) says which poses count."""
-    data = poses.dataset
+    """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
+    poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
-    residual = measured_minus(observed, data)
+    residual = measured_minus(observed, poses.dataset)
     weights = np.isfinite(residual) * use[:, None].astype(float)
     weights[:, 3:6] *= lever
     blocks, names = _placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
     columns = np.concatenate(blocks, axis=2)
+    count = columns.shape[2] - len(model.effects)
+    if free_joints(model.mechanism):
+        return _eliminated(model, poses, placement, observed, columns, residual, weights, names)
     rows = weights > 0
+    weighted = columns[rows] * weights[rows][:, None]
     return Linearised(
-        columns=columns[rows] * weights[rows][:, None],
+        columns=weighted,
         residual=residual[rows] * weights[rows],
         pose_of_row=np.nonzero(rows)[0],
-        placement=columns.shape[2] - len(model.effects),
+        placement=count,
         placement_names=tuple(names),
         observed=observed,
+        poses=poses,
+        sizes=np.linalg.norm(weighted, axis=0),
         weights=weights,
+    )
+
+
+def _eliminated(
+    model: ErrorModel, poses: Poses, placement: Placement, observed: Observed, columns: Array, residual: Array,
+    weights: Array, names: list[str],
+) -> Linearised:  # fmt: skip
+    """The linear problem of what the free joints of each pose leave."""
+    measured, count = weights > 0, len(names)
+    joints = joint_columns(model.mechanism, observed)
+    left = complement(joints * weights[:, :, None], measured)
+    weighted = columns * weights[:, :, None]
+    sizes = np.linalg.norm(weighted, axis=(0, 1))
+    rows = without_absorbed(left.rows(weighted), sizes)
+    bare = observe(ErrorModel(model.mechanism, ()), poses, np.zeros(0), placement)
+    nominal = np.concatenate(_placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
+    rest = complement(joint_columns(model.mechanism, bare) * weights[:, :, None], measured).rows(nominal)
+    rows[:, :count] = observable(left.rows(weighted[:, :, :count]), rest, sizes[:count])
+    return Linearised(
+        columns=rows,
+        residual=left.rows(np.where(measured, residual, 0.0) * weights),
+        pose_of_row=np.nonzero(left.keep)[0],
+        placement=count,
+        placement_names=tuple(names),
+        observed=observed,
+        poses=poses,
+        sizes=sizes,
+        weights=left.keep.astype(float),
+        left=Left(left, weights),
     )
 
 
@@ -212,6 +280,9 @@ def _calibrate(
     robust: bool,
     seed: int,
 ) -> Calibration:
+    if free_joints(model.mechanism):
+        check_points(poses.dataset)
+        condition_limit = condition_limit or FREE_JOINTS_LIMIT
     placement = start.placement if start else start_placement(poses)
     lever = start.lever if start else ROTATION_LEVER
     use = np.ones(len(poses), dtype=bool)
@@ -261,10 +332,11 @@ def _choose(
     believed = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
     kept |= believed
-    if len(problem.residual) <= problem.placement + (kept & ~believed).sum():
+    unknowns = ident.orthonormal(fixed).shape[1] if problem.left else problem.placement
+    if len(problem.residual) < unknowns + (kept & ~believed).sum() + (problem.left is None):
         raise InputError(
             f"{poses.dataset.source}: {len(problem.residual)} measured values for "
-            f"{problem.placement + kept.sum()} unknowns; expected more poses than that or fewer parameters"
+            f"{unknowns + kept.sum()} unknowns; expected more poses than that or fewer parameters"
         )
     return kept, limit, curve
 
@@ -279,10 +351,10 @@ def _iterate(
         columns = problem.columns[:, free]
         belief, pull = _belief(model, theta, problem, kept)
         system = np.vstack([columns, belief[:, free]])
-        scale = np.linalg.norm(system, axis=0)
+        scale = np.hypot(problem.sizes[free], np.linalg.norm(belief[:, free], axis=0))
         scale[scale < ident.NEGLIGIBLE] = np.inf
         target = np.concatenate([problem.residual, pull])
-        solution = linalg.lstsq(system / scale, target, cond=1e-10, lapack_driver="gelsy")[0] / scale
+        solution = solve(system / scale, target) / scale
         moved = float(np.max(np.abs(columns @ solution), initial=0.0))
         step = np.zeros(len(free))
         step[free] = solution
@@ -295,6 +367,15 @@ def _iterate(
             return placement, theta, problem, iteration, "diverged"
         last = moved
     return placement, theta, problem, MAX_ITERATIONS, "stalled"
+
+
+def solve(system: Array, target: Array) -> Array:
+    """Least squares of unit columns: by pivoted QR, or by normal equations where hundreds of priors keep them regular."""
+    if system.shape[1] < MANY_COLUMNS:
+        return linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0]
+    gram = system.T @ system
+    gram[np.diag_indices_from(gram)] += 1e-12
+    return linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), system.T @ target, check_finite=False)
 
 
 def _belief(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
@@ -335,19 +416,18 @@ def _summarise(
     columns = np.vstack([problem.columns[:, free], belief[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
-    u, s, vt = linalg.svd(columns / scale, full_matrices=False)
-    good = s > 1e-9 * s[0]
-    freedom = max(len(columns) - int(good.sum()), 1)
+    inverse = np.linalg.pinv(np.linalg.qr(columns / scale, mode="r"), rcond=1e-9)
+    freedom = max(len(columns) - columns.shape[1], 1)
     sigma = float(np.sqrt(np.sum(problem.residual**2) / freedom))
-    root = vt[good].T / s[good] / scale[:, None]
-    covariance = sigma**2 * root @ root.T
+    covariance = sigma**2 * (inverse @ inverse.T) / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)
     n, at = len(theta), np.flatnonzero(kept)
     stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
     stderr[at] = deviation[effects]
-    share[at] = ident.unique_shares(columns)[effects]
+    fixed = ident.orthonormal(columns[:, : problem.placement])
+    share[at] = ident.unique_shares(np.hstack([fixed, columns[:, effects]]))[fixed.shape[1] :]
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     reasons = {
         "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
@@ -357,7 +437,7 @@ def _summarise(
     return Calibration(
         model=model, placement=placement, theta=theta, stderr=stderr, kept=kept, correlation=correlation,
         unique_share=share, sigma=sigma, error=pose_error(measured_minus(problem.observed, poses.dataset)),
-        outliers=np.flatnonzero(~use), rank=int(free.sum()), condition_limit=limit, rank_curve=curve, lever=lever,
+        outliers=np.flatnonzero(~use), rank=columns.shape[1], condition_limit=limit, rank_curve=curve, lever=lever,
         iterations=iterations, status=status, reason=reasons[status],
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from gpmodel.calibration import Calibration, calibrate, errors_on, without_outli
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, geometric_effects
-from gpmodel.evidence import Evidence, Score, gather, sites_of
+from gpmodel.evidence import gather, sites_of
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Poses
@@ -58,7 +58,6 @@ class Round:
 
     number: int
     hypotheses: tuple[Hypothesis, ...]
-    null: Array
     exploration: Exploration
     dropped: tuple[str, ...] = ()
 
@@ -138,41 +137,36 @@ def discover(
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
     say: called with one line on what is being tried. keep: called after every round with all that is finished.
-    resume: findings and rounds of an interrupted run with the same options.
+    resume: findings and rounds of an interrupted run with the same options; it goes on to the same numbers.
     """
     started = time.monotonic()
     standard = geometric_effects(mechanism) if options.standard is None else options.standard
     loop = _Loop(mechanism, poses, train, heldout, options, say, standard)
-    say("registration and tool")
-    loop.climb("registration", loop.fit(ErrorModel(mechanism, ())))
     say("standard model")
-    calibration = loop.fit(loop.model(()))
-    loop.climb("standard", calibration)
-    for finding in resume[0]:
-        loop.findings.append(finding)
-        calibration = loop.fit(loop.model(loop.findings), calibration)
-        loop.climb(f"effect {len(loop.findings)}", calibration, len(loop.findings) - 1)
+    base = loop.fit(ErrorModel(mechanism, ()))
+    standard_fit = loop.fit(loop.model(()))
+    loop.findings.extend(resume[0])
     loop.rounds.extend(resume[1])
+    calibration = loop.fit(loop.model(loop.findings), standard_fit) if loop.findings else standard_fit
     stopped = "nothing else stands out of chance"
-    while True:
+    while not (loop.rounds and not any(h.accepted for h in loop.rounds[-1].hypotheses)):
         if len(loop.findings) >= options.max_effects:
             stopped = f"stopped at {options.max_effects} effects"
             break
         if loop.rounds and time.monotonic() - started > 60 * options.minutes:
             stopped = f"stopped after {options.minutes:g} minutes; there may be more to find"
             break
-        calibration, found = _round(loop, calibration)
+        calibration = _round(loop, calibration, standard_fit)
         keep(loop.findings, loop.rounds)
-        if not found:
-            break
-    say("final fit on all poses")
-    final = calibrate(
-        loop.model(loop.findings),
-        poses,
-        condition_limit=calibration.condition_limit,
-        start=calibration,
-        seed=options.seed,
-    )
+    say("the ladder of held-out errors, and the final fit on all poses")
+    loop.climb("registration", base)
+    loop.climb("standard", standard_fit)
+    for i in range(len(loop.findings)):
+        last = i + 1 == len(loop.findings)
+        rung = calibration if last else loop.fit(loop.model(loop.findings[: i + 1]), standard_fit)
+        loop.climb(f"effect {i + 1}", rung, i)
+    limit = calibration.condition_limit
+    final = calibrate(loop.model(loop.findings), poses, condition_limit=limit, start=calibration, seed=options.seed)
     seconds = time.monotonic() - started
     return Discovery(
         mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final, standard,
@@ -180,7 +174,8 @@ def discover(
     )  # fmt: skip
 
 
-def _round(loop: _Loop, calibration: Calibration) -> tuple[Calibration, bool]:
+def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> Calibration:
+    """One round; the fit after it depends on the findings alone, so that a resumed run repeats it."""
     number = len(loop.rounds) + 1
     rng = np.random.default_rng([loop.options.seed, number])
     train = loop.poses.subset(loop.train)
@@ -193,37 +188,34 @@ def _round(loop: _Loop, calibration: Calibration) -> tuple[Calibration, bool]:
     pool = [c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known]
     scores, null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))
     exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
-    evolved, evolved_null = _score_evolved(evidence, exploration)
-    joined = Pool((*pool, *exploration.candidates), (*scores, *evolved), {"catalogue": null, "evolved": evolved_null})
+    evolved = [c for c in exploration.candidates if c.name not in known]
+    joined = Pool(
+        (*pool, *evolved),
+        (*scores, *evidence.scores(evolved)[0]),
+        {"catalogue": null, "evolved": exploration.null_nats},
+    )
     hypotheses = judge(evidence, joined)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
     if best is not None:
         loop.say(f"round {number}: added {best.candidate.name}")
         loop.findings.append(Finding(best, number))
-        calibration = loop.fit(loop.model(loop.findings), calibration)
-        dropped, calibration = _prune(loop, calibration)
-        loop.climb(f"effect {len(loop.findings)}", calibration, len(loop.findings) - 1)
-    loop.rounds.append(Round(number, hypotheses, joined.nulls["evolved"], exploration, dropped))
-    return calibration, best is not None
+        dropped = _prune(loop, standard_fit)
+        calibration = loop.fit(loop.model(loop.findings), standard_fit)
+    loop.rounds.append(Round(number, hypotheses, exploration, dropped))
+    return calibration
 
 
-def _score_evolved(evidence: Evidence, exploration: Exploration) -> tuple[list[Score], Array]:
-    scores, _ = evidence.scores(exploration.candidates)
-    return scores, exploration.null_nats
-
-
-def _prune(loop: _Loop, calibration: Calibration) -> tuple[tuple[str, ...], Calibration]:
+def _prune(loop: _Loop, standard_fit: Calibration) -> tuple[str, ...]:
     """Take out earlier findings that the newest one has made superfluous: description length without them is less."""
     dropped: list[str] = []
     train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
     for finding in list(loop.findings[:-1]):
         others = [f for f in loop.findings if f is not finding]
-        without = loop.fit(loop.model(others), calibration)
+        without = loop.fit(loop.model(others), standard_fit)
         score = gather(without, train, loop.options.seed).scores([finding.candidate])[0][0]
         if score.nats < 0:
             dropped.append(finding.candidate.name)
             loop.findings.remove(finding)
             loop.say(f"dropped {finding.candidate.name}: the others explain it")
-            calibration = without
-    return tuple(dropped), calibration
+    return tuple(dropped)

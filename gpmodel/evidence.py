@@ -9,7 +9,7 @@ from scipy import linalg, stats
 
 from gpmodel import identifiability as ident
 from gpmodel.basis import ONE, Basis
-from gpmodel.calibration import Calibration, Linearised, effect_columns, linearise
+from gpmodel.calibration import Calibration, Linearised, effect_columns, linearise, solve
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, Term
@@ -218,7 +218,7 @@ class Evidence:
             test = self.fold_of_row == fold
             system = np.vstack([columns[~test] / scale, rows])
             target = np.concatenate([self.residual[~test], np.zeros(len(rows))])
-            solved = linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0]
+            solved = solve(system, target)
             miss = self.residual[test] - columns[test] / scale @ solved
             np.add.at(per_pose, self.problem.pose_of_row[test], miss**2)
             coefficients.append((solved / scale)[columns.shape[1] - extra.shape[1] :])

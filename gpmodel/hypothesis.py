@@ -72,7 +72,11 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
             followers[leader].append(i)
     before, per_pose, _ = evidence.cross_validated(())
     judged = [_verdict(evidence, pool, i, followers[i], before, per_pose) for i in leaders[:SHORTLIST]]
-    return tuple(judged)
+    first = next((k for k, h in enumerate(judged) if h.accepted), len(judged))
+    waits = "passes, but explains less than the one accepted: judged again in the next round"
+    return tuple(
+        replace(h, accepted=False, why=waits) if h.accepted and k != first else h for k, h in enumerate(judged)
+    )
 
 
 def _alike(first: Array, second: Array) -> bool:

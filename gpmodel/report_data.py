@@ -159,7 +159,7 @@ def _round(entry: Round, names: Mapping[str, str]) -> dict[str, Any]:
     return {
         "round": entry.number,
         "candidates": [_tried(h, names) for h in entry.hypotheses],
-        "null_nats": [float(v) for v in entry.null if np.isfinite(v)],
+        "null_nats": [float(v) for v in entry.exploration.null_nats if np.isfinite(v)],
         "dropped": [translate(n, names) for n in entry.dropped],
     }
 

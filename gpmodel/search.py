@@ -190,8 +190,15 @@ def expression_text(program: Program, names: Mapping[str, str]) -> str:
     return ast.unparse(ast.parse(texts[program.outputs[0]], mode="eval"))
 
 
-def referenced(inputs: tuple[str, ...], tried: Mapping[str, list[Evolution]], by_chance: list[Evolution]) -> Histogram:
-    """The histogram of referenced inputs of real runs beside that of runs on shuffled residuals."""
+def referenced(
+    inputs: tuple[str, ...], tried: Mapping[str, list[Evolution]], by_chance: list[Evolution],
+    saved: Callable[[Evolution], float], null: list[float],
+) -> Histogram:  # fmt: skip
+    """The histogram of referenced inputs of real runs beside that of runs on shuffled residuals.
+
+    Runs on one residual agree even where there is only noise, so counting them is not enough: an input's p-value is the
+    larger of the count's and of the chance that a shuffled run saves as much as the best run that references it.
+    """
 
     def count(runs: list[Evolution], name: str) -> int:
         return sum(name in run.best.program.inputs for run in runs)
