@@ -1,9 +1,11 @@
 """Reading measured tables: CSV or Excel, units in the headers, separators and decimal commas found out."""
 
+import codecs
 import csv
 import hashlib
 import io
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +27,14 @@ def read_table(path: str | Path, mechanism: Mechanism, *, need_measurement: bool
     unknown unit, joints missing or in surplus, text among numbers, nothing measured.
     """
     path = Path(path)
-    frame, digest = _read_frame(path)
+    frame, digest = read_frame(path)
+    return dataset_from(frame, path, mechanism, need_measurement=need_measurement, sha256=digest)
+
+
+def dataset_from(
+    frame: pd.DataFrame, path: Path, mechanism: Mechanism, *, need_measurement: bool = True, sha256: str = ""
+) -> Dataset:
+    """The poses in a frame of text cells, as read_frame gives it; `path` is what messages name."""
     columns = _split_columns(frame, path)
     joints, used = _joint_columns(columns, mechanism.joints, path)
     n = len(frame)
@@ -72,12 +81,16 @@ def read_table(path: str | Path, mechanism: Mechanism, *, need_measurement: bool
         extra_units=extra_units,
         payload_given=payload_given,
         source=path.name,
-        sha256=digest,
+        sha256=sha256,
         columns=tuple(joints),
     )
 
 
-def _read_frame(path: Path) -> tuple[pd.DataFrame, str]:
+def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
+    """The file's cells as text, empty ones missing, decimal points throughout; and the SHA-256 of its bytes.
+
+    Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
+    """
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -87,7 +100,7 @@ def _read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in (".xlsx", ".xls"):
         try:
-            frame = pd.read_excel(io.BytesIO(raw), dtype=str)
+            frame = pd.read_excel(io.BytesIO(raw), dtype=str, keep_default_na=False, na_values=[""])
         except ImportError:
             raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
         except Exception as error:  # zip, xml and openpyxl errors of many kinds
@@ -101,16 +114,33 @@ def _read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
 
 def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
+    encodings = ("utf-16",) if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ("utf-8-sig", "latin-1")
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
+    if "\0" in text:
+        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
     header = text.lstrip().splitlines()[0]
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
     try:
-        frame = pd.read_csv(io.StringIO(text), sep=separator, dtype=str, skipinitialspace=True, index_col=False)
-    except (pd.errors.ParserError, csv.Error, pd.errors.ParserWarning) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                io.StringIO(text.lstrip()), sep=separator, dtype=str, skipinitialspace=True, index_col=False,
+                keep_default_na=False, na_values=[""],
+            )  # fmt: skip
+    except pd.errors.ParserWarning:
+        raise InputError(
+            f"{path.name}: rows have more cells than the header; expected one cell a column "
+            f"(with decimal commas, separate columns by ';')"
+        ) from None
+    except (pd.errors.ParserError, csv.Error) as error:
         raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
     if separator != ",":
         frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
@@ -163,7 +193,7 @@ def _numbers(column: pd.Series, where: str) -> Array:
     text = column.astype("string").str.strip()
     text = text.mask(text == "")
     values = pd.to_numeric(text, errors="coerce")
-    bad = values.isna() & text.notna() & ~text.str.lower().isin(["nan"])
+    bad = values.isna() & text.notna()
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
         raise InputError(f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell")

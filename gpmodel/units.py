@@ -1,5 +1,6 @@
 """Units, only at the door: what a header or an option says, turned into SI."""
 
+import math
 import re
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ from gpmodel.errors import InputError
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
 _QUANTITY = re.compile(r"^\s*(?P<value>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
+_NUMBER = re.compile(r"^\s*[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?\s*$")
 _SI = {"length": "m", "angle": "rad", "mass": "kg"}
 
 
@@ -55,3 +57,23 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
     if not match:
         raise InputError(f"{where}: '{text}' is no quantity; write a number and its unit, as in 0.03mm")
     return float(match["value"]) * factor(match["unit"], dimension, where)
+
+
+def convert(text: str, unit: str, where: str) -> float:
+    """The number in `text`, `20 arcsec` or `20`, in `unit`; without a unit of its own it is in `unit` already.
+
+    Raises InputError when it is no number or its unit does not convert.
+    """
+    try:
+        match = None if _NUMBER.match(text) else _QUANTITY.match(text)
+        value = float(match["value"] if match else text)
+        if match:
+            spelled = [u.replace("Nm", "N*m") for u in (match["unit"], "" if unit == "1" else unit)]
+            value = float(_registry().Quantity(value, spelled[0]).to(spelled[1]).magnitude)
+    except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
+        raise InputError(
+            f"{where}: '{text.strip()}' is no value in [{unit}]; write a number, as in 1e-3 {unit}"
+        ) from None
+    if not math.isfinite(value):
+        raise InputError(f"{where}: '{text.strip()}' is not finite; expected a number in [{unit}]")
+    return value

@@ -1,0 +1,114 @@
+"""Results on disk: whole or not at all."""
+
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from gpmodel.errors import InputError
+
+
+@contextmanager
+def finished_folder(out: Path) -> Iterator[Path]:
+    """A fresh folder beside `out`; what is in it replaces files of the same name in `out` only when all went well.
+
+    Raises InputError when `out` is a file or cannot be made.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; expected a folder")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+    try:
+        yield draft
+        draft.chmod(0o777 & ~_umask())
+        if out.exists():
+            for path in sorted(p for p in draft.rglob("*") if p.is_file()):
+                target = out / path.relative_to(draft)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(path, target)
+        else:
+            os.replace(draft, out)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` to `path` through a file beside it, so that no reader ever sees half of it.
+
+    Raises InputError when it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+                file.write(text)
+            os.chmod(draft, 0o666 & ~_umask())
+            os.replace(draft, path)
+        finally:
+            Path(draft).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def console_for_text() -> Console:
+    """Standard output for tables: as wide as the terminal, wide enough for any table where there is none."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+
+
+def to_json(value: Any) -> str:
+    """JSON text of nested dicts, sequences and NumPy numbers; what is not finite becomes null."""
+    return json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str) -> Path | None:
+    """Write a table to the file `out`, into the folder `out`, or to standard output; the path written."""
+    text = frame.to_csv(index=False, lineterminator="\n")
+    if out is None:
+        click.echo(text, nl=False)
+        return None
+    path = out if out.suffix.lower() in (".csv", ".txt") and not out.is_dir() else out / default_name
+    write_text(path, text)
+    return path
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case dict():
+            return {str(k): _plain(v) for k, v in value.items()}
+        case list() | tuple():
+            return [_plain(v) for v in value]
+        case np.ndarray():
+            return _plain(value.tolist())
+        case np.generic():
+            return _plain(value.item())
+        case float():
+            return value if math.isfinite(value) else None
+        case Path():
+            return str(value)
+    return value
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def command_line() -> str:
+    """What was typed, for the record."""
+    return " ".join(["gpmodel", *sys.argv[1:]])
