@@ -417,7 +417,8 @@ def _summarise(
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     inverse = np.linalg.pinv(np.linalg.qr(columns / scale, mode="r"), rcond=1e-9)
-    freedom = max(len(columns) - columns.shape[1], 1)
+    rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
+    freedom = max(len(columns) - rank, 1)
     sigma = float(np.sqrt(np.sum(problem.residual**2) / freedom))
     covariance = sigma**2 * (inverse @ inverse.T) / np.outer(scale, scale)
     effects = slice(problem.placement, None)
@@ -437,7 +438,7 @@ def _summarise(
     return Calibration(
         model=model, placement=placement, theta=theta, stderr=stderr, kept=kept, correlation=correlation,
         unique_share=share, sigma=sigma, error=pose_error(measured_minus(problem.observed, poses.dataset)),
-        outliers=np.flatnonzero(~use), rank=columns.shape[1], condition_limit=limit, rank_curve=curve, lever=lever,
+        outliers=np.flatnonzero(~use), rank=rank, condition_limit=limit, rank_curve=curve, lever=lever,
         iterations=iterations, status=status, reason=reasons[status],
     )  # fmt: skip
 
