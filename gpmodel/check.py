@@ -7,10 +7,10 @@ import numpy as np
 
 from gpmodel import identifiability as ident
 from gpmodel.calibration import ROTATION_LEVER, Calibration, calibrate, linearise
-from gpmodel.dataset import Dataset
+from gpmodel.dataset import Dataset, IntArray
 from gpmodel.effect import Effect, geometric_effects
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array, Mechanism
+from gpmodel.mechanism import Mechanism
 from gpmodel.misreading import misreading
 from gpmodel.model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.split import noise_floor
@@ -99,13 +99,13 @@ def _all_alike(data: Dataset) -> str | None:
     return None
 
 
-def _distinct(data: Dataset) -> tuple[Array, Array]:
+def _distinct(data: Dataset) -> tuple[IntArray, IntArray]:
     """First row of each distinct pose, and each row's index into them."""
     loads = np.column_stack([data.q, data.payload])
     keys = [np.round(loads / SAME_POSE).astype(np.int64)]
     keys += [data.codes(c)[1][:, None] for c in ("setup", "tool")]
     _, first, inverse = np.unique(np.hstack(keys), axis=0, return_index=True, return_inverse=True)
-    return first, inverse.reshape(-1)
+    return first.astype(np.int64), inverse.reshape(-1).astype(np.int64)
 
 
 def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
@@ -176,7 +176,8 @@ def _repeats(data: Dataset) -> Iterator[str]:
     _, pose = _distinct(data)
     labelled = (data.label("repeat") != "").any()
     measured = np.column_stack([data.position, data.rotation, *data.distances.values()])
-    copies, repeats = [], []
+    copies: list[str] = []
+    repeats: list[str] = []
     for index in np.flatnonzero(np.bincount(pose) > 1):
         rows = np.flatnonzero(pose == index)
         same = np.array_equal(measured[rows[0]], measured[rows[1]], equal_nan=True)

@@ -41,7 +41,7 @@ class Program(click.Group):
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name in COMMANDS:
-            return getattr(import_module(f"gpmodel.{COMMANDS[name][0]}"), name)  # type: ignore[no-any-return]
+            return getattr(import_module(f"gpmodel.{COMMANDS[name][0]}"), name)
         plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
         return plugin.load() if plugin else None
 
@@ -51,7 +51,7 @@ class Program(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
-    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         extra["standalone_mode"] = False
         try:

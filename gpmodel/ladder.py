@@ -59,7 +59,7 @@ def climb(
     """
     seen = poses.subset(train)
     unseen = poses.subset(heldout[known_rows(seen.dataset, poses.dataset.subset(heldout))])
-    models = [("registration", ())]
+    models: list[tuple[str, tuple[Effect, ...]]] = [("registration", ())]
     if standard:
         models.append(("standard", standard))
     for name, group in effects:

@@ -98,20 +98,20 @@ def _readings(
     for ratio in sorted({a / b for a in LENGTHS.values() for b in LENGTHS.values()} - {1.0}):
         if 0.2 < spread * ratio / max(reach, 1e-9) < 5.0:
             yield f"x, y and z look {_wrong_by(ratio)}", q, p * ratio
-        for i, axis in enumerate("xyz"):
+        for k, axis in enumerate("xyz"):
             if ratio in (1e3, 1e-3, 25.4, 1 / 25.4):
                 one = p.copy()
-                one[:, i] *= ratio
+                one[:, k] *= ratio
                 yield f"column '{axis}' looks {_wrong_by(ratio)}", q, one
     yield "two of the columns x, y, z look swapped, or one has the wrong sign", q, p * np.array([-1.0, 1.0, 1.0])
-    for i, joint in enumerate(joints):
+    for k, joint in enumerate(joints):
         flipped = q.copy()
-        flipped[:, i] *= -1
+        flipped[:, k] *= -1
         yield f"column '{joint.name}' looks counted the other way round", flipped, p
-    for i in range(len(joints) - 1):
+    for k in range(len(joints) - 1):
         order = np.arange(len(joints))
-        order[[i, i + 1]] = i + 1, i
-        yield f"columns '{joints[i].name}' and '{joints[i + 1].name}' look swapped", q[:, order], p
+        order[[k, k + 1]] = k + 1, k
+        yield f"columns '{joints[k].name}' and '{joints[k + 1].name}' look swapped", q[:, order], p
 
 
 def _wrong_by(ratio: float) -> str:

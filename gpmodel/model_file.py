@@ -202,7 +202,7 @@ def _array(value: Any, shape: tuple[int, ...]) -> Array:
 
 def _probe(mechanism: Mechanism) -> Array:
     """Tip (3,) at one oblique pose: a fingerprint of the nominal geometry."""
-    q = 0.1 * np.arange(1, len(mechanism.joints) + 1)[None]
+    q = 0.1 * np.arange(1.0, len(mechanism.joints) + 1.0)[None]
     return chain(mechanism.transforms(q))[-1][0, :3, 3]
 
 
@@ -224,10 +224,10 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
             raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model reads it")
     labels = dict(dataset.labels)
     for column, known in (("setup", saved.placement.registration), ("tool", saved.placement.tool)):
-        given = set(dataset.label(column).tolist())
-        if given == {""} and len(known) == 1:
+        labelled = set(dataset.label(column).tolist())
+        if labelled == {""} and len(known) == 1:
             labels[column] = np.full(len(dataset), next(iter(known)))
-        elif surplus := sorted(given - set(known)):
+        elif surplus := sorted(labelled - set(known)):
             expected = ", ".join(f"'{k}'" for k in known)
             raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
     return replace(dataset, labels=labels)

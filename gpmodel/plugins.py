@@ -29,7 +29,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
             continue
         mechanism = load(name, frame=frame, payload_com=payload_com)
         if mechanism is not None:
-            return mechanism  # type: ignore[no-any-return]
+            return mechanism
         known += getattr(sys.modules[provider.module], "mechanism_names", tuple)()
     raise InputError(
         f"--mechanism '{name}' is unknown; expected a .urdf file, a .toml file of DH rows or one of "
