@@ -292,6 +292,31 @@ def _run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 # ruff: noqa: E501
+def _ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        if not j.measured and j.kind == "revolute":
+            for lobes in (2, 3):
+                for a in "xyz":
+                    name = f"out-of-round ball, {lobes} lobes over {j.name}, lift along {a}"
+                    effects = tuple(
+                        effect_at(
+                            f"{name}, {f}", "base", f"T{a}", Expression(f"{f}({lobes}*{j.name})"), family="ball_lobes"
+                        )
+                        for f in ("sin", "cos")
+                    )
+                    yield Candidate(name, effects, "ball_lobes", 4.5 if a == "z" else 5.0)
+
+
+def _support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    terms = tuple(Term("base", f"T{a}", Expression(f"gravity_{a}")) for a in "xyz" if f"gravity_{a}" in states.columns)
+    if terms:
+        unit = f"m/({states.units[str(terms[0].basis)]})"
+        yield _one("sag of the support", Effect("sag of the support", terms, unit, "support_sag"), 4.0)
+        for term in terms if len(terms) > 1 else ():
+            name = f"sag of the support along {term.axis[1]}"
+            yield _one(name, Effect(name, (term,), unit, "support_sag"), 4.5)
+
+
 FAMILIES: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson 2003, 5.2.3", _base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson 2003, 5.2.3 (joint bending); Dumas 2011", _joint_compliance),
@@ -315,6 +340,8 @@ FAMILIES: tuple[Family, ...] = (
     Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", _warm_up),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", _axis_wobble),
     Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7; Robertson 2003, Table 5.2", _run_out),
+    Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", _ball_lobes),
+    Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", _support_sag),
 )  # fmt: skip
 
 

@@ -242,7 +242,7 @@ def gather(calibration: Calibration, poses: Poses, seed: int) -> Evidence:
     enabled = ident.orthonormal(problem.columns[:, free])
     residual = ident.remove(enabled, problem.residual * shrink[problem.pose_of_row])
     fold = folds(poses.dataset, 10, np.random.default_rng(seed))[problem.pose_of_row]
-    return Evidence(calibration, poses, problem, enabled, residual, fold)
+    return Evidence(calibration, problem.poses, problem, enabled, residual, fold)
 
 
 def chance(value: float, null: Array) -> float:
