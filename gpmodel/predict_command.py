@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.dataset import Dataset
+from gpmodel.free_joints import free_joints, solve_joints
 from gpmodel.model import observe, prepare
 from gpmodel.model_file import SavedModel, load_model, matched
 from gpmodel.options import out_file_option, quiet_option, seed_option
@@ -18,9 +19,11 @@ from gpmodel.units import split_header
 
 def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, np.ndarray]:
     """Columns by header, each (N,): x y z [mm] and, where the model was fitted to poses, rx ry rz [deg], both in
-    the instrument's frame; and the distances [mm] the model knows anchors for."""
+    the instrument's frame; and the distances [mm] the model knows anchors for. Approximate joint values are solved
+    against what the row measured first, and added with the residual [um] they leave."""
     fitting = matched(saved, dataset)
-    tip = observe(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement).tip
+    poses = solve_joints(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement)
+    tip = observe(saved.model, poses, saved.theta, saved.placement).tip
     columns = {f"{a} [mm]": 1e3 * tip[:, i, 3] for i, a in enumerate("xyz")}
     if saved.pose:
         turns = np.degrees(rotation_vector(tip[:, :3, :3]))
@@ -29,6 +32,12 @@ def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, np.ndarr
     for name, anchor in saved.placement.anchors.items():
         there = register[:, :3, :3] @ anchor + register[:, :3, 3]
         columns[f"{name} [mm]"] = 1e3 * np.linalg.norm(tip[:, :3, 3] - there, axis=1)
+    if (free := free_joints(saved.mechanism)) and np.isfinite(fitting.position).any():
+        for i in free:
+            joint = saved.mechanism.joints[i]
+            factor, unit = (np.degrees(1.0), "deg") if joint.kind == "revolute" else (1e3, "mm")
+            columns[f"solved_{joint.name} [{unit}]"] = factor * poses.dataset.q[:, i]
+        columns["residual [um]"] = 1e6 * np.linalg.norm(fitting.position - tip[:, :3, 3], axis=1)
     return columns
 
 
