@@ -18,6 +18,7 @@ from gpmodel import __version__  # noqa: E402
 from gpmodel.errors import GpModelError  # noqa: E402
 
 COMMANDS = {
+    "import": ("import_command", "Turn a measured file of any layout into a table, by a map of its columns."),
     "check": ("check_command", "Judge a measured table before anything is fitted to it."),
     "calibrate": ("calibrate_command", "Fit registration, tool, geometry and named effects; before and after."),
     "discover": ("discover_command", "Find what the model is missing, name it, prove it on poses never seen."),
