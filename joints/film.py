@@ -78,9 +78,7 @@ def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 def displacement_for_gap(geometry: FilmGeometry, gap: ArrayLike) -> Array:
     """d [m], the inverse of `edge_gap`."""
-    return geometry.clearance + (positive("film gap", gap, "m") - geometry.clearance) / np.cos(
-        geometry.socket_angle
-    )
+    return geometry.clearance + (positive("film gap", gap, "m") - geometry.clearance) / np.cos(geometry.socket_angle)
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
@@ -149,9 +147,7 @@ class FilmDesign:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
-def design_film(
-    geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike
-) -> FilmDesign:
+def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> FilmDesign:
     """The design flow chart of Fig 4.13: preload and displacement to flow, inlet pressure and stiffness."""
     lift, load = np.broadcast_arrays(np.asarray(displacement, float), np.asarray(preload, float))
     gap = edge_gap(geometry, lift)
@@ -176,9 +172,7 @@ def design_film(
     )
 
 
-def displacement_at_inlet(
-    geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike
-) -> Array:
+def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
     """Displacement [m] at which the film fed with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
     lift the ball: h^3 = 6 mu ln(R/l_o) N q / (pi P_s)."""
     supply = not_negative("inlet pressure", inlet, "Pa")

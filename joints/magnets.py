@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -62,9 +63,7 @@ class MagnetSeat:
         """Raise InputError for a ring that is too crowded, leaves the socket or runs into its neighbour."""
         angle_within("socket angle", socket_angle, np.pi / 2)
         for number, ring in enumerate(rings, 1):
-            fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(
-                ring.diameter, ring.angle
-            )
+            fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(ring.diameter, ring.angle)
             place = f"magnet ring {number} at {np.degrees(ring.angle):.4g} deg"
             if ring.count > fits:
                 raise InputError(
@@ -77,7 +76,7 @@ class MagnetSeat:
                     f" expected at most {np.degrees(socket_angle):.4g} deg"
                 )
         ordered = sorted(rings, key=lambda ring: ring.angle)
-        for inner, outer in zip(ordered, ordered[1:], strict=False):
+        for inner, outer in pairwise(ordered):
             apart = self.half_width(inner.diameter) + self.half_width(outer.diameter)
             if outer.angle - inner.angle < apart:
                 raise InputError(

@@ -62,9 +62,7 @@ def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: flo
     return not_negative("preload", preload, "N") / (np.cos(theta) + np.sin(theta) / np.tan(phi))
 
 
-def contact_directions(
-    contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS
-) -> NDArray[np.float64]:
+def contact_directions(contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS) -> NDArray[np.float64]:
     """(3, 3) unit vectors, one a row, from the ball's centre to its three supports."""
     angle_within("contact angle", contact_angle, np.pi / 2)
     psi = np.asarray(azimuths, float)

@@ -41,7 +41,7 @@ class PughChart:
 
 
 def read_mark(text: str, where: str) -> int:
-    """"0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
+    """ "0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
     mark = text.strip()
     if mark == "0":
         return 0

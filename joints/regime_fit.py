@@ -37,11 +37,7 @@ def fit_regimes(displacement: ArrayLike, force: ArrayLike) -> RegimeFit:
     x, f = _sorted(displacement, force)
     limits = np.linspace(x[0], x[-1], _GRID + 2)[1:-1]
     span = x[-1] - x[0]
-    starts = [
-        np.array([*breaks, span * reach])
-        for breaks in combinations(limits, 3)
-        for reach in (0.1, 0.5, 2.0)
-    ]
+    starts = [np.array([*breaks, span * reach]) for breaks in combinations(limits, 3) for reach in (0.1, 0.5, 2.0)]
     ranked = sorted(starts, key=lambda start: float(np.sum(_residual(start, x, f) ** 2)))
     lower = [x[0], x[0], x[0], 1e-3 * span]
     upper = [x[-1], x[-1], x[-1], 1e3 * span]

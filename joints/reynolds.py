@@ -47,9 +47,7 @@ def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
     return 6 * geometry.viscosity / np.pi * _log_integral(geometry, displacement, 0)
 
 
-def orifice_spreading_resistance(
-    geometry: FilmGeometry, displacement: ArrayLike, orifice_diameter: ArrayLike
-) -> Array:
+def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike, orifice_diameter: ArrayLike) -> Array:
     """(6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
 
     What N holes add, per unit of their own flow, to the source spread evenly over their ring (log potentials of N
@@ -68,9 +66,7 @@ def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
     return np.pi * geometry.ball_radius**2 * load_integral / _log_integral(geometry, displacement, 0)
 
 
-def spherical_film(
-    geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike
-) -> SphericalFilm:
+def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> SphericalFilm:
     """Flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
     W = 6 mu Q r^2 J with J = integral of sin t / h^3, in closed form; both derivatives follow from
@@ -86,9 +82,7 @@ def spherical_film(
     resistance_rate = -3 * _log_integral(geometry, lift, 1) / _log_integral(geometry, lift, 0)
     area_rate = load_rate - resistance_rate
     feed = feed_factor(geometry, resistance, orifice.flow_slope(inlet, socket))
-    return SphericalFilm(
-        lift, flow, socket, inlet, -weight * load_rate, -weight * (area_rate + resistance_rate * feed)
-    )
+    return SphericalFilm(lift, flow, socket, inlet, -weight * load_rate, -weight * (area_rate + resistance_rate * feed))
 
 
 def spherical_pressure(
@@ -132,9 +126,7 @@ def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Arr
     return _log_integral(geometry, displacement, 0, clipped) / _log_integral(geometry, displacement, 0)
 
 
-def _log_integral(
-    geometry: FilmGeometry, displacement: ArrayLike, order: int, lower: ArrayLike | None = None
-) -> Array:
+def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, order: int, lower: ArrayLike | None = None) -> Array:
     """Integral from `lower` to alpha of (cos t)^order / h^(3 + order) dt / sin t."""
     start = np.log(np.tan(np.asarray(geometry.orifice_angle if lower is None else lower, float) / 2))
     half = (np.log(np.tan(geometry.socket_angle / 2)) - start) / 2

@@ -19,7 +19,7 @@ Settings = dict[str, Any]
 
 @lru_cache(maxsize=1)
 def _units() -> pint.UnitRegistry:
-    registry = pint.UnitRegistry()
+    registry: pint.UnitRegistry = pint.UnitRegistry()
     registry.define("sccm = centimeter ** 3 / minute")
     return registry
 
@@ -37,13 +37,17 @@ def quantity(text: Any, like: str, where: str) -> float:
 
 
 def unit_factor(unit: str, like: str, message: str) -> float:
-    """How many SI units one `unit` is; InputError(`message`) unless it has the dimension of `like`."""
+    """How many SI units one `unit` is; InputError(`message`) unless it has the dimension of `like`.
+
+    Scales with a zero of their own (degC) are refused: their values are no multiples of a unit.
+    """
     try:
         parsed = _units().Quantity(1.0, unit.removeprefix("/").strip())
         value = 1 / parsed if unit.startswith("/") else parsed
         reference = _units().Quantity(1.0, like.removeprefix("/").strip())
         same = value.dimensionality == (1 / reference if like.startswith("/") else reference).dimensionality
-        return float(value.to_base_units().magnitude) if same else _refuse(message)
+        offset = _units().Quantity(0.0, unit.removeprefix("/").strip()).to_base_units().magnitude != 0
+        return float(value.to_base_units().magnitude) if same and not offset else _refuse(message)
     except InputError:
         raise
     except Exception as error:  # pint raises its own, tokenize's and attribute errors for malformed text
@@ -99,7 +103,9 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
         return value
     if isinstance(default, bool) or isinstance(value, bool):
         if not (isinstance(default, bool) and isinstance(value, bool)):
-            raise InputError(f"{where} = {value!r}, expected {'true or false' if isinstance(default, bool) else 'a number'}")
+            raise InputError(
+                f"{where} = {value!r}, expected {'true or false' if isinstance(default, bool) else 'a number'}"
+            )
         return value
     if not isinstance(value, (int, float)) or (isinstance(default, int) and not isinstance(value, int)):
         kind = "a whole number" if isinstance(default, int) else "a number"

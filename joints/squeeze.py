@@ -26,7 +26,7 @@ def squeeze_damping(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
-    """12 mu omega (r alpha)^2 / (p_a h^2), h at the socket's edge: well below 1 the air escapes, above it is a spring."""
+    """12 mu omega (r alpha)^2 / (p_a h^2), h at the socket's edge: air escapes well below 1, and is a spring above."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
 from joints.film import FilmGeometry, edge_gap, film_resistance
 from joints.limits import not_negative, positive, require
@@ -63,9 +64,7 @@ class RegimeCurve:
 
     def force(self, displacement: ArrayLike) -> Array:
         """Measured tension [N] at `displacement` [m]."""
-        basis = regime_basis(
-            displacement, self.contact_end, self.transition_end, self.film_end, self.stand_off
-        )
+        basis = regime_basis(displacement, self.contact_end, self.transition_end, self.film_end, self.stand_off)
         return basis @ [
             self.peak_force,
             self.film_stiffness,
@@ -110,3 +109,25 @@ def equilibrium_curve(
     lift = np.maximum(x, 0.0)
     held = magnet_force(lift, preload, stand_off) - film_force(geometry, orifice, inlet, lift)
     return held + positive("contact stiffness", contact_stiffness, "N/m") * np.minimum(x, 0.0)
+
+
+def rest_displacement(
+    geometry: FilmGeometry,
+    orifice: Orifice,
+    inlet: float,
+    preload: float,
+    stand_off: float,
+    highest: float = 1e-3,
+) -> float:
+    """Displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
+
+    The magnets pull less as the ball rises: 89 N of 100.7 at 50 um, near the 90 N the thesis measured.
+    """
+
+    def tension(lift: float) -> float:
+        return float(equilibrium_curve(geometry, orifice, inlet, preload, stand_off, 1.0, lift))
+
+    if tension(0.0) >= 0:
+        return 0.0
+    require(tension(highest) > 0, "inlet pressure", inlet, f"one that holds the ball below {highest * 1e6:.4g} um")
+    return float(brentq(tension, 0.0, highest, xtol=1e-12))

@@ -1,0 +1,25 @@
+"""One study a model: settings in, tables, numbers and figures out. `gpmodel joint` runs them."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from joints.studies.contact import contact_study
+from joints.studies.dynamics import dynamics_study
+from joints.studies.film import film_study
+from joints.studies.preload import preload_study
+from joints.studies.pugh import pugh_study
+from joints.studies.stiffness import stiffness_study
+from joints.studies.study import Study, Table
+from joints.studies.thermal import thermal_study
+
+STUDIES: Mapping[str, Callable[[Path | None, int], Study]] = {
+    "preload": preload_study,
+    "contact": contact_study,
+    "thermal": thermal_study,
+    "film": film_study,
+    "stiffness": stiffness_study,
+    "dynamics": dynamics_study,
+    "pugh": pugh_study,
+}
+
+__all__ = ["STUDIES", "Study", "Table"]

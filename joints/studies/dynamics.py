@@ -1,0 +1,104 @@
+"""`gpmodel joint dynamics`: frequency response of the ball on its film, and a fit to a measured one."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joints import figures
+from joints.dynamics import SpringMassDamper, ball_mass, film_receptance, fit_response
+from joints.film import design_film
+from joints.limits import not_negative, positive, require
+from joints.measured import read_curve
+from joints.reynolds import spherical_film
+from joints.settings import Settings, load_settings
+from joints.squeeze import squeeze_damping, squeeze_impedance, squeeze_number
+from joints.studies.study import MICRO, N_PER_UM, Study, Table, film_geometry, orifice_law
+
+
+def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
+    """Spring, mass and damper of the flat and the spherical film, the trapped air's effect, and the identification."""
+    s = load_settings("dynamics", path)
+    geometry = film_geometry(s["film"], s["ball_radius"])
+    orifice, lift = orifice_law(s["orifice"]), positive("displacement", s["displacement"], "m")
+    mass = ball_mass(s["ball_radius"], s["ball_density"]) + float(not_negative("added mass", s["added_mass"], "kg"))
+    damping = float(squeeze_damping(geometry, lift))
+    flat = float(design_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
+    sphere = float(spherical_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
+    systems = {
+        "flat film": SpringMassDamper(mass, damping, flat),
+        "spherical film": SpringMassDamper(mass, damping, sphere),
+    }
+    frequency = _frequencies(s["response"])
+    impedance = squeeze_impedance(geometry, float(lift), frequency)
+    responses = {name: system.receptance(frequency) for name, system in systems.items()}
+    responses["spherical film, trapped air"] = film_receptance(mass, sphere, impedance, frequency)
+
+    measured_frequency, measured, source = _measured(s["measured"], path, seed, systems["spherical film"], frequency)
+    fit = fit_response(measured_frequency, measured)
+    escape = frequency[squeeze_number(geometry, lift, frequency) < 1]
+    rows = [
+        (
+            name,
+            system.mass,
+            system.stiffness * N_PER_UM,
+            system.damping,
+            system.natural_frequency,
+            system.damping_ratio,
+            system.resonance,
+            system.bandwidth,
+        )
+        for name, system in (*systems.items(), (f"fit of {source}", fit.system))
+    ]
+    heads: tuple[str, ...] = ("mass_kg", "stiffness_N_per_um", "damping_Ns_per_m", "natural_Hz", "damping_ratio")
+    heads += ("resonance_Hz", "bandwidth_Hz")
+    limit = float(escape.max()) if escape.size else float("nan")
+    return Study(
+        (
+            Table(
+                "Spring, mass and damper",
+                (
+                    "System",
+                    "Mass [kg]",
+                    "Stiffness [N/um]",
+                    "Damping [N s/m]",
+                    "Natural [Hz]",
+                    "Damping ratio",
+                    "Resonance [Hz]",
+                    "Bandwidth [Hz]",
+                ),
+                rows,
+                f"incompressible damping holds while the squeeze number is below 1, up to {limit:.3g} Hz",
+            ),
+        ),
+        {
+            "systems": {row[0]: dict(zip(heads, row[1:], strict=True)) for row in rows},
+            "fit_stderr": fit.stderr,
+            "squeeze_number_below_1_up_to_Hz": limit,
+            "response": {
+                "frequency_Hz": frequency,
+                **{f"{name} [um/N]": np.abs(response) * MICRO for name, response in responses.items()},
+            },
+        },
+        {"dynamics.png": figures.dynamics(frequency, responses, (measured_frequency, measured, source))},
+    )
+
+
+def _frequencies(s: Settings) -> NDArray[np.float64]:
+    lowest, highest = positive("response.lowest", s["lowest"], "Hz"), s["highest"]
+    require(highest > lowest, "response.highest", highest, f"above {float(lowest):g} Hz")
+    require(s["points"] >= 3, "response.points", s["points"], "at least 3")
+    return np.geomspace(float(lowest), float(highest), s["points"])
+
+
+def _measured(
+    s: Settings, path: Path | None, seed: int, system: SpringMassDamper, frequency: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], str]:
+    if s["file"] != "none":
+        folder = path.parent if path else Path()
+        curve = read_curve(folder / s["file"], {"frequency": "Hz", "real": "um/N", "imaginary": "um/N"})
+        return curve["frequency"], curve["real"] + 1j * curve["imaginary"], s["file"]
+    noise = float(not_negative("measured.noise", s["noise"], ""))
+    random = np.random.default_rng(seed)
+    ripple = random.normal(size=frequency.size) + 1j * random.normal(size=frequency.size)
+    return frequency, system.receptance(frequency) * (1 + noise * ripple), "simulated response (no file given)"

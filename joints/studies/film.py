@@ -1,0 +1,108 @@
+"""`gpmodel joint film`: the design guide of Table 4.2, beside the film over the real spherical gap."""
+
+from pathlib import Path
+
+import numpy as np
+
+from joints import figures
+from joints.film import (
+    FilmDesign,
+    design_film,
+    displacement_at_inlet,
+    edge_gap,
+    pad_load,
+    published_load,
+    supporting_pressure,
+)
+from joints.orifice import ATMOSPHERE, SCCM
+from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
+from joints.settings import load_settings
+from joints.studies.study import MICRO, N_PER_UM, Study, Table, film_geometry, orifice_law
+
+
+def film_study(path: Path | None = None, seed: int = 0) -> Study:
+    """Flat plate and spherical film at every displacement, for one preload."""
+    s = load_settings("film", path)
+    geometry, orifice, preload = film_geometry(s), orifice_law(s["orifice"]), s["preload"]
+    displacement = np.array(s["displacements"])
+    flat = design_film(geometry, preload, orifice, displacement)
+    sphere = spherical_film(geometry, preload, orifice, displacement)
+    spreading = orifice_spreading_resistance(geometry, displacement, s["orifice"]["diameter"]) * sphere.flow
+    compressible = np.array([compressible_film(geometry, preload, lift) for lift in displacement])
+    guide, real = _guide(flat), _sphere(sphere, compressible, spreading)
+    socket = supporting_pressure(geometry, preload)
+    inlets = np.linspace(float(socket) * 1.05, 8 * ATMOSPHERE, 120)
+    lift = displacement_at_inlet(geometry, preload, orifice, inlets)
+    lifts = np.linspace(2e-6, 1.2 * displacement.max(), 120)
+    return Study(
+        (
+            Table(f"Design guide at a preload of {preload:g} N, flat plate (Table 4.2)", _heads(guide), _rows(guide)),
+            Table("The same over the real gap of the sphere (Reynolds)", _heads(real), _rows(real)),
+        ),
+        {
+            "preload_N": preload,
+            "orifice_length_mm": geometry.orifice_length * 1e3,
+            "socket_length_mm": geometry.socket_length * 1e3,
+            "classical_pad_load_N": pad_load(geometry, socket),
+            "published_load_N": published_load(geometry, socket),
+            "flat_plate": guide,
+            "sphere": real,
+            "flat_plate_lift": {"inlet_atm": inlets / ATMOSPHERE, "displacement_um": lift * MICRO},
+        },
+        {
+            "film_guide.png": figures.film_guide(flat, sphere),
+            "film_inlet.png": figures.film_inlet(
+                inlets,
+                lift,
+                edge_gap(geometry, lift),
+                spherical_film(geometry, preload, orifice, lifts),
+            ),
+            "film_pressure.png": figures.film_pressure(geometry, preload, float(displacement.max())),
+        },
+    )
+
+
+def _guide(design: FilmDesign) -> dict[str, np.ndarray]:
+    return {
+        "displacement_um": design.displacement * MICRO,
+        "gap_um": design.gap * MICRO,
+        "flow_sccm": design.flow / SCCM,
+        "stiffness_published_N_per_um": design.published_stiffness * N_PER_UM,
+        "resistance_ratio": design.resistance_ratio,
+        "socket_atm": design.socket_pressure / ATMOSPHERE,
+        "orifice_atm": design.orifice_drop / ATMOSPHERE,
+        "inlet_atm": design.inlet_pressure / ATMOSPHERE,
+        "stiffness_constant_flow_N_per_um": design.stiffness_constant_flow * N_PER_UM,
+        "stiffness_constant_inlet_N_per_um": design.stiffness_constant_inlet * N_PER_UM,
+    }
+
+
+def _sphere(film: SphericalFilm, compressible: np.ndarray, spreading: np.ndarray) -> dict[str, np.ndarray]:
+    return {
+        "displacement_um": film.displacement * MICRO,
+        "flow_sccm": film.flow / SCCM,
+        "socket_atm": film.socket_pressure / ATMOSPHERE,
+        "inlet_atm": film.inlet_pressure / ATMOSPHERE,
+        "stiffness_constant_flow_N_per_um": film.stiffness_constant_flow * N_PER_UM,
+        "stiffness_constant_inlet_N_per_um": film.stiffness_constant_inlet * N_PER_UM,
+        "compressible_flow_sccm": compressible[:, 0] / SCCM,
+        "compressible_socket_atm": compressible[:, 1] / ATMOSPHERE,
+        "orifice_spreading_atm": spreading / ATMOSPHERE,
+    }
+
+
+_UNITS = {"N_per_um": "N/um", "um": "um", "sccm": "sccm", "atm": "atm"}
+
+
+def _heads(columns: dict[str, np.ndarray]) -> list[str]:
+    """`stiffness_published_N_per_um` as `stiffness published [N/um]`."""
+    heads = []
+    for name in columns:
+        unit = next((unit for unit in _UNITS if name.endswith(f"_{unit}")), "")
+        text = name.removesuffix(f"_{unit}").replace("_", " ")
+        heads.append(f"{text} [{_UNITS[unit]}]" if unit else text)
+    return heads
+
+
+def _rows(columns: dict[str, np.ndarray]) -> list[tuple[float, ...]]:
+    return list(zip(*(column.tolist() for column in columns.values()), strict=True))

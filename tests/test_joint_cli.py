@@ -1,0 +1,139 @@
+"""`gpmodel joint`: every command runs, writes whole files, repeats itself, and refuses bad input before writing."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from gpmodel.errors import InputError
+from joints.cli import joint
+from joints.settings import DATA
+from joints.stiffness import RegimeCurve
+
+COMMANDS = ["preload", "contact", "thermal", "film", "stiffness", "dynamics", "pugh"]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(joint, arguments, catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, str]]:
+    """Each command run once with the thesis' joint: its DIR and what it printed."""
+    results = {}
+    for name in COMMANDS:
+        out = tmp_path_factory.mktemp(name)
+        result = run(name, "--out", str(out), "--json", str(out / "mine.json"))
+        assert result.exit_code == 0
+        results[name] = (out, result.output)
+    return results
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_prints_and_writes_numbers_and_figures(outputs: dict[str, tuple[Path, str]], name: str) -> None:
+    out, printed = outputs[name]
+    record = json.loads((out / "mine.json").read_text())
+    assert record["schema"] == 1
+    assert record["command"] == f"joint {name}"
+    assert (out / "mine.json").read_bytes() == (out / f"joint_{name}.json").read_bytes()
+    figures = sorted((out / "figures").iterdir())
+    assert figures
+    assert all(figure.read_bytes().startswith(PNG) and str(figure) in printed for figure in figures)
+    assert not list(out.rglob(".*"))
+
+
+@pytest.mark.parametrize("name", ["stiffness", "dynamics"])
+def test_the_seed_decides_the_numbers(outputs: dict[str, tuple[Path, str]], tmp_path: Path, name: str) -> None:
+    first = (outputs[name][0] / "mine.json").read_bytes()
+    run(name, "--json", str(tmp_path / "same.json"), "--seed", "0")
+    run(name, "--json", str(tmp_path / "other.json"), "--seed", "1")
+    assert (tmp_path / "same.json").read_bytes() == first
+    assert (tmp_path / "other.json").read_bytes() != first
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_printed_defaults_are_a_table_the_command_reads(name: str, tmp_path: Path) -> None:
+    table = tmp_path / "mine.toml"
+    table.write_text(run(name, "--defaults").output)
+    assert table.read_text() == (DATA / f"{name}.toml").read_text()
+    assert run(name, "--help").exit_code == 0
+
+
+def test_own_joint(tmp_path: Path) -> None:
+    table = tmp_path / "mine.toml"
+    table.write_text('preload = "50 N"\ndisplacements = ["20 um"]\n[orifice]\nlaw = "nozzle"\n')
+    result = run("film", str(table), "--json", str(tmp_path / "film.json"))
+    record = json.loads((tmp_path / "film.json").read_text())
+    assert result.exit_code == 0
+    assert record["preload_N"] == 50
+    assert len(record["flat_plate"]["gap_um"]) == 1
+
+
+def test_measured_force_displacement_is_read_beside_the_table(tmp_path: Path) -> None:
+    x = np.linspace(-60e-6, 200e-6, 200)
+    force = RegimeCurve(26e6, 1.2e6, 4.5e6, 90.0, -50e-6, 0.0, 15e-6, 0.794e-3).force(x)
+    rows = "\n".join(f"{a * 1e6:.6f},{b:.6f}" for a, b in zip(x, force, strict=True))
+    (tmp_path / "curve.csv").write_text(f"displacement [um],force [N]\n{rows}\n")
+    table = tmp_path / "mine.toml"
+    table.write_text('[measured]\nfile = "curve.csv"\n')
+    run("stiffness", str(table), "--json", str(tmp_path / "fit.json"))
+    fit = json.loads((tmp_path / "fit.json").read_text())["fit"]
+    assert fit["source"] == "curve.csv"
+    assert fit["values"]["film_stiffness"]["value"] == pytest.approx(4.5, rel=1e-3)
+
+
+def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
+    f = np.geomspace(10, 1000, 30)
+    response = 1e6 / (4e6 - 0.6 * (2 * np.pi * f) ** 2 + 2j * np.pi * f * 900)
+    rows = "\n".join(f"{a!r},{b.real!r},{b.imag!r}" for a, b in zip(f.tolist(), response.tolist(), strict=True))
+    (tmp_path / "response.csv").write_text(f"frequency [Hz],real [um/N],imaginary [um/N]\n{rows}\n")
+    table = tmp_path / "mine.toml"
+    table.write_text('[measured]\nfile = "response.csv"\n')
+    run("dynamics", str(table), "--json", str(tmp_path / "fit.json"))
+    fitted = json.loads((tmp_path / "fit.json").read_text())["systems"]["fit of response.csv"]
+    assert fitted["stiffness_N_per_um"] == pytest.approx(4.0)
+    assert fitted["mass_kg"] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("preload", 'socket_angle = "95 deg"', r"socket angle \[deg\] = 95, expected above 0 and at most 90 deg"),
+        ("preload", 'seat_radius = "-1 mm"', "magnet seat radius = -0.001"),
+        (
+            "preload",
+            '[[ring]]\ncount = 20\nforce = "17.8 N"\nangle = "45 deg"\ndiameter = "12.7 mm"',
+            "20 magnets of 12.7 mm do not fit, at most 8",
+        ),
+        ("contact", 'force = "-5 N"', "contact force = -5"),
+        ("contact", '[support]\nminor_radius = "0 mm"', "minor radius = 0"),
+        ("thermal", 'tolerance = "0 um"', "tolerance = 0"),
+        ("film", 'clearance = "-10 um"', "radial clearance = -1e-05, expected above 0 m"),
+        ("film", 'preload = "-1 N"', "preload = -1"),
+        ("film", 'displacements = ["-5 um"]', "displacement = -5e-06"),
+        ("film", '[orifice]\nlaw = "magic"', "orifice.law = 'magic', expected 'linear' or 'nozzle'"),
+        ("stiffness", 'inlet_pressure = "-1 atm"', "inlet pressure = -101325, expected at least 0 Pa"),
+        ("stiffness", '[measured]\nfile = "none.csv"', "none.csv: cannot be read"),
+        ("dynamics", 'ball_radius = "0 mm"', "ball radius = 0"),
+        ("dynamics", '[response]\nhighest = "0.5 Hz"', "response.highest = 0.5, expected above 1 Hz"),
+        ("pugh", "chart = []", r"no \[\[chart\]\]"),
+        ("pugh", '[[chart]]\nconcepts = ["a"]\nmarks = {x = ["?"]}', r"mark '\?', expected 0"),
+        ("pugh", '[[chart]]\nconcepts = "a"', "concepts = 'a', expected a list of names"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, text: str, words: str) -> None:
+    table, out = tmp_path / "bad.toml", tmp_path / "out"
+    table.write_text(text)
+    with pytest.raises(InputError, match=words) as refusal:
+        run(name, str(table), "--out", str(out))
+    assert "\n" not in str(refusal.value)
+    assert not out.exists()
+
+
+def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        run("thermal", "--out", str(tmp_path / "file"))

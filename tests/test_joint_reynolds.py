@@ -1,0 +1,169 @@
+"""The film over the real gap of a sphere, against adaptive quadrature, small-angle and concentric limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_bvp
+
+from gpmodel.errors import InputError
+from joints.film import FilmGeometry, design_film, film_resistance, pad_load
+from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
+from joints.reynolds import (
+    compressible_film,
+    film_gap,
+    orifice_spreading_resistance,
+    spherical_area,
+    spherical_film,
+    spherical_pressure,
+    spherical_resistance,
+)
+
+DEG = np.pi / 180
+JOINT = FilmGeometry(25.4e-3, 75.95 * DEG, 20 * DEG, 10.01e-6)
+LOAD = 100.69
+
+
+def gap(geometry: FilmGeometry, lift: float, t: float) -> float:
+    return geometry.clearance + (lift - geometry.clearance) * np.cos(t)
+
+
+@pytest.mark.parametrize("lift", [3e-6, 10.01e-6, 30e-6, 80e-6])
+def test_resistance_and_area_by_adaptive_quadrature(lift: float) -> None:
+    phi, alpha = JOINT.orifice_angle, JOINT.socket_angle
+    ring = quad(lambda t: 1 / (np.sin(t) * gap(JOINT, lift, t) ** 3), phi, alpha, epsrel=1e-12, limit=200)[0]
+    load = quad(lambda t: np.sin(t) / gap(JOINT, lift, t) ** 3, phi, alpha, epsrel=1e-12, limit=200)[0]
+    assert float(spherical_resistance(JOINT, lift)) == pytest.approx(6 * JOINT.viscosity / np.pi * ring, rel=1e-9)
+    assert float(spherical_area(JOINT, lift)) == pytest.approx(np.pi * JOINT.ball_radius**2 * load / ring, rel=1e-9)
+
+
+def test_pressure_solves_reynolds_equation() -> None:
+    lift, socket = 30e-6, 6e4
+
+    def slopes(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.vstack([y[1] / (np.sin(t) * film_gap(JOINT, lift, t) ** 3), np.zeros_like(t)])
+
+    angle = np.linspace(JOINT.orifice_angle, JOINT.socket_angle, 200)
+    start = np.vstack([np.linspace(socket, 0, 200), np.full(200, -1e-11)])
+    scale = 1e-11
+    solution = solve_bvp(
+        lambda t, y: slopes(t, np.vstack([y[0], y[1] * scale])),
+        lambda a, b: np.array([a[0] / socket - 1, b[0] / socket]),
+        angle,
+        np.vstack([start[0], start[1] / scale]),
+        tol=1e-8,
+        max_nodes=20000,
+    )
+    assert solution.success
+    computed = spherical_pressure(JOINT, lift, socket, angle, compressible=False)
+    assert computed == pytest.approx(solution.sol(angle)[0], abs=1e-3 * socket)
+
+
+def test_load_is_the_pressure_over_the_projected_area() -> None:
+    lift = 40e-6
+    socket = LOAD / float(spherical_area(JOINT, lift))
+    t = np.linspace(0, JOINT.socket_angle, 40001)
+    pressure = spherical_pressure(JOINT, lift, socket, t, compressible=False)
+    load = np.trapezoid(pressure * np.pi * JOINT.ball_radius**2 * np.sin(2 * t), t)
+    assert load == pytest.approx(LOAD, rel=1e-6)
+
+
+def test_concentric_sphere_has_its_closed_resistance() -> None:
+    ratio = np.tan(JOINT.socket_angle / 2) / np.tan(JOINT.orifice_angle / 2)
+    expected = 6 * JOINT.viscosity / (np.pi * JOINT.clearance**3) * np.log(ratio)
+    assert float(spherical_resistance(JOINT, JOINT.clearance)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_shallow_socket_is_the_flat_pad() -> None:
+    alpha = 0.1 * DEG
+    shallow = FilmGeometry(1.0, alpha, 0.3 * alpha, 10e-6)
+    flat = float(film_resistance(shallow, 20e-6))
+    assert float(spherical_resistance(shallow, 20e-6)) == pytest.approx(flat, rel=1e-5)
+    area = np.pi * alpha**2 * (1 - 0.09) / (2 * np.log(1 / 0.3))
+    assert float(spherical_area(shallow, 20e-6)) == pytest.approx(area, rel=1e-5)
+    assert float(pad_load(shallow, 1.0)) * np.pi / (4 * alpha) == pytest.approx(area, rel=1e-9)
+
+
+@pytest.mark.parametrize("orifice", [LinearOrifice(), NozzleOrifice(2e-4, 0.8)], ids=["linear", "nozzle"])
+@pytest.mark.parametrize("lift", [8e-6, 20e-6, 50e-6])
+def test_stiffnesses_are_slopes_of_the_load(orifice: Orifice, lift: float) -> None:
+    film = spherical_film(JOINT, LOAD, orifice, lift)
+    step = lift * 1e-4
+
+    def load_at_flow(d: float) -> float:
+        flow = 3 * float(film.flow)
+        return flow * float(spherical_resistance(JOINT, d) * spherical_area(JOINT, d))
+
+    def load_at_inlet(d: float) -> float:
+        low, high = 0.0, float(film.inlet_pressure)
+        resistance = 3 * float(spherical_resistance(JOINT, d))
+        for _ in range(200):
+            socket = (low + high) / 2
+            low, high = (
+                (socket, high) if socket < resistance * orifice.flow(film.inlet_pressure, socket) else (low, socket)
+            )
+        return socket * float(spherical_area(JOINT, d))
+
+    for load, stiffness in (
+        (load_at_flow, film.stiffness_constant_flow),
+        (load_at_inlet, film.stiffness_constant_inlet),
+    ):
+        slope = (load(lift + step) - load(lift - step)) / (2 * step)
+        assert float(stiffness) == pytest.approx(-slope, rel=1e-5)
+
+
+def test_the_real_gap_lets_through_several_times_the_flat_plates_flow() -> None:
+    """At 30 um of lift the gap is 15 um at the edge and 30 um at the bottom; the flat plate takes 15 everywhere."""
+    flat = design_film(JOINT, LOAD, LinearOrifice(), 30e-6)
+    sphere = spherical_film(JOINT, LOAD, LinearOrifice(), 30e-6)
+    assert float(sphere.flow / flat.flow) == pytest.approx(4.6, abs=0.05)
+    assert float(sphere.socket_pressure / flat.socket_pressure) == pytest.approx(1.51, abs=0.01)
+
+
+def test_compressible_film_tends_to_the_incompressible_one_at_low_load() -> None:
+    light = spherical_film(JOINT, 0.1, LinearOrifice(), 30e-6)
+    flow, socket = compressible_film(JOINT, 0.1, 30e-6)
+    assert flow == pytest.approx(float(light.flow), rel=2e-3)
+    assert socket == pytest.approx(float(light.socket_pressure), rel=2e-3)
+
+
+def test_compressible_film_carries_the_load() -> None:
+    _, socket = compressible_film(JOINT, LOAD, 30e-6)
+    t = np.linspace(0, JOINT.socket_angle, 40001)
+    pressure = spherical_pressure(JOINT, 30e-6, socket, t)
+    load = np.trapezoid(pressure * np.pi * JOINT.ball_radius**2 * np.sin(2 * t), t)
+    assert load == pytest.approx(LOAD, rel=1e-6)
+
+
+def test_orifices_spread_their_flow_as_sources_on_a_circle() -> None:
+    """Potential at one of N equal sources against the same flow spread over the ring: ln(R/a) - sum ln|1 - w^k|."""
+    a, ring = 25e-6, JOINT.ball_radius * np.sin(JOINT.orifice_angle)
+    others = sum(np.log(abs(1 - np.exp(2j * np.pi * k / 3))) for k in (1, 2))
+    film = float(film_gap(JOINT, 30e-6, JOINT.orifice_angle))
+    expected = 6 * JOINT.viscosity / (np.pi * film**3) * (np.log(ring / a) - others)
+    assert float(orifice_spreading_resistance(JOINT, 30e-6, 2 * a)) == pytest.approx(expected)
+
+
+def test_film_is_vectorised_over_a_million_displacements() -> None:
+    lift = np.random.default_rng(0).uniform(20e-6, 60e-6, 1_000_000)
+    film = spherical_film(JOINT, LOAD, LinearOrifice(), lift)
+    one = spherical_film(JOINT, LOAD, LinearOrifice(), lift[77])
+    assert film.stiffness_constant_inlet[77] == pytest.approx(float(one.stiffness_constant_inlet), rel=1e-14)
+
+
+def test_impossible_films_are_refused() -> None:
+    with pytest.raises(InputError, match="displacement = -1e-06"):
+        film_gap(JOINT, -1e-6, 0.3)
+    with pytest.raises(InputError, match="film gap = 0, expected above 0 m"):
+        film_gap(JOINT, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"orifice diameter = 0\.01, expected smaller"):
+        orifice_spreading_resistance(JOINT, 30e-6, 0.01)
+    with pytest.raises(InputError, match="load = 0, expected above 0 N"):
+        compressible_film(JOINT, 0.0, 30e-6)
+    with pytest.raises(InputError, match="viscosity = 0"):
+        replace(JOINT, viscosity=0.0)
+
+
+def test_atmosphere_is_the_reference_of_gauge_pressures() -> None:
+    edge = spherical_pressure(JOINT, 30e-6, 0.5 * ATMOSPHERE, [JOINT.orifice_angle, JOINT.socket_angle])
+    assert edge == pytest.approx([0.5 * ATMOSPHERE, 0.0], abs=1e-6)
