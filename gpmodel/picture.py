@@ -1,0 +1,91 @@
+"""A picture of the report: what it is called, how large it is, what it says in words, and how it is drawn."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Report = Mapping[str, Any]
+
+INK, MUTED, RULE = "#1d2733", "#5d6875", "#e3e7ec"
+BEFORE, AFTER, AFTER_LIGHT, NULL = "#9097a1", "#1c5d99", "#8db4d8", "#d9822b"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """width, height in inches. alt: the picture in one sentence for who cannot see it. caption: how to read it.
+
+    draw: called with an empty matplotlib Figure.
+    """
+
+    name: str
+    title: str
+    width: float
+    height: float
+    alt: str
+    caption: str
+    draw: Callable[[Any], None]
+
+
+def numbers(values: Sequence[Any] | None) -> Array:
+    """The list as floats, null as NaN."""
+    return np.array([] if values is None else values, dtype=float)
+
+
+def rms(values: Array) -> float:
+    """RMS of what is finite; NaN when nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan
+
+
+def effect_name(report: Report, index: int) -> str:
+    """Name of an effect, or its number."""
+    effects = report.get("effects") or []
+    return str(effects[index].get("name") or f"effect {index + 1}") if index < len(effects) else f"effect {index + 1}"
+
+
+def step_title(report: Report, rung: Mapping[str, Any]) -> str:
+    """A rung of the ladder in words."""
+    if rung.get("effect") is not None:
+        return f"+ {effect_name(report, int(rung['effect']))}"
+    words = {"registration": "registration and tool only", "standard": "standard model"}
+    return words.get(str(rung["step"]), str(rung["step"]))
+
+
+def shortened(text: str, length: int) -> str:
+    """At most `length` characters, an ellipsis for the rest."""
+    return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Ticks at 1, 2, 5 per decade, or whole decades where those would crowd."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1, 2, 5) if math.log10(high / low) < 2.6 else (1,)
+    return [t for t in (s * 10.0**d for d in decades for s in steps) if low <= t <= high]
+
+
+def log_axis(axes: Any, low: float, high: float, which: str = "x") -> None:
+    """A logarithmic axis from `low` to `high` with plain numbers."""
+    ticks = log_ticks(low, high)
+    getattr(axes, f"set_{which}scale")("log")
+    getattr(axes, f"set_{which}lim")(low, high)
+    getattr(axes, f"set_{which}ticks")(ticks, [f"{t:g}" for t in ticks])
+    getattr(axes, f"set_{which}ticks")([], minor=True)
+
+
+def rows_only(axes: Any, count: int, above: float = 0.75) -> None:
+    """A picture of `count` horizontal rows, the first on top, without a vertical scale."""
+    axes.set_ylim(count - 0.5, -above)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.grid(axis="x")
+
+
+def nice_length(length: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return float(max(s * power for s in (1, 2, 5) if s * power <= length * (1 + 1e-9)))

@@ -1,0 +1,97 @@
+"""Numbers as an engineer reads them: a sensible prefix, as many digits as the deviation deserves."""
+
+import math
+import re
+from dataclasses import dataclass
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+_LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+UNKNOWN = "–"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """value ± deviation and unit as text; the deviation is empty where it is unknown."""
+
+    value: str
+    deviation: str
+    unit: str
+
+    def __str__(self) -> str:
+        spread = f" ± {self.deviation}" if self.deviation else ""
+        return f"{self.value}{spread} {self.unit}".strip()
+
+
+def prefix(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit that bring `size` between 1 and 1000.
+
+    A leading m or rad takes an SI prefix, anything else a power of ten. `(251e-6, "rad")` gives `(1e6, "µrad")`.
+    """
+    if not math.isfinite(size) or size <= 0:
+        return 1.0, pretty_unit(unit)
+    if _LEADING.match(unit):
+        step, letter = next((p for p in _PREFIXES if size >= p[0]), _PREFIXES[-1])
+        return 1.0 / step, pretty_unit(f"{letter}{unit}")
+    power = 3 * math.floor(math.log10(size) / 3) if size < 1e-2 or size >= 1e6 else 0
+    if not power:
+        return 1.0, pretty_unit(unit)
+    ten = f"×10{str(power).translate(_SUPERSCRIPTS)}"
+    return 10.0**-power, f"{ten} {pretty_unit(unit)}".strip()
+
+
+def pretty_unit(unit: str) -> str:
+    """`rad/Nm` as `rad/(N·m)`, `degC` as `°C`; the dimensionless `1` is empty."""
+    if unit == "1":
+        return ""
+    return unit.replace("degC", "°C").replace("degF", "°F").replace("/Nm", "/(N·m)").replace("Nm", "N·m")
+
+
+def measured(value: float | None, deviation: float | None, unit: str) -> Measured:
+    """Value and deviation (SI) with two digits of the deviation, in the prefix of the larger of the two."""
+    if value is None or not math.isfinite(value):
+        return Measured(UNKNOWN, "", pretty_unit(unit))
+    known = deviation is not None and math.isfinite(deviation) and deviation > 0
+    factor, unit = prefix(max(abs(value), deviation if known and deviation else 0.0), unit)
+    value *= factor
+    if not known or deviation is None:
+        return Measured(minus(significant(value, 3)), "", unit)
+    deviation *= factor
+    decimals = min(8, max(0, 1 - math.floor(math.log10(deviation))))
+    return Measured(minus(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}", unit)
+
+
+def significant(value: float, digits: int) -> str:
+    """`value` with that many significant digits, never in exponents between 1e-5 and 1e6."""
+    if value == 0:
+        return "0"
+    if not math.isfinite(value):
+        return UNKNOWN
+    if not 1e-5 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}"
+
+
+def millimetres(value: float | None) -> str:
+    """A length given in mm to a tenth of a micrometre below 0.01 mm, to a micrometre below 10 mm, else to 0.01 mm."""
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    return f"{value:.{4 if abs(value) < 0.01 else 3 if abs(value) < 10 else 2}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share as whole percent; one decimal below 1 %."""
+    if share is None or not math.isfinite(share):
+        return UNKNOWN
+    return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
+
+
+def minus(text: str) -> str:
+    """The same with a true minus sign."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def expression(text: str) -> str:
+    """An expression for reading: `2*J4**3` as `2·J4³`."""
+    text = re.sub(r"\*\*(\d+)", lambda m: m[1].translate(_SUPERSCRIPTS), text)
+    return re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", text)
