@@ -1,6 +1,7 @@
 """The best program seen at every complexity, over a whole run: the Pareto front."""
 
 from dataclasses import dataclass
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,24 +33,36 @@ class Candidate:
     validation: float | None = None
 
 
+class Population(Protocol):
+    """A population of either representation."""
+
+    def __len__(self) -> int: ...
+
+    def take(self, rows: NDArray[np.intp]) -> Self: ...
+
+    def join(self, other: Self) -> Self: ...
+
+
 class Archive:
     """Keeps, at each complexity, the genome with the largest gain."""
 
     def __init__(self, problem: Problem, layout: Layout) -> None:
         self.problem, self.layout = problem, layout
         self.best_gain = 0.0
-        self._gains: dict[int, float] = {}
-        self._kept: dict[int, tuple[object, int]] = {}
+        self._gains = np.zeros(64)
+        self._kept: dict[int, tuple[Population, int]] = {}
 
-    def add(self, population, scores: Scores) -> None:
-        order = np.lexsort((-scores.gain, scores.complexity))
-        sizes, first = np.unique(scores.complexity[order], return_index=True)
-        for size, row in zip(sizes.tolist(), order[first].tolist(), strict=True):
-            gain = float(scores.gain[row])
-            if np.isfinite(gain) and gain > self._gains.get(size, 0.0):
-                self._gains[size] = gain
-                self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
-                self.best_gain = max(self.best_gain, gain)
+    def add(self, population: Population, scores: Scores) -> None:
+        """Take in the programs that beat what is known at their complexity."""
+        largest = int(scores.complexity.max(initial=0))
+        if largest >= len(self._gains):
+            self._gains = np.concatenate([self._gains, np.zeros(largest + 1 - len(self._gains))])
+        better = np.flatnonzero(scores.gain > self._gains[scores.complexity] + 1e-12)
+        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
+            size, gain = int(scores.complexity[row]), float(scores.gain[row])
+            self._gains[size] = gain
+            self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
+            self.best_gain = max(self.best_gain, gain)
 
     def front(self) -> tuple[Candidate, ...]:
         """Candidates that no simpler one equals in gain, simplest first."""
@@ -72,12 +85,12 @@ class Archive:
 
         return min(front, key=length)
 
-    def _candidate(self, population, chosen: int) -> Candidate:
+    def _candidate(self, population: Population, chosen: int) -> Candidate:
         program = self._program(population)
         outputs = [k for k in range(self.layout.outputs) if chosen >> k & 1]
         return scored(program.select(outputs), self.problem)
 
-    def _program(self, population) -> Program:
+    def _program(self, population: Population) -> Program:
         if isinstance(population, Sequences):
             from gpmodel import linear
 

@@ -1,5 +1,6 @@
 """Runs populations on the kernels."""
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,14 +25,15 @@ def aligned(shape: tuple[int, ...]) -> Array:
 
 @dataclass(frozen=True)
 class Code:
-    """Effective code of a slice of programs, one row each: what the kernels execute."""
+    """Effective code of a slice of programs, one row each: what the kernels execute.
 
-    op: NDArray[np.int16]
-    first: NDArray[np.int16]
-    second: NDArray[np.int16]
-    mask: NDArray[np.uint8]
-    outputs: NDArray[np.int16]
-    count: NDArray[np.int16]
+    words (P, longest) instructions of which ``count`` are used, outputs (P, m) rows, sizes (P, 2^m) nodes by
+    the outputs they reach, a hash of the whole, and own constants (P, C).
+    """
+
+    words: NDArray[np.int64]
+    outputs: NDArray[np.uint16]
+    count: NDArray[np.int64]
     sizes: NDArray[np.uint16]
     hashes: NDArray[np.uint64]
     constants: Array
@@ -39,40 +41,39 @@ class Code:
 
 def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
     """Effective code of a slice of a population."""
-    from gpmodel.kernels.batch import decode_forests, decode_sequences
+    from gpmodel.kernels import batch
 
     constants = np.ascontiguousarray(population.constants[part])
     bits = constants.view(np.uint64)
-    size = len(constants)
     if isinstance(population, Sequences):
-        longest = population.genes.shape[1] + layout.own_constants
+        longest = population.genes.shape[1] + layout.own_constants + 1
     else:
         longest = int(np.max(population.bounds[part, -1] - population.bounds[part, 0]))
+    size = len(constants)
     code = Code(
-        *(np.empty((size, longest), np.int16) for _ in range(3)),
-        np.empty((size, longest), np.uint8),
-        np.empty((size, layout.outputs), np.int16),
-        np.empty(size, np.int16),
+        _workspace((size, longest)).view(np.int64),
+        np.empty((size, layout.outputs), np.uint16),
+        np.empty(size, np.int64),
         np.empty((size, 1 << layout.outputs), np.uint16),
         np.empty(size, np.uint64),
         constants,
     )
-    sink = (code.op, code.first, code.second, code.mask, code.outputs, code.count, code.sizes, code.hashes)
+    sink = (code.words, code.outputs, code.count, code.sizes, code.hashes)
     if isinstance(population, Sequences):
-        tables = (layout.operator_of, layout.input_of, layout.register_of, layout.operand_of, layout.start_rows)
-        decode_sequences(population.genes[part], constants, bits, *tables, layout.base, *sink)
+        tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
+        batch.decode_sequences(population.genes[part], bits, *tables, layout.base, *sink)
     else:
-        decode_forests(population.codes, population.bounds[part], bits, layout.base, *sink)
+        batch.decode_forest(population.codes, population.bounds[part], bits, layout.base, *sink)
     return code
 
 
 def values(code: Code, fixed: Array) -> Array:
     """Outputs (P, outputs, N) of decoded programs on fixed rows (base, N)."""
-    from gpmodel.kernels.batch import output_values
+    from gpmodel.kernels import batch
 
     found = np.empty((len(code.count), code.outputs.shape[1], fixed.shape[1]))
-    output_values(
-        code.op, code.first, code.second, code.outputs, code.count, code.constants, fixed, _scratch(code, fixed), found
+    batch.output_values(
+        code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found
     )
     return found
 
@@ -85,13 +86,32 @@ def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool
     poses = fixed.shape[1]
     limit = hopeless**2 if maximum else hopeless**2 * poses
     batch.compensator_fitness(
-        code.op, code.first, code.second, code.outputs, code.count, code.constants,
-        fixed, _scratch(code, fixed), measured, maximum, limit, found,
+        code.words, code.outputs, code.count, code.constants,
+        fixed, _rows(code, fixed), measured, maximum, limit, found,
     )  # fmt: skip
     return np.sqrt(found if maximum else found / poses)
 
 
-def _scratch(code: Code, fixed: Array) -> Array:
+def _rows(code: Code, fixed: Array) -> Array:
     base, poses = fixed.shape
     width = min(BLOCK, (poses + 7) // 8 * 8)
-    return aligned((base + int(code.count.max(initial=0)), width))
+    return _aligned((base + int(code.count.max(initial=0)) + 1, width))
+
+
+def _aligned(shape: tuple[int, ...]) -> Array:
+    size = int(np.prod(shape)) * 8
+    buffer = np.empty(size + 64, dtype=np.uint8)
+    offset = -buffer.ctypes.data % 64
+    return buffer[offset : offset + size].view(np.float64).reshape(shape)
+
+
+_buffers = threading.local()
+
+
+def _workspace(shape: tuple[int, int]) -> Array:
+    """One array a thread, reused: the words of a slice live until the next slice is decoded."""
+    size = shape[0] * shape[1]
+    held = getattr(_buffers, "words", None)
+    if held is None or held.size < size:
+        held = _buffers.words = _aligned((size,))
+    return held[:size].reshape(shape)

@@ -117,7 +117,7 @@ class Run:
             code = decode(readable, part, self.layout)
             found[part] = self.problem.scores(code, self.fixed, self.settings.parsimony, hopeless)
 
-        over_slices(len(population), self.threads, work)
+        over_slices(len(population), self.threads, work, self.problem.slice)
         return found
 
     def result(self, progress: Callable[[Progress], None] | None) -> Evolution:
@@ -148,7 +148,7 @@ class Run:
                 left = min(left, seconds / generation * (settings.generations - generation))
             row = Progress(
                 generation, best, float(np.median(finite)), float(self.archive.best_gain),
-                len(np.unique(scores.hashes)), evaluations / seconds, seconds, max(0.0, left),
+                distinct(scores.hashes), evaluations / seconds, seconds, max(0.0, left),
             )  # fmt: skip
             rows.append(row)
             if progress:
@@ -191,6 +191,12 @@ class Run:
         both = scores.join(self.scores(children))
         keep = survivors(both, count)
         return population.join(children).take(keep), both.take(keep)
+
+
+def distinct(hashes: NDArray[np.uint64]) -> int:
+    """Number of different effective codes."""
+    ordered = np.sort(hashes)
+    return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
 
 
 def survivors(scores: Scores, count: int) -> NDArray[np.intp]:

@@ -1,18 +1,18 @@
 """What a program can read and where its parts are: inputs, constants, operators, registers, outputs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.operators import INPUT, LOAD, STORE, Operator
+from gpmodel.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
 Array = NDArray[np.float64]
 
-OPERAND_ROWS = 256
-"""An operand at or beyond this is a row of values, below it a register."""
+ACCUMULATOR = np.uint32(1 << 31)
+"""Bit of the accumulator in a set of registers."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,13 @@ class Layout:
     outputs: int
     own_constants: int = 0
     direct: bool = False
-    moves: tuple[int, ...] = field(default=(INPUT, LOAD, STORE))
 
     def __post_init__(self) -> None:
         if len(set(self.inputs)) != len(self.inputs):
             raise InputError("inputs: a name appears twice")
         if not 1 <= self.outputs <= min(8, len(self.start)):
             raise InputError(f"outputs: {self.outputs}, expected 1 to {min(8, len(self.start))} registers")
-        if self.elements > 256 or len(self.start) > 128:
+        if self.elements > 256 or len(self.start) > 31:
             raise InputError(f"inputs: {self.elements} elements, at most 256 can be addressed")
         unknown = [name for name in self.start if name is not None and name not in self.inputs]
         if unknown:
@@ -71,32 +70,58 @@ class Layout:
         return element if element < self.zero_row else element + 1
 
     @cached_property
-    def start_rows(self) -> NDArray[np.int16]:
+    def start_rows(self) -> NDArray[np.uint16]:
         rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
-        return np.array(rows, dtype=np.int16)
+        return np.array(rows, dtype=np.uint16)
 
     @cached_property
-    def operator_of(self) -> NDArray[np.int16]:
+    def operator_of(self) -> NDArray[np.uint8]:
         """Op-code of each gene: a code on offer is itself, any other gene stands for one in turn."""
-        offered = [*self.moves, *(operator.code for operator in self.operators)]
+        offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
-        return np.array(table, dtype=np.int16)
+        return np.array(table, dtype=np.uint8)
+
+    def operand(self, code: int, gene: int) -> tuple[str, int]:
+        """What the operand of an op-code names: ("register", number) or ("row", number).
+
+        ``input`` names an element, ``load`` and ``store`` a register, a binary operator a register or, with
+        ``direct`` and an odd gene, an element.
+        """
+        registers = len(self.start)
+        if code == INPUT:
+            return "row", self.element_row(gene % self.elements)
+        if code in (LOAD, STORE) or not self.direct:
+            return "register", gene % registers
+        half, odd = divmod(gene, 2)
+        return ("row", self.element_row(half % self.elements)) if odd else ("register", half % registers)
 
     @cached_property
-    def input_of(self) -> NDArray[np.int16]:
-        return np.array([self.element_row(gene % self.elements) for gene in range(256)], dtype=np.int16)
+    def cell_of(self) -> NDArray[np.uint16]:
+        """``operand`` as a table over ``256 op-code + gene``: a register, or the registers plus a row.
+
+        Row 0 where an op-code takes no operand.
+        """
+        registers = len(self.start)
+        table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
+        for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
+            for gene in range(256):
+                kind, number = self.operand(code, gene)
+                table[code, gene] = number if kind == "register" else registers + number
+        return table.ravel()
 
     @cached_property
-    def register_of(self) -> NDArray[np.int16]:
-        return np.array([gene % len(self.start) for gene in range(256)], dtype=np.int16)
+    def written_of(self) -> NDArray[np.uint32]:
+        """Bit set that an instruction writes, over ``256 op-code + gene``: one register or the accumulator."""
+        codes, bits = self._codes_and_bits()
+        return np.where(codes == STORE, bits, ACCUMULATOR)
 
     @cached_property
-    def operand_of(self) -> NDArray[np.int16]:
-        """Second operand of each gene: a register, or with ``direct`` for odd genes an element's row."""
-        if not self.direct:
-            return self.register_of
-        table = [
-            OPERAND_ROWS + self.element_row(gene // 2 % self.elements) if gene % 2 else gene // 2 % len(self.start)
-            for gene in range(256)
-        ]
-        return np.array(table, dtype=np.int16)
+    def read_of(self) -> NDArray[np.uint32]:
+        """Bit set that an instruction reads, over ``256 op-code + gene``."""
+        codes, bits = self._codes_and_bits()
+        return np.where(codes == STORE, 0, bits) | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))
+
+    def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+        cells = self.cell_of.astype(np.uint32)
+        bits = np.where(cells < len(self.start), np.uint32(1) << np.minimum(cells, 31), 0).astype(np.uint32)
+        return np.arange(len(cells)) >> 8, bits

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.layout import OPERAND_ROWS, Layout
+from gpmodel.layout import Layout
 from gpmodel.operators import BY_CODE, INPUT, LOAD, STORE
 from gpmodel.parallel import over_slices
 from gpmodel.population import Sequences
@@ -86,14 +86,11 @@ def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Pr
     for code, operand in instructions(genes, layout):
         if operand is None:
             accumulator = builder.apply(BY_CODE[code].name, accumulator)
-        elif code == INPUT:
-            accumulator = row(int(layout.input_of[operand]))
-        elif code == LOAD:
-            accumulator = registers[layout.register_of[operand]]
-        elif code == STORE:
-            registers[layout.register_of[operand]] = accumulator
-        else:
-            second = int(layout.operand_of[operand])
-            other = registers[second] if second < OPERAND_ROWS else row(second - OPERAND_ROWS)
-            accumulator = builder.apply(BY_CODE[code].name, accumulator, other)
+            continue
+        kind, number = layout.operand(code, operand)
+        if code == STORE:
+            registers[number] = accumulator
+            continue
+        value = registers[number] if kind == "register" else row(number)
+        accumulator = value if code in (INPUT, LOAD) else builder.apply(BY_CODE[code].name, accumulator, value)
     return builder.program(registers[: layout.outputs])

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,7 @@ class CartesianProblem:
     inputs: Inputs
     measured: Array
     norm: str = "max"
+    slice: ClassVar[int] = 2048
 
     def __post_init__(self) -> None:
         if self.norm not in ("max", "rms"):
@@ -116,6 +118,7 @@ class SlotProblem:
     targets: Targets
     validation: Targets | None = None
     validation_inputs: Inputs | None = None
+    slice: ClassVar[int] = 128
 
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:

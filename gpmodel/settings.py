@@ -60,7 +60,7 @@ class Settings:
             "seconds": (0.0, 1e9),
             "own_constants": (0, 64),
             "length": (2, 4096),
-            "registers": (1, 128),
+            "registers": (1, 31),
             "outputs": (1, 8),
             "depth": (1, 40),
             "selected": (1e-6, 1.0),

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gpmodel.kernels.elementary import (
@@ -29,9 +28,7 @@ def _within(row: Array, limit: float, width: int) -> bool:
 
 @compiled
 def execute(
-    op: NDArray[np.int16],
-    first: NDArray[np.int16],
-    second: NDArray[np.int16],
+    words: NDArray[np.int64],
     count: int,
     constants: Array,
     rows: Array,
@@ -40,9 +37,9 @@ def execute(
 ) -> None:
     """Fill ``rows[base + k, :width]`` with the value of instruction k."""
     for k in range(count):
-        code = op[k]
-        a = np.int64(first[k])
-        b = np.int64(second[k])
+        code = words[k] & 0xFFFF
+        a = (words[k] >> 16) & 0xFFFF
+        b = words[k] >> 32
         r = base + k
         if code == 3:
             for j in range(width):

@@ -1,9 +1,11 @@
 """From genes or tree codes to short straight-line code on rows of values.
 
-Rows: the inputs, then the fixed constants (row ``zero`` holds 0), then one row an instruction. Moves between
-accumulator and registers are renamed away, and only instructions that reach an output are kept. ``mask`` has
-one bit an output that the instruction reaches.
+Rows: the inputs, then the fixed constants (the last of them 0), then one row an instruction. An instruction
+is one word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between
+accumulator and registers are renamed away, and only instructions that reach an output are kept.
 """
+
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -12,9 +14,14 @@ from numpy.typing import NDArray
 CONSTANT = 1
 """Pseudo op-code: fill the row with the program's own constant number ``first``."""
 
-_FIRST_BINARY, _LAST_BINARY = 3, 9
+_LAST_BINARY = 9
+_ROW = 0xFFFF
 
-compiled = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+compiled: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+reduction: Any = njit(
+    nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"}
+)
+"""For sums and maxima over rows without a NaN, in the order the processor likes."""
 
 
 @compiled
@@ -25,137 +32,147 @@ def _mix(h: int, v: int) -> int:
 
 @compiled
 def keep_live(
-    op: NDArray[np.int16],
-    first: NDArray[np.int16],
-    second: NDArray[np.int16],
-    mask: NDArray[np.uint8],
+    words: NDArray[np.int64],
+    kept_words: NDArray[np.int64],
     count: int,
     base: int,
-    outputs: NDArray[np.int16],
+    outputs: NDArray[np.uint16],
     constant_bits: NDArray[np.uint64],
     sizes: NDArray[np.uint16],
+    reach: NDArray[np.uint8],
+    leaf: NDArray[np.uint8],
+    place: NDArray[np.uint16],
+    live: NDArray[np.uint16],
 ) -> tuple[int, int]:
-    """Drop dead instructions in place; returns (instructions kept, hash of the effective code).
+    """Copy live instructions to ``kept_words``; returns (their number, hash of the effective code).
 
-    ``sizes[m]`` becomes the operators plus leaf references that reach exactly the outputs of bit set m.
+    ``sizes[m]`` becomes the operators plus leaf references that reach exactly the outputs of bit set m. The
+    last four are scratch, one element a row; up to ``base`` leaf is 1 and place the row itself.
     """
-    for k in range(count):
-        mask[k] = 0
+    reach[: base + count] = 0
     sizes[:] = 0
-    for k in range(len(outputs)):
-        row = outputs[k]
-        bit = np.uint8(1 << k)
-        if row >= base:
-            mask[row - base] |= bit
-            if op[row - base] == CONSTANT:
-                sizes[bit] += 1
-        else:
-            sizes[bit] += 1
-    for k in range(count - 1, -1, -1):
-        m = mask[k]
-        if m == 0 or op[k] == CONSTANT:
-            continue
-        sizes[m] += 1
-        a = first[k] - base
-        if a >= 0:
-            mask[a] |= m
-        if a < 0 or op[a] == CONSTANT:
-            sizes[m] += 1
-        if _FIRST_BINARY <= op[k] <= _LAST_BINARY:
-            b = second[k] - base
-            if b >= 0:
-                mask[b] |= m
-            if b < 0 or op[b] == CONSTANT:
-                sizes[m] += 1
-    kept = 0
-    h = np.uint64(1469598103934665603)
-    place = np.empty(count, np.int16)
     for k in range(count):
-        if mask[k] == 0:
-            continue
-        place[k] = kept
-        o = op[k]
-        a = first[k]
-        b = second[k]
-        if o == CONSTANT:
-            h = _mix(h, constant_bits[a])
-        else:
-            if a >= base:
-                a = np.int16(base + place[a - base])
-            if b >= base:
-                b = np.int16(base + place[b - base])
-            h = _mix(h, np.uint64(o) | (np.uint64(a) << np.uint64(16)) | (np.uint64(b) << np.uint64(32)))
-        op[kept] = o
-        first[kept] = a
-        second[kept] = b
-        mask[kept] = mask[k]
-        kept += 1
+        leaf[base + k] = (words[k] & _ROW) == CONSTANT
     for k in range(len(outputs)):
-        if outputs[k] >= base:
-            outputs[k] = base + place[outputs[k] - base]
-        h = _mix(h, np.uint64(outputs[k]))
+        reach[outputs[k]] |= 1 << k
+        sizes[1 << k] += leaf[outputs[k]]
+    kept = 0
+    for k in range(count - 1, -1, -1):
+        bits = reach[base + k]
+        live[kept] = k
+        kept += bits != 0
+        code = words[k] & _ROW
+        operator = np.uint8(code != CONSTANT)
+        a = ((words[k] >> 16) & _ROW) * operator
+        b = words[k] >> 32
+        reach[a] |= bits * operator
+        reach[b] |= bits * operator
+        sizes[bits] += operator * (1 + leaf[a] + leaf[b] * (code <= _LAST_BINARY))
+    sizes[0] = 0
+    h = np.uint64(1469598103934665603)
+    for j in range(kept):
+        k = np.int64(live[kept - 1 - j])
+        place[base + k] = base + j
+        word = words[k]
+        if word & _ROW == CONSTANT:
+            h = _mix(h, constant_bits[(word >> 16) & _ROW])
+        else:
+            a = np.int64(place[(word >> 16) & _ROW])
+            b = np.int64(place[word >> 32])
+            word = (word & _ROW) | (a << 16) | (b << 32)
+            h = _mix(h, word)
+        kept_words[j] = word
+    for k in range(len(outputs)):
+        outputs[k] = place[outputs[k]]
+        h = _mix(h, outputs[k])
     return kept, h
 
 
 @compiled
+def split_instructions(genes: NDArray[np.uint8], operator_of: NDArray[np.uint8], pairs: NDArray[np.uint16]) -> int:
+    """Each instruction of a sequence as ``256 op-code + operand gene`` (0 without operand); returns how many.
+
+    An element begins an instruction unless the one before it does and takes an operand; an op-code whose
+    operand is beyond the end is dropped. No branches on the op-code, which no processor could predict.
+    """
+    found = 0
+    begins = 1
+    last = len(genes) - 1
+    code = np.int64(operator_of[genes[0]])
+    for i in range(last):
+        takes = np.int64(code <= _LAST_BINARY)
+        gene = np.int64(genes[i + 1])
+        pairs[found] = (code << 8) | (gene * takes)
+        found += begins
+        begins = 1 - (begins & takes)
+        code = np.int64(operator_of[gene])
+    pairs[found] = code << 8
+    return found + (begins & (code > _LAST_BINARY))
+
+
+@compiled
+def reaching_instructions(
+    pairs: NDArray[np.uint16],
+    count: int,
+    read_of: NDArray[np.uint32],
+    written_of: NDArray[np.uint32],
+    outputs: int,
+) -> int:
+    """Where, in ``pairs``, the instructions begin that can reach the first ``outputs`` registers.
+
+    Goes backwards with the bit set of registers that are still to be read (the highest bit is the
+    accumulator) and moves what is kept to the end of the first ``count``.
+    """
+    needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
+    begin = count
+    for k in range(count - 1, -1, -1):
+        pair = pairs[k]
+        written = written_of[pair]
+        live = np.uint32((needed & written) != 0)
+        needed = (needed & ~written) | (read_of[pair] & (np.uint32(0) - live))
+        pairs[begin - 1] = pair
+        begin -= np.int64(live)
+    return begin
+
+
+@compiled
 def decode_sequence(
-    genes: NDArray[np.uint8],
-    operator_of: NDArray[np.int16],
-    input_of: NDArray[np.int16],
-    register_of: NDArray[np.int16],
-    operand_of: NDArray[np.int16],
-    start: NDArray[np.int16],
+    pairs: NDArray[np.uint16],
+    begin: int,
+    end: int,
+    cell_of: NDArray[np.uint16],
+    start: NDArray[np.uint16],
     base: int,
     constants: int,
-    op: NDArray[np.int16],
-    first: NDArray[np.int16],
-    second: NDArray[np.int16],
-    outputs: NDArray[np.int16],
+    words: NDArray[np.int64],
+    outputs: NDArray[np.uint16],
+    cells: NDArray[np.uint16],
 ) -> int:
-    """Instructions of an accumulator-machine sequence; returns their number, dead code included.
+    """Words of the instructions ``pairs[begin:end]`` of an accumulator machine; returns their number.
 
-    Op-codes 0 input, 1 load, 2 store and 3 to 9 take the next gene as operand, others do not; an op-code
-    whose operand is beyond the end is dropped. ``operand_of`` below 256 is a register, above a row.
-    Rows ``base`` to ``base + constants`` are the program's own constants.
+    ``cell_of[pair]`` is the cell that the operand names: a register, or one that holds a row's number. Rows
+    ``base`` to ``base + constants`` are the program's own constants. ``cells`` is scratch, with the row
+    numbers behind the registers and one cell more.
     """
     count = constants
     for k in range(constants):
-        op[k] = CONSTANT
-        first[k] = k
-        second[k] = 0
-    register = start.copy()
-    accumulator = np.int16(start[0])
-    length = len(genes)
-    i = 0
-    while i < length:
-        code = operator_of[genes[i]]
-        i += 1
-        if code > _LAST_BINARY:
-            op[count] = code
-            first[count] = accumulator
-            second[count] = 0
-            accumulator = np.int16(base + count)
-            count += 1
-            continue
-        if i == length:
-            break
-        gene = genes[i]
-        i += 1
-        if code == 0:
-            accumulator = input_of[gene]
-        elif code == 1:
-            accumulator = register[register_of[gene]]
-        elif code == 2:
-            register[register_of[gene]] = accumulator
-        else:
-            operand = operand_of[gene]
-            op[count] = code
-            first[count] = accumulator
-            second[count] = register[operand] if operand < 256 else operand - 256
-            accumulator = np.int16(base + count)
-            count += 1
+        words[k] = CONSTANT | (k << 16)
+    for k in range(len(start)):
+        cells[k] = start[k]
+    accumulator = np.int64(start[0])
+    unused = len(cells) - 1
+    for k in range(begin, end):
+        pair = pairs[k]
+        code = np.int64(pair >> 8)
+        cell = np.int64(cell_of[pair])
+        value = np.int64(cells[cell])
+        cells[cell if code == 2 else unused] = accumulator
+        words[count] = code | (accumulator << 16) | (value << 32)
+        moved = accumulator if code == 2 else value
+        accumulator = base + count if code > 2 else moved
+        count += code > 2
     for k in range(len(outputs)):
-        outputs[k] = register[k]
+        outputs[k] = cells[k]
     return count
 
 
@@ -164,40 +181,35 @@ def decode_trees(
     codes: NDArray[np.int16],
     bounds: NDArray[np.int32],
     base: int,
-    op: NDArray[np.int16],
-    first: NDArray[np.int16],
-    second: NDArray[np.int16],
-    outputs: NDArray[np.int16],
+    words: NDArray[np.int64],
+    outputs: NDArray[np.uint16],
+    stack: NDArray[np.int64],
 ) -> int:
     """Instructions of the trees ``codes[bounds[k]:bounds[k + 1]]``, each in depth-first (prefix) order.
 
     A code below 32 is an operator, below 16384 a row plus 32, beyond that a constant of the program plus
-    16384. Returns the number of instructions.
+    16384. Returns the number of instructions; ``stack`` is scratch.
     """
     count = 0
-    stack = np.empty(bounds[-1] - bounds[0] + 1, np.int16)
     for root in range(len(outputs)):
         top = 0
         for i in range(bounds[root + 1] - 1, bounds[root] - 1, -1):
-            code = codes[i]
-            if code >= 16384:
-                op[count] = CONSTANT
-                first[count] = code - 16384
-                second[count] = 0
-            elif code >= 32:
-                stack[top] = code - 32
-                top += 1
-                continue
-            else:
-                op[count] = code
+            code = np.int64(codes[i])
+            if code < 32:
                 top -= 1
-                first[count] = stack[top]
-                second[count] = 0
+                word = code | (stack[top] << 16)
                 if code <= _LAST_BINARY:
                     top -= 1
-                    second[count] = stack[top]
-            stack[top] = base + count
+                    word |= stack[top] << 32
+                words[count] = word
+                stack[top] = base + count
+                count += 1
+            elif code < 16384:
+                stack[top] = code - 32
+            else:
+                words[count] = CONSTANT | ((code - 16384) << 16)
+                stack[top] = base + count
+                count += 1
             top += 1
-            count += 1
         outputs[root] = stack[0]
     return count
