@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel import identifiability as ident
-from gpmodel.calibration import ROTATION_LEVER, Calibration, calibrate, linearise
+from gpmodel.calibration import ROTATION_LEVER, Calibration, calibrate, linearise, resolved
 from gpmodel.dataset import Dataset, IntArray
 from gpmodel.effect import Effect, geometric_effects
 from gpmodel.errors import InputError
@@ -159,7 +159,7 @@ def _rotations(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 def fit_rotation_error(fit: Calibration, poses: Poses) -> float:
     """Median angle, rad, between measured and predicted rotations."""
-    residual = measured_minus(observe(fit.model, poses, fit.theta, fit.placement), poses.dataset)[:, 3:6]
+    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), poses.dataset)[:, 3:6]
     return float(np.nanmedian(np.linalg.norm(residual, axis=1)))
 
 
@@ -206,7 +206,7 @@ def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
 def _jumps(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Largest standardised cumulative sum of the residuals along the rows, per component (Ploberger, Krämer 1992)."""
     data = poses.dataset
-    residual = measured_minus(observe(fit.model, poses, fit.theta, fit.placement), data)
+    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), data)
     best: tuple[float, int, float] | None = None
     for values in residual[:, [0, 1, 2, *range(6, residual.shape[1])]].T:
         use = np.isfinite(values) & ~np.isin(np.arange(len(data)), fit.outliers)

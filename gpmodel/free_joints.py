@@ -144,6 +144,15 @@ def solve_joints(
     return current
 
 
+def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.bool_], values: Array) -> Array:
+    """Observations (N, m), in metres, less what each pose's own free joints explain; unchanged without any."""
+    if not free_joints(mechanism):
+        return values
+    left = complement(joint_columns(mechanism, observed) * measured[:, :, None], measured)
+    turned = np.einsum("nij,nj->ni", left.turn, values * measured) * left.keep
+    return np.einsum("nij,ni->nj", left.turn, turned)
+
+
 def check_points(dataset: Dataset) -> None:
     """Refuses points from which free angles leave nothing: too few, all alike, or all in one plane.
 

@@ -75,9 +75,10 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     count = len(q)
     unmeasured = np.full((count, 3), np.nan)
     names = tuple(j.name for j in mechanism.joints)
-    data = Dataset(names, q, np.zeros((count, 3)), unmeasured, np.arange(1, count + 1), np.zeros(count))
     tool = np.eye(4)
     tool[:3, 3] = (0.05, 0.07, 0.11)
+    tips = (chain(mechanism.transforms(q))[-1] @ tool)[:, :3, 3]
+    data = Dataset(names, q, tips, unmeasured, np.arange(1, count + 1), np.zeros(count))
     model = ErrorModel(mechanism, geometric_effects(mechanism))
     problem = linearise(
         model, prepare(mechanism, data), np.zeros(len(model.effects)), Placement({"": np.eye(4)}, {"": tool}, {}),
@@ -86,7 +87,10 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     placed, errors = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
     kept = ident.rank(placed, errors).kept(PARAMETER_LIMIT)
     columns = np.hstack([placed[:, ident.rank(placed[:, :0], placed).kept(PARAMETER_LIMIT)], errors[:, kept]])
-    return (columns / np.sqrt(np.mean(columns**2, axis=0))).reshape(count, 3, -1)
+    blocks = np.zeros((count, 3, columns.shape[1]))
+    row = np.arange(len(columns)) - np.searchsorted(problem.pose_of_row, problem.pose_of_row)
+    blocks[problem.pose_of_row, row] = columns / np.sqrt(np.mean(columns**2, axis=0))
+    return blocks
 
 
 def observable_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, above: float = -np.inf) -> Array:

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from gpmodel import catalogue
-from gpmodel.calibration import Calibration
+from gpmodel.absorbed import absorbed_families, absorbed_in_words
+from gpmodel.calibration import Calibration, resolved
 from gpmodel.discovery import Discovery, Round, Step
 from gpmodel.evidence import Site
+from gpmodel.free_joints import what_is_left
 from gpmodel.hypothesis import Hypothesis
 from gpmodel.mechanism import Array
 from gpmodel.model import measured_minus, observe
@@ -81,7 +83,8 @@ def build(discovery: Discovery, command: str, seed: int, noise: float | None) ->
         "plots": _plots(discovery, names),
         "seconds": discovery.seconds,
     }
-    report["verdict"] = _verdict(report)
+    report["absorbed"] = [translate(name, names) for name in absorbed_families(final, discovery.poses)]
+    report["verdict"] = " ".join(filter(None, (_verdict(report), absorbed_in_words(final, report["absorbed"]))))
     return report
 
 
@@ -230,7 +233,8 @@ def _finite(values: Array) -> list[list[float | None]]:
 
 def _root_residual(calibration: Calibration, discovery: Discovery) -> Array:
     data = discovery.poses.dataset
-    observed = observe(calibration.model, discovery.poses, calibration.theta, calibration.placement)
+    poses = resolved(calibration, discovery.poses)
+    observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
     residual = measured_minus(observed, data)[:, :3]
     turn = np.stack([calibration.placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
     return (np.swapaxes(turn, 1, 2) @ residual[:, :, None])[:, :, 0]
@@ -238,8 +242,8 @@ def _root_residual(calibration: Calibration, discovery: Discovery) -> Array:
 
 def _shape(discovery: Discovery, i: int, heldout: Array, names: Mapping[str, str]) -> dict[str, Any] | None:
     """Partial residual of a finding: its own contribution plus what the final model leaves along its column."""
-    candidate, poses = discovery.findings[i].candidate, discovery.poses
-    final = discovery.steps[-1].calibration
+    candidate, final = discovery.findings[i].candidate, discovery.steps[-1].calibration
+    poses = resolved(final, discovery.poses)
     known = {e.name for e in final.model.effects}
     if not all(e.name in known for e in candidate.effects):
         return None
@@ -251,6 +255,9 @@ def _shape(discovery: Discovery, i: int, heldout: Array, names: Mapping[str, str
     slot = discovery.mechanism.slots.index(site.slot)
     lever = observed.sensitivity(slot)[:, :, ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz").index(site.axis)] * site.terms[0][2]
     lever[:, 3:6] = 0.0
+    measured = np.isfinite(measured_minus(observed, poses.dataset))
+    lever = what_is_left(discovery.mechanism, observed, measured, lever)
+    residual = what_is_left(discovery.mechanism, observed, measured, residual)
     strength = np.sum(lever**2, axis=1)
     seen = strength > 0.05 * np.max(strength, initial=1e-30)
     own = shape(final, candidate, poses.states) / site.terms[0][2]
@@ -275,14 +282,18 @@ def _shape(discovery: Discovery, i: int, heldout: Array, names: Mapping[str, str
     }
 
 
+def _length(mm: float) -> str:
+    return f"{mm:.3f} mm" if mm >= 0.02 else f"{1e3 * mm:.2f} µm"
+
+
 def _verdict(report: dict[str, Any]) -> str:
     ladder = report["ladder"]
     standard, last = ladder[1]["heldout"]["rms_mm"], ladder[-1]["heldout"]["rms_mm"]
     floor = report["noise_floor_mm"]
-    tail = f", noise floor {floor:.3f} mm" if floor is not None else ""
+    tail = f", noise floor {_length(floor)}" if floor is not None else ""
     if not report["effects"]:
         return (
-            f"Standard model {standard:.3f} mm RMS on held-out poses{tail}; nothing stands out of chance: "
+            f"Standard model {_length(standard)} RMS on held-out poses{tail}; nothing stands out of chance: "
             "nothing was added."
         )
     parts = []
@@ -290,6 +301,6 @@ def _verdict(report: dict[str, Any]) -> str:
         parts.append(f"{e['name']} ({e['value']:.3g} ± {e['stderr']:.1g} {e['unit']})")
     inputs = list(dict.fromkeys(x for e in report["effects"] for x in e["inputs"]))
     return (
-        f"Standard model {standard:.3f} mm RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
-        f"added {'; '.join(parts)}; {last:.3f} mm RMS on held-out poses{tail}; {report['stopped']}."
+        f"Standard model {_length(standard)} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
+        f"added {'; '.join(parts)}; {_length(last)} RMS on held-out poses{tail}; {report['stopped']}."
     )
