@@ -231,7 +231,8 @@ def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -
     return blocks, names
 
 
-def _moved(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
+def placement_after(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
+    """The placement moved by a step of its columns, in their order."""
     data, i = poses.dataset, 0
     registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
     centre = observed.tip[:, :3, 3].mean(axis=0)
@@ -327,9 +328,9 @@ def _choose(
         limit = min(curve, key=lambda c: c.cv_rms).condition_limit
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[np.flatnonzero(constant)[ranking.kept(limit)]] = True
-    varying = np.flatnonzero(~constant)
-    late = ident.rank(np.hstack([fixed, columns[:, kept]]), columns[:, varying])
     believed = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
+    varying = np.flatnonzero(~constant & ~believed)
+    late = ident.rank(np.hstack([fixed, columns[:, kept]]), columns[:, varying])
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
     kept |= believed
     unknowns = ident.orthonormal(fixed).shape[1] if problem.left else problem.placement
@@ -358,7 +359,7 @@ def _iterate(
         moved = float(np.max(np.abs(columns @ solution), initial=0.0))
         step = np.zeros(len(free))
         step[free] = solution
-        placement = _moved(poses, problem.observed, placement, step[: problem.placement])
+        placement = placement_after(poses, problem.observed, placement, step[: problem.placement])
         theta = theta + step[problem.placement :]
         problem = linearise(model, poses, theta, placement, lever, use)
         if moved < STEP_TOLERANCE:
@@ -373,9 +374,13 @@ def solve(system: Array, target: Array) -> Array:
     """Least squares of unit columns: by pivoted QR, or by normal equations where hundreds of priors keep them regular."""
     if system.shape[1] < MANY_COLUMNS:
         return linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0]
-    gram = system.T @ system
+    return linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False)
+
+
+def factored(gram: Array) -> tuple[Array, bool]:
+    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites."""
     gram[np.diag_indices_from(gram)] += 1e-12
-    return linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), system.T @ target, check_finite=False)
+    return linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
 
 
 def _belief(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
@@ -416,19 +421,23 @@ def _summarise(
     columns = np.vstack([problem.columns[:, free], belief[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
-    inverse = np.linalg.pinv(np.linalg.qr(columns / scale, mode="r"), rcond=1e-9)
+    many = columns.shape[1] >= MANY_COLUMNS
+    inverse = _inverse_gram(columns / scale, many)
     rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
     freedom = max(len(columns) - rank, 1)
     sigma = float(np.sqrt(np.sum(problem.residual**2) / freedom))
-    covariance = sigma**2 * (inverse @ inverse.T) / np.outer(scale, scale)
+    covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)
     n, at = len(theta), np.flatnonzero(kept)
     stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
     stderr[at] = deviation[effects]
-    fixed = ident.orthonormal(columns[:, : problem.placement])
-    share[at] = ident.unique_shares(np.hstack([fixed, columns[:, effects]]))[fixed.shape[1] :]
+    if many:
+        share[at] = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))[effects]
+    else:
+        fixed = ident.orthonormal(columns[:, : problem.placement])
+        share[at] = ident.unique_shares(np.hstack([fixed, columns[:, effects]]))[fixed.shape[1] :]
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     reasons = {
         "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
@@ -441,6 +450,14 @@ def _summarise(
         outliers=np.flatnonzero(~use), rank=rank, condition_limit=limit, rank_curve=curve, lever=lever,
         iterations=iterations, status=status, reason=reasons[status],
     )  # fmt: skip
+
+
+def _inverse_gram(columns: Array, many: bool) -> Array:
+    """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR, or by Cholesky where priors keep hundreds regular."""
+    if many:
+        return linalg.cho_solve(factored(columns.T @ columns), np.eye(columns.shape[1]), check_finite=False)
+    root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
+    return root @ root.T
 
 
 def without_outlier_marks(calibration: Calibration) -> Calibration:
