@@ -116,7 +116,7 @@ class _Loop:
     def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
         train = self.poses.subset(self.train)
         again = without_outlier_marks(start) if start else None
-        limit = start.condition_limit if start and start.rank_curve else self.options.condition_limit
+        limit = self.options.condition_limit
         return calibrate(model, train, condition_limit=limit, start=again, robust=robust, seed=self.options.seed)
 
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
