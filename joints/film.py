@@ -1,16 +1,15 @@
-"""Flat-plate air film of a spherical joint: gap, pressure, flow, stiffness and their design (thesis section 4.2).
+"""Flat-plate air film of a spherical joint: gap, pressure, flow and stiffness (thesis section 4.2).
 
 Air enters through orifices at polar angle phi and leaves at the socket's edge alpha. Pressures are gauge [Pa],
 flows volumes at atmospheric pressure [m^3/s], displacements and gaps [m], angles [rad], stiffnesses [N/m].
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from joints.limits import angle_within, not_negative, positive, require
-from joints.orifice import Orifice
 from joints.preload import projected_area
 
 Array = NDArray[np.float64]
@@ -124,63 +123,6 @@ def stiffness_constant_flow(geometry: FilmGeometry, load: ArrayLike, gap: ArrayL
 def feed_factor(geometry: FilmGeometry, resistance: ArrayLike, flow_slope: ArrayLike) -> Array:
     """1 / (1 - N R_s dq/dP_s): what remains of the constant-flow stiffness at constant inlet pressure."""
     return 1 / (1 - geometry.orifices * np.asarray(resistance, float) * np.asarray(flow_slope, float))
-
-
-@dataclass(frozen=True)
-class FilmDesign:
-    """One row of the design guide for each displacement; `flow` is through one orifice, `resistance_ratio` is
-    orifice over socket resistance."""
-
-    displacement: Array
-    gap: Array
-    flow: Array
-    socket_pressure: Array
-    orifice_drop: Array
-    inlet_pressure: Array
-    resistance_ratio: Array
-    published_stiffness: Array
-    stiffness_constant_flow: Array
-    stiffness_constant_inlet: Array
-
-    def columns(self) -> dict[str, Array]:
-        """Field name to array, in order."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-
-def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> FilmDesign:
-    """The design flow chart of Fig 4.13: preload and displacement to flow, inlet pressure and stiffness."""
-    lift, load = np.broadcast_arrays(np.asarray(displacement, float), np.asarray(preload, float))
-    gap = edge_gap(geometry, lift)
-    socket = supporting_pressure(geometry, load)
-    resistance = film_resistance(geometry, gap)
-    flow = socket / (resistance * geometry.orifices)
-    inlet = orifice.inlet_pressure(flow, socket)
-    constant_flow = stiffness_constant_flow(geometry, load, gap)
-    feed = feed_factor(geometry, resistance, orifice.flow_slope(inlet, socket))
-    ratio = geometry.orifices * np.divide(inlet - socket, socket, out=np.full_like(gap, np.nan), where=socket > 0)
-    return FilmDesign(
-        lift,
-        gap,
-        flow,
-        socket,
-        inlet - socket,
-        inlet,
-        ratio,
-        published_stiffness(geometry, socket, gap),
-        constant_flow,
-        constant_flow * feed,
-    )
-
-
-def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
-    """Displacement [m] at which the film fed with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
-    lift the ball: h^3 = 6 mu ln(R/l_o) N q / (pi P_s)."""
-    supply = not_negative("inlet pressure", inlet, "Pa")
-    socket = positive("preload", preload, "N") / geometry.area
-    flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)
-    cubed = 6 * geometry.viscosity * geometry.log_ratio * geometry.orifices * flow / (np.pi * socket)
-    lift = geometry.clearance + (np.cbrt(cubed) - geometry.clearance) / np.cos(geometry.socket_angle)
-    return np.maximum(lift, 0.0)
 
 
 def _gap(gap: ArrayLike) -> Array:

@@ -6,8 +6,6 @@ import pytest
 from gpmodel.errors import InputError
 from joints.film import (
     FilmGeometry,
-    design_film,
-    displacement_at_inlet,
     displacement_for_gap,
     edge_gap,
     film_pressure,
@@ -18,6 +16,7 @@ from joints.film import (
     stiffness_constant_flow,
     supporting_pressure,
 )
+from joints.film_design import design_film, displacement_at_inlet
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
 
 DEG = np.pi / 180

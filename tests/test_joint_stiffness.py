@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry, design_film
+from joints.film import FilmGeometry
+from joints.film_design import design_film
 from joints.orifice import LinearOrifice
 from joints.stiffness import (
     RegimeCurve,

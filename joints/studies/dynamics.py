@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from joints import figures
 from joints.dynamics import SpringMassDamper, ball_mass, film_receptance, fit_response
-from joints.film import design_film
+from joints.film_design import design_film
 from joints.limits import not_negative, positive, require
 from joints.measured import read_curve
 from joints.reynolds import spherical_film

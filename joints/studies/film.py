@@ -6,14 +6,12 @@ import numpy as np
 
 from joints import figures
 from joints.film import (
-    FilmDesign,
-    design_film,
-    displacement_at_inlet,
     edge_gap,
     pad_load,
     published_load,
     supporting_pressure,
 )
+from joints.film_design import FilmDesign, design_film, displacement_at_inlet
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
 from joints.settings import load_settings

@@ -46,6 +46,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     data = {
         "preload_N": preload,
         "socket_fixed_worst_N": socket_fixed.min(),
+        "socket_fixed_worst_share": socket_fixed.min() / preload,
         "socket_fixed_worst_angle_deg": np.degrees(angles[socket_fixed.argmin()]),
         "published_area_mm2": published_socket_area(seat.radius, s["socket_angle"]) * 1e6,
         "cap_area_mm2": cap_area(seat.radius, s["socket_angle"]) * 1e6,

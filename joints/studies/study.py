@@ -2,17 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gpmodel.errors import InputError
+from joints.figures import Figure
 from joints.film import FilmGeometry
 from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
 from joints.settings import Settings
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MICRO = 1e6
 N_PER_UM = 1e-6
@@ -34,7 +32,7 @@ class Study:
 
     tables: Sequence[Table]
     data: Mapping[str, Any]
-    figures: Mapping[str, "Figure"] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
 
 
 def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
