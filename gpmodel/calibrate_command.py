@@ -32,6 +32,7 @@ from gpmodel.options import (
     workers_option,
 )
 from gpmodel.output import command_line, console_for_text, finished_folder, to_json
+from gpmodel.payload import hang_payload
 from gpmodel.split import hold_out, noise_floor
 from gpmodel.standard import standard_effects
 
@@ -90,7 +91,7 @@ def calibrate(
     started = time.perf_counter()
     mechanism = choice.load()
     dataset = choice.read(table, mechanism)
-    poses = prepare(mechanism, dataset)
+    choice, mechanism, poses = hang_payload(choice, mechanism, prepare(mechanism, dataset))
     geometry = standard_effects(mechanism, standard)
     groups = [(name, effects_named(name, poses, mechanism)) for name in names]
     refuse(mechanism, poses, geometry)

@@ -52,6 +52,12 @@ class Program(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         extra["standalone_mode"] = False
@@ -59,8 +65,6 @@ class Program(click.Group):
             status = super().main(arguments, prog_name or "gpmodel", **extra)
             sys.exit(status if isinstance(status, int) else DONE)
         except click.Abort:
-            _end(INTERRUPTED, "interrupted")
-        except KeyboardInterrupt:
             _end(INTERRUPTED, "interrupted")
         except click.ClickException as error:
             where = (
@@ -86,7 +90,7 @@ def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
     sys.exit(status)
 
 
-@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("gpmodel", cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="gpmodel")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error; before the command's name.")
 def main(debug: bool) -> None:

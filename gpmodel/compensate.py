@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel import se3
-from gpmodel.dataset import Dataset
+from gpmodel.dataset import Dataset, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array, Mechanism
 from gpmodel.model import ErrorModel, Observed, Placement, observe, prepare
@@ -15,10 +15,12 @@ from gpmodel.workspace import random_poses
 
 LENGTH = 0.3
 REACHED = 1e-7
-ITERATIONS = 40
-DAMPING = 1e-10
+ITERATIONS = 120
+DAMPING = 1e-12
 LONGEST_STEP = 0.3
 SEEDS = 24
+RETRIES = 8
+NEAR = 0.25
 LIMIT_TOLERANCE = 1e-9
 
 
@@ -101,26 +103,35 @@ def _miss(observed: Observed, target: Array) -> Array:
 
 
 def _newton(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Joint values (N, n) and what is left (N,), m, rotations weighed by LENGTH; damped Gauss-Newton per row."""
-    q = np.array(dataset.q)
+    """Joint values (N, n) and what is left (N,), m, rotations weighed by LENGTH.
+
+    Levenberg-Marquardt for every row by itself, on the columns of the joints' own drives: exact for the nominal
+    mechanism, and off by the size of the errors for the real one. Source: Moré (1978).
+    """
     weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
-    left = np.full(len(q), np.inf)
-    best = q.copy()
+
+    def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
+        observed = _tips(saved, replace(dataset.subset(rows), q=q.copy()), nominal=nominal)
+        return _miss(observed, target[rows]) * weight, _jacobian(saved.mechanism, observed) * weight[:, None]
+
+    q = np.array(dataset.q)
+    active = np.arange(len(q))
+    miss, jacobian = look(q, active)
+    damping = np.full(len(q), DAMPING)
     for _ in range(ITERATIONS):
-        observed = _tips(saved, replace(dataset, q=q.copy()), nominal=nominal)
-        miss = _miss(observed, target) * weight
-        size = np.linalg.norm(miss, axis=1)
-        better = size < left
-        best[better], left[better] = q[better], size[better]
-        if not (left > REACHED / 100).any():
+        active = np.flatnonzero((np.linalg.norm(miss, axis=1) > REACHED / 100) & (damping < 1e3))
+        if len(active) == 0:
             break
-        jacobian = _jacobian(saved.mechanism, observed) * weight[:, None]
-        square = jacobian @ np.swapaxes(jacobian, 1, 2)
-        square += (DAMPING + 0.01 * np.minimum(size, 0.1) ** 2)[:, None, None] * np.eye(6)
-        step = np.swapaxes(jacobian, 1, 2) @ np.linalg.solve(square, miss[:, :, None])
-        longest = np.abs(step[:, :, 0]).max(axis=1, keepdims=True)
-        q = q + step[:, :, 0] * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))
-    return best, left
+        columns = jacobian[active]
+        square = columns @ np.swapaxes(columns, 1, 2) + damping[active, None, None] * np.eye(6)
+        step = (np.swapaxes(columns, 1, 2) @ np.linalg.solve(square, miss[active][:, :, None]))[:, :, 0]
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
+        tried, slopes = look(q[active] + step, active)
+        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(miss[active], axis=1)
+        good = active[better]
+        q[good], miss[good], jacobian[good] = (q[active] + step)[better], tried[better], slopes[better]
+        damping[active] = np.where(better, np.maximum(damping[active] / 10, DAMPING), damping[active] * 5)
+    return q, np.linalg.norm(miss, axis=1)
 
 
 def _inverse(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator) -> Array:
@@ -143,7 +154,7 @@ def _inverse(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rn
 def _solve(
     saved: SavedModel, dataset: Dataset, target: Array, start: Array, whole: bool, without: Array
 ) -> Compensation:
-    q, left = _newton(saved, replace(dataset, q=np.array(start)), target, whole, nominal=False)
+    q, left = _corrected(saved, replace(dataset, q=np.array(start)), target, whole)
     reached = _tips(saved, replace(dataset, q=q.copy()), nominal=False).tip
     status = tuple(_status(saved.mechanism, row, rest) for row, rest in zip(q, left, strict=True))
     ok: NDArray[np.bool_] = np.array([s == "ok" for s in status], dtype=bool)
@@ -155,9 +166,26 @@ def _solve(
     )
 
 
+def _corrected(saved: SavedModel, dataset: Dataset, target: Array, whole: bool) -> tuple[Array, Array]:
+    """Solutions from the nominal values; where that stops short, near a singular pose, from values around them."""
+    q, left = _newton(saved, dataset, target, whole, nominal=False)
+    short = np.flatnonzero(left > REACHED)
+    if len(short):
+        each = np.repeat(short, RETRIES)
+        around = dataset.q[each] + np.random.default_rng(0).normal(0.0, NEAR / 2, (len(each), q.shape[1]))
+        others, rest = _newton(saved, replace(dataset.subset(each), q=around), target[each], whole, nominal=False)
+        far = np.abs(others - dataset.q[each]).max(axis=1)
+        cost = np.where((rest < REACHED) & (far < 2 * NEAR), far, np.inf).reshape(len(short), RETRIES)
+        best = cost.argmin(axis=1)
+        found = np.isfinite(cost.min(axis=1))
+        chosen = (np.arange(len(short)) * RETRIES + best)[found]
+        q[short[found]], left[short[found]] = others[chosen], rest[chosen]
+    return q, left
+
+
 def _status(mechanism: Mechanism, q: Array, left: float) -> str:
     if not left < REACHED:
-        return f"not reached: {1e3 * left:.3g} mm left"
+        return f"not reached: out of reach or singular, {1e3 * left:.3g} mm left"
     for joint, value in zip(mechanism.joints, q, strict=True):
         if not joint.lower - LIMIT_TOLERANCE <= value <= joint.upper + LIMIT_TOLERANCE:
             return f"beyond the limit of {joint.name}"

@@ -49,7 +49,7 @@ def compensate(model: Path, targets: Path, seed: int, out: Path | None, quiet: b
     numbered = {f"J{i}" for i in range(1, len(mechanism.joints) + 1)}
     if names & (numbered | {j.name for j in mechanism.joints}):
         found = compensate_joints(saved, dataset_from(frame, targets, mechanism, need_measurement=False))
-    elif {"x", "y", "z"} <= names:
+    elif names & {"x", "y", "z"}:
         units = {"revolute": "rad", "prismatic": "m"}
         zeros = {f"{j.name} [{units[j.kind]}]": ["0"] * len(frame) for j in mechanism.joints}
         dataset = dataset_from(frame.assign(**zeros), targets, mechanism)

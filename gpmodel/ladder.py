@@ -67,7 +67,8 @@ def climb(
     rungs = []
     for step, of_model in models:
         fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, seed=seed)
-        rungs.append(Rung(step, fit, summarise(fit.error), summarise(errors_on(fit, unseen))))
+        errors = errors_on(fit, unseen) if len(unseen) else np.zeros(0)
+        rungs.append(Rung(step, fit, summarise(fit.error), summarise(errors)))
     return tuple(rungs)
 
 

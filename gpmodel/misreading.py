@@ -13,7 +13,7 @@ TURNS = 4 * np.pi
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
 FAR_BETTER = 5.0
 MOST_ROWS = 60
-LENGTHS = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 
 
 def misreading(mechanism: Mechanism, data: Dataset) -> str | None:
@@ -115,10 +115,6 @@ def _readings(
 
 
 def _wrong_by(ratio: float) -> str:
-    units = [(a, b) for a in LENGTHS for b in LENGTHS if np.isclose(LENGTHS[a] / LENGTHS[b], ratio, rtol=1e-9)]
-    meant, given = units[0]
-    return (
-        f"{ratio:g} times too small, as [{meant}] given as [{given}]"
-        if ratio > 1
-        else (f"{1 / ratio:g} times too large, as [{meant}] given as [{given}]")
-    )
+    pairs = [(a, b) for a in LENGTHS for b in LENGTHS if np.isclose(LENGTHS[a] / LENGTHS[b], ratio, rtol=1e-9)]
+    size = f"{ratio:g} times too small" if ratio > 1 else f"{1 / ratio:g} times too large"
+    return f"{size}, as {' or '.join(f'[{meant}] given as [{given}]' for meant, given in pairs)}"

@@ -1,5 +1,6 @@
 """`gpmodel simulate`: a measured table with known truth."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from gpmodel.mechanism import Array
 from gpmodel.model_file import SavedModel, model_text
 from gpmodel.options import MechanismChoice, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.output import command_line, write_frame, write_text
+from gpmodel.simulate import random_tool_point
 from gpmodel.simulate import simulate as run
 from gpmodel.table_text import frame_of
 from gpmodel.units import convert, known_unit, parse_quantity, split_header
@@ -64,6 +66,10 @@ def simulate(
     payload = next((v for n, _, v in columns if n == "payload"), None)
     if payload is None and choice.payload is not None:
         payload = np.full(poses, choice.payload)
+    tool_point = random_tool_point(rng)
+    if payload is not None and choice.payload_com is None:
+        choice = replace(choice, payload_com=tuple(tool_point.tolist()))
+        mechanism = choice.load()
     spread = parse_quantity(noise, "length", "--noise")
     made = run(
         mechanism,
@@ -75,6 +81,7 @@ def simulate(
         payload=payload,
         inputs={n: v for n, _, v in columns if n != "payload"},
         input_units={n: u for n, u, _ in columns if n != "payload"},
+        tool_point=tool_point,
     )
     path = write_frame(frame_of(made.dataset, mechanism), out, "simulated.csv")
     if path is None:

@@ -59,7 +59,7 @@ def dataset_from(
         elif name == "payload":
             payload = _complete(_numbers(column, where) * _factor(unit, "mass", where), where)
             payload_given = True
-        else:
+        elif unit is not None or _has_numbers(column):
             values = _numbers(column, where)
             if unit is None:
                 raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
@@ -197,10 +197,14 @@ def _numbers(column: pd.Series, where: str) -> Array:
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
         raise InputError(f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell")
-    out = values.astype("float64").to_numpy(dtype=float, na_value=np.nan)
+    out: Array = np.asarray(values.astype("float64").to_numpy(dtype=float, na_value=np.nan), dtype=np.float64)
     if np.isinf(out).any():
         raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")
     return out
+
+
+def _has_numbers(column: pd.Series) -> bool:
+    return bool(pd.to_numeric(column, errors="coerce").notna().any())
 
 
 def _complete(values: Array, where: str) -> Array:
@@ -211,8 +215,8 @@ def _complete(values: Array, where: str) -> Array:
 
 
 def _check_measurement(path: Path, position: Array, rotation: Array, distances: dict[str, Array], need: bool) -> None:
-    measured = np.isfinite(position).any() or np.isfinite(rotation).any()
-    measured = measured or any(np.isfinite(d).any() for d in distances.values())
+    measured = bool(np.isfinite(position).any() or np.isfinite(rotation).any())
+    measured = measured or any(bool(np.isfinite(d).any()) for d in distances.values())
     if need and not measured:
         raise InputError(f"{path.name}: nothing measured; expected columns 'x [mm],y [mm],z [mm]' or 'distance_A [mm]'")
     partial = np.isfinite(rotation).any(axis=1) & ~np.isfinite(rotation).all(axis=1)

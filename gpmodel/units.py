@@ -9,8 +9,8 @@ import pint
 from gpmodel.errors import InputError
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
-_QUANTITY = re.compile(r"^\s*(?P<value>[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
-_NUMBER = re.compile(r"^\s*[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?\s*$")
+_QUANTITY = re.compile(r"^\s*(?P<value>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
+_NUMBER = re.compile(r"^\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*$")
 _SI = {"length": "m", "angle": "rad", "mass": "kg"}
 
 
@@ -43,10 +43,9 @@ def factor(unit: str, dimension: str, where: str) -> float:
     si = _SI[dimension]
     if known_unit(unit) and unit != "1":
         registry = _registry()
-        if registry.parse_units(unit).is_compatible_with(si):
-            dimensionless = registry.parse_units(unit).dimensionless
-            if dimensionless == (dimension == "angle"):
-                return float(registry.Quantity(1.0, unit).to(si).magnitude)
+        own, wanted = (registry.get_root_units(u)[1] for u in (unit, si))
+        if own == wanted:
+            return float(registry.Quantity(1.0, unit).to(si).magnitude)
     examples = {"length": "[mm], [m], [um] or [in]", "angle": "[deg] or [rad]", "mass": "[kg] or [lb]"}
     raise InputError(f"{where}: '[{unit}]' is no unit of {dimension}; write {examples[dimension]}")
 
@@ -54,8 +53,9 @@ def factor(unit: str, dimension: str, where: str) -> float:
 def parse_quantity(text: str, dimension: str, where: str) -> float:
     """`60kg`, `0.03 mm` in SI. Raises InputError when there is no number or no unit."""
     match = _QUANTITY.match(text)
-    if not match:
-        raise InputError(f"{where}: '{text}' is no quantity; write a number and its unit, as in 0.03mm")
+    if not match or _NUMBER.match(text):
+        example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg"}[dimension]
+        raise InputError(f"{where}: '{text}' is no quantity; write a number and its unit, as in {example}")
     return float(match["value"]) * factor(match["unit"], dimension, where)
 
 

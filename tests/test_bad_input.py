@@ -1,0 +1,190 @@
+"""Bad input: one clear line, status 2, nothing written."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import numbers, one_line, run, table, write
+
+GOOD = table()
+JOINTS = [f"J{i} [deg]" for i in range(1, 7)]
+LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
+
+
+def renamed(**names: str) -> Callable[[], pd.DataFrame]:
+    return lambda: GOOD.rename(columns={k.replace("_", " [") + "]": v for k, v in names.items()})
+
+
+def cell(column: str, row: int, value: str) -> Callable[[], pd.DataFrame]:
+    def make() -> pd.DataFrame:
+        frame = GOOD.copy()
+        frame.loc[row, column] = value
+        return frame
+
+    return make
+
+
+def scaled(columns: list[str], factor: float) -> Callable[[], pd.DataFrame]:
+    return lambda: GOOD.assign(**{c: numbers(GOOD, c) * factor for c in columns})
+
+
+def alike() -> pd.DataFrame:
+    return GOOD.assign(**{c: GOOD[c].iloc[0] for c in JOINTS})
+
+
+def swapped() -> pd.DataFrame:
+    return GOOD.assign(**{"x [mm]": GOOD["y [mm]"], "y [mm]": GOOD["x [mm]"]})
+
+
+def repeated() -> pd.DataFrame:
+    return pd.concat([GOOD.iloc[:5]] * 20, ignore_index=True)
+
+
+TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
+    "no unit on a joint": (renamed(J2_deg="J2"), ("column 'J2'", "no unit", "J2 [deg]")),
+    "no unit on a length": (renamed(y_mm="y"), ("column 'y'", "no unit", "y [mm]")),
+    "no unit on an input": (lambda: GOOD.assign(temperature="20"), ("column 'temperature'", "no unit")),
+    "unknown unit": (renamed(J3_deg="J3 [grads per day]"), ("column 'J3'", "grads per day", "[deg] or [rad]")),
+    "unknown unit of an input": (lambda: GOOD.assign(**{"t [blorp]": "1"}), ("column 't'", "[blorp]", "[degC]")),
+    "length unit on a joint": (renamed(J1_deg="J1 [mm]"), ("column 'J1'", "no unit of angle")),
+    "joint missing": (lambda: GOOD.drop(columns="J4 [deg]"), ("'J4' is missing", "J1, J2")),
+    "joint extra": (lambda: GOOD.assign(**{"J7 [deg]": "0"}), ("'J7' is one too many", "J6")),
+    "column twice": (renamed(y_mm="x [m]"), ("column 'x' appears twice",)),
+    "text in numbers": (cell("z [mm]", 6, "n/a"), ("column 'z'", "row 7", "'n/a' is no number")),
+    "text in a joint": (cell("J5 [deg]", 0, "abc"), ("column 'J5'", "row 1", "'abc' is no number")),
+    "NaN in a joint": (cell("J5 [deg]", 2, "NaN"), ("column 'J5'", "row 3")),
+    "NaN in a length": (cell("x [mm]", 2, "nan"), ("column 'x'", "row 3", "'nan' is no number")),
+    "infinite": (cell("x [mm]", 2, "inf"), ("column 'x'", "row 3", "infinite")),
+    "empty joint": (cell("J1 [deg]", 4, ""), ("column 'J1'", "row 5", "empty")),
+    "nothing measured": (lambda: GOOD[JOINTS], ("nothing measured", "x [mm]")),
+    "no rows": (lambda: GOOD.iloc[:0], ("no rows",)),
+    "one pose": (lambda: GOOD.iloc[:1], ("only one pose",)),
+    "fewer poses than unknowns": (lambda: GOOD.iloc[:8], ("8 distinct poses give 24 measured values for 27 unknowns",)),
+    "few poses repeated often": (repeated, ("5 distinct poses", "27 unknowns")),
+    "all poses alike": (alike, ("all 40 poses are alike",)),
+    "beyond the limits": (cell("J2 [deg]", 3, "86"), ("column 'J2'", "row 4", "86 deg", "-70 deg to 85 deg")),
+    "degrees given as radians": (
+        lambda: GOOD.rename(columns={c: c.replace("deg", "rad") for c in JOINTS}),
+        ("radians", "look like degrees", "write [deg]"),
+    ),
+    "radians given as degrees": (scaled(JOINTS, np.pi / 180), ("degrees", "look like radians", "write [rad]")),
+    "one joint in the other unit": (scaled(["J4 [deg]"], np.pi / 180), ("column 'J4' looks like [rad]",)),
+    "joint with the wrong sign": (scaled(["J2 [deg]"], -1.0), ("column 'J2' looks counted the other way",)),
+    "x and y swapped": (swapped, ("look swapped",)),
+    "z mirrored": (scaled(["z [mm]"], -1.0), ("wrong sign",)),
+    "metres given as millimetres": (
+        scaled(LENGTHS, 1e-3),
+        ("x, y and z look 1000 times too small", "[m] given as [mm]"),
+    ),
+    "inches given as millimetres": (scaled(LENGTHS, 1 / 25.4), ("25.4 times too small", "[in] given as [mm]")),
+    "one length in another unit": (scaled(["y [mm]"], 1e-3), ("column 'y' looks 1000 times too small",)),
+}
+
+
+@pytest.mark.parametrize("command", ["check", "calibrate"])
+@pytest.mark.parametrize("case", TABLES)
+def test_bad_table_is_refused_in_one_line(case: str, command: str, tmp_path: Path) -> None:
+    make, said = TABLES[case]
+    out = tmp_path / "results"
+    path = write(make(), tmp_path / "measured.csv")
+    line = one_line(run(command, path, "--mechanism", "irb6400r", "--out", out), 2)
+    assert line.startswith("gpmodel: ")
+    assert "measured.csv" in line
+    for words in said:
+        assert words in line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["measured.csv"]
+
+
+FILES = {
+    "empty": (b"", "the file is empty"),
+    "blank": (b"\n \n", "the file is empty"),
+    "binary": (b"\x00\x01\x02" * 40, "is no text"),
+    "ragged": (b"J1 [deg];J2 [deg]\n1;2;3\n", "more cells than the header"),
+    "decimal commas between commas": (b"J1 [deg],J2 [deg]\n1,5,2,5\n", "decimal commas"),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_bad_file_is_refused(case: str, tmp_path: Path) -> None:
+    content, said = FILES[case]
+    path = tmp_path / "measured.csv"
+    path.write_bytes(content)
+    line = one_line(run("check", path, "--mechanism", "irb6400r"), 2)
+    assert "measured.csv" in line
+    assert said in line
+
+
+OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
+    "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "has no instance")),
+    "effect at an unknown slot": (("--effect", "J9.moving:Rz:1"), ("slot 'J9.moving' is unknown", "J1.fixed")),
+    "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
+    "effect of an unknown input": (("--effect", "J1.moving:Rz:sin(temperature)"), ("'temperature' is not known", "J1")),
+    "effect that is no expression": (("--effect", "J1.moving:Rz:sin("), ("not an expression",)),
+    "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("not allowed",)),
+    "effect infinite at a pose": (("--effect", "J1.moving:Rz:1/(row-3)"), ("infinite or undefined",)),
+    "standard fits nothing": (("--standard", "J9 *"), ("'J9 *'", "J1 Tx")),
+    "unknown option": (("--efect", "x"), ("--efect", "calibrate --help")),
+    "holdout of everything": (("--holdout", "1"), ("--holdout",)),
+    "payload without unit": (("--payload", "60"), ("--payload", "'60' is no quantity")),
+    "payload in metres": (("--payload", "60m"), ("--payload", "no unit of mass")),
+    "payload centre of two": (("--payload-com", "0,0mm"), ("--payload-com", "three lengths")),
+    "unknown frame": (("--frame", "gripper"), ("gripper", "flange")),
+}
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_bad_option_is_refused(case: str, tmp_path: Path) -> None:
+    options, said = OPTIONS[case]
+    path = write(GOOD, tmp_path / "measured.csv")
+    line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--out", tmp_path / "out", *options), 2)
+    for words in said:
+        assert words in line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["measured.csv"]
+
+
+MECHANISMS = {
+    "unknown": ("hal9000", None, "'hal9000' is unknown"),
+    "missing URDF": ("missing.urdf", None, "missing.urdf"),
+    "no XML": ("bad.urdf", "robots are great", "not well-formed"),
+    "cut off": ("bad.urdf", "<robot name='a'><link name='b'", "not well-formed"),
+    "another XML": ("bad.urdf", "<html></html>", "expected <robot>"),
+    "no joints": ("bad.urdf", "<robot name='a'><link name='b'/></robot>", "no moving joint"),
+    "no TOML": ("bad.toml", "name = [", "bad.toml"),
+    "TOML without joints": ("bad.toml", "name = 'a'", "bad.toml"),
+}
+
+
+@pytest.mark.parametrize("case", MECHANISMS)
+def test_bad_mechanism_is_refused(case: str, tmp_path: Path) -> None:
+    name, content, said = MECHANISMS[case]
+    path = write(GOOD, tmp_path / "measured.csv")
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    where = tmp_path / name if "." in name else name
+    line = one_line(run("calibrate", path, "--mechanism", where, "--out", tmp_path / "out"), 2)
+    assert said in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_table_names_the_file(tmp_path: Path) -> None:
+    line = one_line(run("check", tmp_path / "nothing.csv", "--mechanism", "irb6400r"), 2)
+    assert "nothing.csv" in line
+    assert "cannot be read" in line
+
+
+def test_payload_said_twice_is_refused(tmp_path: Path) -> None:
+    path = write(GOOD.assign(**{"payload [kg]": "10"}), tmp_path / "measured.csv")
+    line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--payload", "5kg"), 2)
+    assert "payload column and --payload" in line
+
+
+def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:
+    path = write(GOOD, tmp_path / "measured.csv")
+    kept = tmp_path / "out"
+    kept.write_text("mine")
+    line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--quiet", "--out", kept), 2)
+    assert "expected a folder" in line
+    assert kept.read_text() == "mine"
