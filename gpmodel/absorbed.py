@@ -18,7 +18,7 @@ def absorbed_effects(calibration: Calibration, poses: Poses, effects: Sequence[E
     use = np.ones(len(poses), dtype=bool)
     problem = linearise(calibration.model, poses, calibration.theta, calibration.placement, calibration.lever, use)
     columns = effect_columns(tuple(effects), calibration.model, problem.poses, problem.observed)
-    return tuple(bool(x) for x in ~problem.weigh(columns).any(axis=0))
+    return tuple(not np.any(column) for column in problem.weigh(columns).T)
 
 
 def absorbed_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:

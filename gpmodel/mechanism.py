@@ -37,9 +37,14 @@ class Mechanism(Protocol):
     and `NAME.moving`; the first slot is `base`, the last is `tool` (the flange).
     """
 
-    name: str
-    joints: tuple[Joint, ...]
-    slots: tuple[str, ...]
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def joints(self) -> tuple[Joint, ...]: ...
+
+    @property
+    def slots(self) -> tuple[str, ...]: ...
 
     def transforms(self, q: Array) -> Array:
         """Nominal transforms (S, N, 4, 4) of each slot's frame in the frame of the slot before it (metres);

@@ -97,10 +97,11 @@ def _rotation_about(axis: int, angle: Array) -> Array:
 
 @dataclass(frozen=True)
 class SphericalJoint:
-    """A passive ball and socket: roll, pitch and yaw about one centre, none of them measured. A Mechanism.
+    """A passive ball and socket: roll, pitch and yaw about one centre, usually none of them measured. A Mechanism.
 
     tooling_ball: (x, y, z) m, the measured centre in the frame after the yaw rotation. limits: of the joints, rad.
     gravity: (3,) m/s² in the socket's frame. payload_com: (3,) m, centre of a payload in the tooling ball's frame.
+    angles_known: whether the table's angles are measured rather than approximate.
     Raises InputError for a tooling ball in the joint's centre.
     """
 
@@ -108,6 +109,7 @@ class SphericalJoint:
     limits: tuple[tuple[float, float], ...]
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angles_known: bool = False
     name: str = "spherical-joint"
 
     def __post_init__(self) -> None:
@@ -121,7 +123,7 @@ class SphericalJoint:
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         return tuple(
-            Joint(name, "revolute", lower, upper, ((f"{name}.moving", axis, 1.0),), measured=False)
+            Joint(name, "revolute", lower, upper, ((f"{name}.moving", axis, 1.0),), measured=self.angles_known)
             for name, axis, (lower, upper) in zip(JOINTS, AXES[3:], self.limits, strict=True)
         )
 

@@ -50,8 +50,8 @@ class Rig:
         parameters = np.zeros((len(q), PARAMETERS))
         for index, value in self.parameters.items():
             parameters[:, index - 1] += value
-        for index, value in disturbance(q, values).items():
-            parameters[:, index - 1] += value
+        for index, added in disturbance(q, values).items():
+            parameters[:, index - 1] += added
         base = np.concatenate([self.translation, np.radians(self.rotation_deg)])
         parameters[:, :6] += base
         position = tooling_ball_position(q, parameters, np.asarray(self.joint.tooling_ball))

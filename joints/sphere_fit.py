@@ -59,8 +59,9 @@ def fit_sphere(points: Array, where: str = "points") -> SphereFit:
     check_spatial(points, where)
     centre, radius = algebraic_sphere(points)
     status, reason = "stalled", f"still moving after {MAX_ITERATIONS} iterations"
-    iteration = 0
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    iterations = 0
+    while iterations < MAX_ITERATIONS and status == "stalled":
+        iterations += 1
         rays = points - centre
         lengths = np.linalg.norm(rays, axis=1)
         columns = np.column_stack([rays / lengths[:, None], np.ones(len(points))])
@@ -68,8 +69,7 @@ def fit_sphere(points: Array, where: str = "points") -> SphereFit:
         centre, radius = centre + step[:3], radius + float(step[3])
         if np.abs(step).max() < STEP_TOLERANCE * max(radius, 1.0):
             status, reason = "converged", "the last step moved neither centre nor radius"
-            break
     residual = np.linalg.norm(points - centre, axis=1) - radius
     sigma = float(np.sqrt(np.sum(residual**2) / max(len(points) - 4, 1)))
     covariance = sigma**2 * np.linalg.pinv(columns.T @ columns)
-    return SphereFit(centre, radius, residual, sigma, covariance, iteration, status, reason)
+    return SphereFit(centre, radius, residual, sigma, covariance, iterations, status, reason)

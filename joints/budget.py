@@ -1,0 +1,117 @@
+"""Monte Carlo error budget: what the tooling ball's position error will be, and whose fault it is.
+
+For every pose the parameters are drawn anew and the exact extended kinematics give |X(θ, ε) - X(θ, 0)|; the share of
+a parameter is its part of the mean squared error, Σ |c|² var over the poses, with c its column.
+Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism import Array
+from gpmodel.poses import spread_poses
+from joints.kinematics import PARAMETERS, SphericalJoint, parameter, tooling_ball_position, vector
+from joints.reduction import thesis_columns
+from joints.settings import Settings, load_settings
+
+KINDS = ("systematic", "stochastic")
+DISTRIBUTIONS = ("uniform", "normal")
+
+
+@dataclass(frozen=True)
+class ErrorSource:
+    """One entry of a budget: thesis index, half range (m or rad), kind, distribution, and where it comes from."""
+
+    index: int
+    half_range: float
+    kind: str
+    distribution: str
+    source: str
+
+    def __post_init__(self) -> None:
+        where = f"error budget, '{self.source}'"
+        if not 1 <= self.index <= PARAMETERS:
+            raise InputError(f"{where}: index {self.index}; expected 1 to {PARAMETERS}, as in Table 3.2")
+        if not 0.0 <= self.half_range < np.inf:
+            raise InputError(f"{where}: range {self.half_range:g}; expected a length or an angle of 0 or more")
+        for value, allowed, name in ((self.kind, KINDS, "kind"), (self.distribution, DISTRIBUTIONS, "distribution")):
+            if value not in allowed:
+                raise InputError(f"{where}: {name} '{value}'; expected {' or '.join(allowed)}")
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation, m or rad."""
+        return self.half_range / (np.sqrt(3.0) if self.distribution == "uniform" else 3.0)
+
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+        """Values (shape), m or rad."""
+        if self.distribution == "uniform":
+            return rng.uniform(-self.half_range, self.half_range, shape)
+        return self.sigma * rng.standard_normal(shape)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """distances: (poses, draws) m. shares: one a source, adding to 1, in their order."""
+
+    kind: str
+    distances: Array
+    sources: tuple[ErrorSource, ...]
+    shares: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        return float(self.distances.mean())
+
+    @property
+    def worst_case(self) -> float:
+        """Mean plus three standard deviations, m, as in the thesis."""
+        return float(self.distances.mean() + 3.0 * self.distances.std())
+
+    def histogram(self, bins: int = 40) -> tuple[Array, Array]:
+        """Share of the draws in each bin, and the bins' edges, m."""
+        counts, edges = np.histogram(self.distances, bins=bins)
+        return counts / self.distances.size, edges
+
+
+def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Settings]:
+    """Sources and settings of the TOML table at `path` laid over the default one. Raises InputError, one line."""
+    s = load_settings("error_budget", path)
+    entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
+    for e, want in entries:
+        if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):
+            raise InputError(f"error budget: [[{want}]] index {e['index']} is {parameter(e['index']).name}")
+    return tuple(ErrorSource(e["index"], e["range"], e["kind"], e["distribution"], e["source"]) for e, _ in entries), s
+
+
+def error_budget(
+    joint: SphericalJoint, sources: tuple[ErrorSource, ...], kind: str, rng: np.random.Generator,
+    poses: int = 100, draws: int = 1000,
+) -> Budget:  # fmt: skip
+    """The budget of one kind of error over poses spread by the equal distribution criterion.
+
+    Raises InputError where no source is of that kind, or for no poses or draws.
+    """
+    chosen = tuple(s for s in sources if s.kind == kind)
+    if not chosen or poses < 1 or draws < 1:
+        raise InputError(f"error budget: {len(chosen)} {kind} sources, {poses} poses, {draws} draws; expected some")
+    q = spread_poses(joint, poses, rng)
+    parameters = np.zeros((poses, draws, PARAMETERS))
+    for source in chosen:
+        parameters[:, :, source.index - 1] += source.draw((poses, draws), rng)
+    ball = np.asarray(joint.tooling_ball)
+    nominal = tooling_ball_position(q, np.zeros(PARAMETERS), ball)
+    moved = tooling_ball_position(q[:, None], parameters, ball) - nominal[:, None]
+    columns = thesis_columns(joint, q)
+    squared = np.array([s.sigma**2 * np.sum(columns[:, s.index - 1] ** 2) for s in chosen])
+    total = squared.sum()
+    shares = squared / total if total > 0 else squared
+    return Budget(kind, np.linalg.norm(moved, axis=2), chosen, tuple(float(x) for x in shares))
+
+
+def budget_joint(joint: SphericalJoint, settings: Settings) -> SphericalJoint:
+    """The joint with the tooling ball of a budget's table."""
+    return SphericalJoint(vector(settings["tooling_ball"]), joint.limits, joint.gravity)

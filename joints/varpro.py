@@ -1,0 +1,40 @@
+"""Variable projection: every pose's angles eliminated from the linear problem, then solved.
+
+The engine's own linearisation does both, so each iteration is one Gauss-Newton step on what the angles leave.
+Source: Golub and Pereyra (1973).
+"""
+
+import numpy as np
+
+from gpmodel.calibration import linearise, placement_after
+from gpmodel.free_joints import check_points
+from gpmodel.mechanism import Array
+from gpmodel.model import ErrorModel, Poses
+from gpmodel.placement import start_placement
+from joints.solution import Progress, Solution, error_of, truncated_step, verdict
+
+ROUNDING = 1e-9
+
+
+def variable_projection(model: ErrorModel, poses: Poses, *, limit: int = 50, tolerance: float = 1e-10) -> Solution:
+    """Registration, tooling ball and the model's effects from approximate angles and measured positions.
+
+    limit: iterations. tolerance: m, of the largest motion of a position. Raises InputError for fewer than 4 different
+    poses or points in one plane.
+    """
+    check_points(poses.dataset)
+    placement, theta = start_placement(poses), np.zeros(len(model.effects))
+    use = np.ones(len(poses), dtype=bool)
+    history: list[Progress] = []
+    problem = linearise(model, poses, theta, placement, 1.0, use)
+    ended = None
+    while ended is None:
+        step, moved = truncated_step(problem, ROUNDING)
+        history.append(Progress(float(np.sqrt(np.mean(error_of(problem) ** 2))), moved))
+        placement = placement_after(poses, problem.observed, placement, step[: problem.placement])
+        theta = theta + step[problem.placement :]
+        problem = linearise(model, poses, theta, placement, 1.0, use)
+        ended = verdict(history, tolerance, limit)
+    shift: Array = problem.poses.dataset.q - poses.dataset.q
+    rms = float(np.sqrt(np.mean(shift**2)))
+    return Solution(placement, theta, problem.poses, error_of(problem), rms, tuple(history), *ended)
