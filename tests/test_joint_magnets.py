@@ -10,8 +10,8 @@ from joints.preload import MagnetRing
 DEG = np.pi / 180
 HALF_INCH = Magnet(12.7e-3, 6e-3, 17.80)
 SEAT = MagnetSeat(26.194e-3, 0.794e-3)
-SOCKETS = np.arange(27, 73, 9) * DEG
-RINGS = np.arange(18, 64, 9) * DEG
+SOCKETS = [angle * DEG for angle in range(27, 73, 9)]
+RINGS = [angle * DEG for angle in range(18, 64, 9)]
 
 
 def test_the_six_best_designs_are_table_3_1() -> None:
