@@ -80,6 +80,15 @@ def _joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidat
             yield _one(effect.name, effect, 4.0)
 
 
+def _payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        column = f"payload_torque_{j.name}"
+        if column in states.columns:
+            name = f"deflection under the payload, {j.name}"
+            unit = "rad/Nm" if j.kind == "revolute" else "m/N"
+            yield _one(name, drive_effect(name, j, Expression(column), unit, "payload_deflection"), 4.5)
+
+
 def _joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in _revolute(mechanism):
         axes = _across(j)
@@ -320,6 +329,7 @@ def _support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 FAMILIES: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson 2003, 5.2.3", _base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson 2003, 5.2.3 (joint bending); Dumas 2011", _joint_compliance),
+    Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", _payload_deflection),
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", _joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", _eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", _gear_harmonic),

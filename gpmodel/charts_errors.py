@@ -36,7 +36,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     if rungs:
         steps = "; ".join(f"{step_title(report, r)} {millimetres(_rms_of(r)[0])} mm" for r in rungs)
         yield Picture(
-            "ladder", "Error after each step", 6.2, 0.75 + 0.55 * len(rungs),
+            "ladder", "Error after each step", 4.7, 0.75 + 0.56 * len(rungs),
             f"RMS of the 3-D error after each step of the model, {_side(rungs)}: {steps}.",
             "Dots: RMS of the 3-D error; the thin line reaches to the largest error. The scale is logarithmic.",
             partial(_ladder, report=report, rungs=rungs),
@@ -48,9 +48,9 @@ def pictures(report: Report) -> Iterator[Picture]:
         shown = [shown[0], shown[-1]] if len(shown) > 1 else shown
         which = _which(report)
         yield Picture(
-            "error_histogram", "Error before and after", 4.9, 3.5,
+            "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
             f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
-            f"3-D error of {which}, the same bins before and after.",
+            f"3-D error of {which}{', the same bins before and after' if len(shown) > 1 else ''}.",
             partial(_histogram, errors=shown, floor=report.get("noise_floor_mm")),
         )  # fmt: skip
         yield Picture(
@@ -122,14 +122,17 @@ def _ladder(figure: Any, report: Report, rungs: list[Mapping[str, Any]]) -> None
             axes.plot(train[k], k, "o", mfc="white", mec=colour, mew=1.4, ms=6.5, zorder=3)
         axes.plot(values[k], k, "o", color=colour, ms=8.5, zorder=4)
         axes.annotate(f"{millimetres(values[k])} mm", (values[k], k), (0, 7), textcoords="offset points", ha="center",
-                      va="bottom", color=colour if colour == AFTER else MUTED, weight="bold", fontsize=9.5)  # fmt: skip
-    axes.set_yticks(range(len(rungs)), [fill(shortened(step_title(report, r), 46), 24) for r in rungs])
+                      va="bottom", color=colour if colour == AFTER else MUTED, weight="bold", fontsize=9.5,
+                      bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
+    axes.set_yticks(range(len(rungs)), [fill(shortened(step_title(report, r), 36), 21) for r in rungs])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     if floor:
         axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
         axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
                       textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
-    key = "3-D error, mm   (● RMS held out   ○ RMS train   | max held out)" if any(held) else "3-D error, mm   (● RMS train   | max)"
+    key = (
+        "3-D error, mm  (● RMS held out  ○ RMS train  | max)" if any(held) else "3-D error, mm   (● RMS train   | max)"
+    )
     axes.set_xlabel(key)
 
 
@@ -209,5 +212,7 @@ def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
     panels[-1].set_xlim(0, len(row) + 1)
     for values, colour, name in series:
         if len(values):
-            panels[0].scatter([], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS")
+            panels[0].scatter(
+                [], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS"
+            )
     figure.legend(loc="outside upper right", ncols=2, labelcolor="markeredgecolor")

@@ -35,19 +35,26 @@ def pictures(report: Report) -> Iterator[Picture]:
     key = nice_length(0.16 * (span or 1.0) / magnification)
     some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
     models = "standard model (grey) and of the final model (blue)" if report.get("effects") else "standard model"
+    colours = "Grey before, blue after. " if report.get("effects") else ""
     for name, i, j in VIEWS:
         yield Picture(
-            f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.7,
-            f"Residual of the {models} as arrows at the nominal tip positions, {'xyz'[i]} and {'xyz'[j]} of the root frame.",
-            f"Arrows: residual, {magnification:,.0f} times enlarged.{some}",
+            f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
+            f"Residual of the {models} as arrows at the nominal positions, {'xyz'[i]} and {'xyz'[j]} of the root frame.",
+            f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
             partial(_arrows, points=points, before=before if report.get("effects") else None, after=after, plane=(i, j),
                     magnification=magnification, key=key),
         )  # fmt: skip
 
 
 def _arrows(
-    figure: Any, points: Array, before: Array | None, after: Array, plane: tuple[int, int], magnification: float, key: float
-) -> None:  # fmt: skip
+    figure: Any,
+    points: Array,
+    before: Array | None,
+    after: Array,
+    plane: tuple[int, int],
+    magnification: float,
+    key: float,
+) -> None:
     axes = figure.subplots()
     i, j = plane
     span = float(np.ptp(points, axis=0).max()) or 1.0

@@ -12,17 +12,17 @@ import click
 import numpy as np
 
 from gpmodel import checkpoint
-from gpmodel.calibration import calibrate
 from gpmodel.check import check_dataset
 from gpmodel.discovery import Discovery, Options
 from gpmodel.discovery import discover as run_loop
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Mechanism
-from gpmodel.model import ErrorModel, Poses, prepare
+from gpmodel.model import Poses, prepare
 from gpmodel.model_file import save_model, saved_model
 from gpmodel.options import MechanismChoice, mechanism_options, quiet_option, seed_option, workers_option
 from gpmodel.output import command_line, finished_folder, to_json, write_text
 from gpmodel.page import write_page
+from gpmodel.payload import hang_payload
 from gpmodel.plots import write_figures
 from gpmodel.report_data import build
 from gpmodel.split import hold_out
@@ -76,7 +76,6 @@ def discover(
         click.echo(f"report: {folder / 'report.html'}")
 
 
-discover.params = [p for p in discover.params]
 for _parameter in discover.params:
     if _parameter.name == "mechanism":
         _parameter.required = False
@@ -120,12 +119,7 @@ def load_poses(
     errors = [f.text for f in check_dataset(mechanism, poses) if f.severity == "error"]
     if errors:
         raise InputError(f"{table.name}: {errors[0]}")
-    if choice.payload_com is None and np.any(poses.dataset.payload > 0):
-        fit = calibrate(ErrorModel(mechanism, ()), poses)
-        point = np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0)
-        choice = dataclasses.replace(choice, payload_com=tuple(float(v) for v in point))
-        mechanism = choice.load()
-        poses = prepare(mechanism, poses.dataset)
+    choice, mechanism, poses = hang_payload(choice, mechanism, poses)
     return mechanism, choice, poses
 
 

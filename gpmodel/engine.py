@@ -51,7 +51,7 @@ def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
         longest = int(np.max(population.bounds[part, -1] - population.bounds[part, 0]))
     size = len(constants)
     code = Code(
-        _workspace((size, longest)).view(np.int64),
+        workspace("words", (size, longest)).view(np.int64),
         np.empty((size, layout.outputs), np.uint16),
         np.empty(size, np.int64),
         np.empty((size, 1 << layout.outputs), np.uint16),
@@ -68,10 +68,10 @@ def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
 
 
 def values(code: Code, fixed: Array) -> Array:
-    """Outputs (P, outputs, N) of decoded programs on fixed rows (base, N)."""
+    """Outputs (P, outputs, N) of decoded programs on fixed rows (base, N); overwritten by the next call."""
     from gpmodel.kernels import batch
 
-    found = np.empty((len(code.count), code.outputs.shape[1], fixed.shape[1]))
+    found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
     batch.output_values(
         code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found
     )
@@ -95,23 +95,18 @@ def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool
 def _rows(code: Code, fixed: Array) -> Array:
     base, poses = fixed.shape
     width = min(BLOCK, (poses + 7) // 8 * 8)
-    return _aligned((base + int(code.count.max(initial=0)) + 1, width))
+    return workspace("rows", (base + int(code.count.max(initial=0)) + 1, width))
 
 
-def _aligned(shape: tuple[int, ...]) -> Array:
-    size = int(np.prod(shape)) * 8
-    buffer = np.empty(size + 64, dtype=np.uint8)
-    offset = -buffer.ctypes.data % 64
-    return buffer[offset : offset + size].view(np.float64).reshape(shape)
+def workspace(name: str, shape: tuple[int, ...]) -> Array:
+    """A float64 array on a 64-byte boundary, one a thread and name, reused by the next call."""
+    size = int(np.prod(shape))
+    held: dict[str, Array] = _buffers.__dict__
+    if name not in held or held[name].size < size:
+        buffer = np.empty(size * 8 + 64, dtype=np.uint8)
+        offset = -buffer.ctypes.data % 64
+        held[name] = buffer[offset : offset + size * 8].view(np.float64)
+    return held[name][:size].reshape(shape)
 
 
 _buffers = threading.local()
-
-
-def _workspace(shape: tuple[int, int]) -> Array:
-    """One array a thread, reused: the words of a slice live until the next slice is decoded."""
-    size = shape[0] * shape[1]
-    held = getattr(_buffers, "words", None)
-    if held is None or held.size < size:
-        held = _buffers.words = _aligned((size,))
-    return held[:size].reshape(shape)

@@ -153,7 +153,8 @@ class Run:
             rows.append(row)
             if progress:
                 progress(row)
-            if generation >= settings.generations or seconds >= settings.seconds:
+            done = generation >= settings.generations or seconds >= settings.seconds
+            if done or self.archive.best_gain >= settings.target:
                 break
             idle = 0 if best < record - 1e-9 * abs(record) or not np.isfinite(record) else idle + 1
             record = min(record, best)
@@ -200,10 +201,8 @@ def distinct(hashes: NDArray[np.uint64]) -> int:
 
 
 def survivors(scores: Scores, count: int) -> NDArray[np.intp]:
-    """The best ``count`` rows, those of a behaviour not seen before (site, outputs and gain) first."""
+    """The best ``count`` rows, those of a score not seen before first."""
     order = np.argsort(scores.score, kind="stable")
-    behaviour = np.column_stack([scores.site[order].astype(float), np.round(scores.score[order], 9)])
-    _, first = np.unique(behaviour, axis=0, return_index=True)
-    fresh = np.zeros(len(order), dtype=bool)
-    fresh[first] = True
+    behaviour = np.round(scores.score[order], 9)
+    fresh = np.concatenate([[True], (behaviour[1:] != behaviour[:-1])])
     return np.concatenate([order[fresh], order[~fresh]])[:count]

@@ -14,6 +14,7 @@ SIGNIFICANCE = 0.01
 MINIMUM_SIGMAS = 3.0
 MINIMUM_SHARE = 0.03
 MINIMUM_CV_T = 2.0
+MINIMUM_NATS = 5.0
 NAMING_MARGIN = 8.0
 SHORTLIST = 8
 
@@ -115,7 +116,7 @@ def _verdict(
             rivals.append((pool.candidates[i].name, evidence.cross_validated(pool.candidates[i].effects)[0]))
     tests = (
         (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {p_value:.2g}, limit {SIGNIFICANCE}"),
-        (score.nats > 0, f"description length grows by {-score.nats:.1f} nats"),
+        (score.nats > MINIMUM_NATS, f"description length saved {score.nats:.1f} nats, limit {MINIMUM_NATS}"),
         (cv_rms < before and cv_t > MINIMUM_CV_T, f"cross-validated gain {cv_t:.1f} standard errors, limit {MINIMUM_CV_T}"),
         (believed or sigmas > MINIMUM_SIGMAS, f"coefficient {sigmas:.1f} sigma, limit {MINIMUM_SIGMAS}"),
         (stable, "sign changes between folds"),

@@ -103,20 +103,7 @@ SETS: dict[str, tuple[str, ...]] = {
         "exp",
         "tanh",
     ),
-    "physics": (
-        "add",
-        "subtract",
-        "multiply",
-        "divide",
-        "square",
-        "sqrt",
-        "sin",
-        "cos",
-        "exp",
-        "log",
-        "asin",
-        "tanh",
-    ),
+    "physics": ("add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
 }
 """Named subsets: ``thesis`` (Table 5.1), ``smooth`` (continuous first derivative, section 5.2.3), ``slot``
 (shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gpmodel import charts_errors, charts_findings, charts_space, wording
+from gpmodel import charts_errors, charts_findings, charts_search, charts_space, wording
 from gpmodel.output import write_text
 from gpmodel.picture import Report, step_title
 
@@ -49,14 +49,16 @@ def html(report: Report, figures: Mapping[str, Path]) -> str:
 @cache
 def _template() -> Any:
     loader = PackageLoader("gpmodel")
-    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters.update(millimetres=wording.millimetres, percent=wording.percent)
     return environment.get_template("report.html.j2")
 
 
 def _pictures(report: Report, figures: Mapping[str, Path]) -> dict[str, dict[str, Any]]:
     out: dict[str, dict[str, Any]] = {}
-    for chart in (charts_errors, charts_space, charts_findings):
+    for chart in (charts_errors, charts_space, charts_search, charts_findings):
         for picture in chart.pictures(report):
             if picture.name in figures:
                 image = base64.b64encode(figures[picture.name].read_bytes()).decode()
@@ -80,9 +82,7 @@ def _side(rung: Mapping[str, Any], side: str) -> dict[str, Any]:
 def _rung(report: Report, rung: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "title": step_title(report, rung),
-        "sides": [
-            [_side(rung, side).get(f"{k}_mm") for k in ("mean", "rms", "max")] for side in ("heldout", "train")
-        ],
+        "sides": [[_side(rung, side).get(f"{k}_mm") for k in ("mean", "rms", "max")] for side in ("heldout", "train")],
         "rank": rung.get("rank"),
         "found": rung.get("effect") is not None,
     }
@@ -91,7 +91,10 @@ def _rung(report: Report, rung: Mapping[str, Any]) -> dict[str, Any]:
 def _tiles(report: Report, ladder: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The numbers to remember: RMS on held-out poses after the steps that matter, and the noise floor."""
     by_step = {str(r["step"]): r for r in ladder}
-    chosen = [("registration and tool", by_step.get("registration"), "start"), ("standard model", by_step.get("standard"), "before")]
+    chosen = [
+        ("registration and tool", by_step.get("registration"), "start"),
+        ("standard model", by_step.get("standard"), "before"),
+    ]
     count = sum(r.get("effect") is not None for r in ladder)
     if ladder and str(ladder[-1]["step"]) not in ("registration", "standard"):
         title = f"with {count} effect{'s' if count != 1 else ''} found" if count else step_title(report, ladder[-1])
@@ -103,10 +106,19 @@ def _tiles(report: Report, ladder: list[Mapping[str, Any]]) -> list[dict[str, An
         if rung is not None:
             side = _side(rung, "heldout") or _side(rung, "train")
             where = "RMS held out" if _side(rung, "heldout") else "RMS training"
-            tiles.append({"title": title, "value": wording.millimetres(side.get("rms_mm")), "note": where, "kind": kind})
+            tiles.append(
+                {"title": title, "value": wording.millimetres(side.get("rms_mm")), "note": where, "kind": kind}
+            )
     floor = report.get("noise_floor_mm")
     if floor is not None:
-        tiles.append({"title": "noise floor", "value": wording.millimetres(floor), "note": "no model gets below", "kind": "floor"})
+        tiles.append(
+            {
+                "title": "noise floor",
+                "value": wording.millimetres(floor),
+                "note": "of the measurement itself",
+                "kind": "floor",
+            }
+        )
     return tiles
 
 
@@ -123,7 +135,11 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
         ("removes of the residual energy", wording.percent(effect.get("gain")), effect.get("gain")),
         ("chance among shuffled residuals", f"{effect.get('p_value') or 0:.2g}", effect.get("p_value")),
         ("sign in every fold", "the same" if effect.get("sign_stable") else "changes", effect.get("sign_stable")),
-        ("cross-validated RMS before", f"{wording.millimetres(effect.get('cv_before_mm'))} mm", effect.get("cv_before_mm")),
+        (
+            "cross-validated RMS before",
+            f"{wording.millimetres(effect.get('cv_before_mm'))} mm",
+            effect.get("cv_before_mm"),
+        ),
         ("cross-validated RMS with it", f"{wording.millimetres(effect.get('cv_rms_mm'))} mm", effect.get("cv_rms_mm")),
         ("held-out gain, RMS", f"{wording.millimetres(effect.get('held_out_gain'))} mm", effect.get("held_out_gain")),
     ]

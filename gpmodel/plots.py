@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from gpmodel import charts_errors, charts_findings, charts_space
+from gpmodel import charts_errors, charts_findings, charts_search, charts_space
 from gpmodel.picture import INK, MUTED, RULE, Picture, Report
 
 DOTS_PER_INCH = 192
@@ -40,7 +40,9 @@ STYLE = {
 
 def pictures(report: Report) -> Iterator[Picture]:
     """Every picture this report has the numbers for."""
-    return chain(charts_errors.pictures(report), charts_space.pictures(report), charts_findings.pictures(report))
+    return chain.from_iterable(
+        c.pictures(report) for c in (charts_errors, charts_space, charts_search, charts_findings)
+    )
 
 
 def write_figures(report: Report, folder: Path) -> dict[str, Path]:

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 UNIQUE_SHARE = 1e-4
 """A column of which less than this share lies outside the enabled columns scores nothing (default)."""
 
-ROUNDING_SHARE = 1e-10
+ROUNDING_SHARE = 1e-8
 """The same limit for noise-free regression, where only rounding makes columns alike."""
 
 
@@ -116,14 +116,15 @@ class Targets:
         normal = gram[np.ix_(chosen, chosen)] / np.outer(diagonal, diagonal)
         solution = np.linalg.solve(normal, pull[chosen] / diagonal) / diagonal
         coefficients[chosen] = solution / scale[chosen]
-        return float(pull[chosen] @ solution / self.energy), coefficients
+        return self.gain_of(values, coefficients, site), coefficients
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
         """Share of the residual energy removed by fixed coefficients, for instance on validation poses.
 
         Negative where they make the residual larger.
         """
-        shape = coefficients @ values
+        used = coefficients != 0.0
+        shape = coefficients[used] @ values[used]
         if not np.all(np.isfinite(shape)) or self.energy <= 0:
             return -np.inf
         column = float(self.weight[site] @ np.square(shape) - np.square(self.cross[site] @ shape).sum())

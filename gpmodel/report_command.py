@@ -22,7 +22,9 @@ def read_report(folder: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"{folder}: has no {RESULTS}; expected a folder that discover or calibrate wrote") from None
     except (ValueError, OSError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); expected the JSON that discover or calibrate wrote") from None
+        raise InputError(
+            f"{path}: cannot be read ({error}); expected the JSON that discover or calibrate wrote"
+        ) from None
     if not isinstance(report, dict) or not isinstance(report.get("ladder"), list):
         raise InputError(f"{path}: has no 'ladder'; expected the JSON that discover or calibrate wrote")
     if report.get("schema") != 1:

@@ -18,7 +18,7 @@ from gpmodel.mechanism import Array
 from gpmodel.model import measured_minus, observe
 from gpmodel.search import Histogram
 from gpmodel.split import noise_floor
-from gpmodel.summary import quantity, shape, table_names, translate
+from gpmodel.summary import quantity, read_columns, shape, table_names, translate
 
 SCHEMA = 1
 PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
@@ -115,7 +115,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> dict[str,
         "slot": translate(first.slot, names),
         "axis": first.axis,
         "basis": translate(number.basis, names),
-        "inputs": [names.get(x, x) for x in inputs],
+        "inputs": [names.get(x, x) for x in read_columns(inputs)],
         "value": number.value,
         "stderr": number.stderr,
         "unit": number.unit,

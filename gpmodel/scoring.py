@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.engine import Code, values
+from gpmodel.engine import Code, values, workspace
 from gpmodel.projection import Targets
 
 Array = NDArray[np.float64]
@@ -44,16 +44,14 @@ class Scores:
 
 def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
     """Every program against every site: the best site and the few outputs worth their size."""
-    from gpmodel.kernels.selection import choose_outputs
+    from gpmodel.kernels.selection import choose_outputs, scale_and_multiply
 
-    found = values(code, fixed)
-    programs, outputs, poses = found.shape
-    with np.errstate(all="ignore"):
-        scale = np.abs(found).max(axis=2)
-        usable = np.isfinite(scale) & (scale > 1e-150) & (scale < 1e150)
-        scaled = np.where(usable[:, :, None], found / scale[:, :, None], 0.0)
-    first, second = np.triu_indices(outputs)
-    products = (scaled[:, first] * scaled[:, second]).reshape(-1, poses) @ targets.weight.T
+    scaled = values(code, fixed)
+    programs, outputs, poses = scaled.shape
+    usable = np.empty((programs, outputs), dtype=bool)
+    pairs = workspace("pairs", (programs, outputs * (outputs + 1) // 2, poses))
+    scale_and_multiply(scaled, usable, pairs)
+    products = pairs.reshape(-1, poses) @ targets.weight.T
     flat = scaled.reshape(-1, poses)
     columns = targets.cross.shape[1]
     seen = flat @ targets.cross.reshape(-1, poses).T

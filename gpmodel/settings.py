@@ -24,6 +24,7 @@ class Settings:
     or "tournament" (of ``tournament``; the best distinct of parents and children live on).
     crossover, mutation: per element for sequences; crossover is per child for trees.
     parsimony: cost of a node, in nats for a slot and in the unit of the norm for a compensator.
+    target: stop once a program reaches this gain.
     restart_after: generations without progress before a fresh population (0: never).
     breeding: "koza" or "thesis" for trees. threads: 0 for all cores; never changes a result.
     Raises InputError for a choice out of range.
@@ -51,6 +52,7 @@ class Settings:
     parsimony: float = 1.0
     polish_every: int = 10
     restart_after: int = 60
+    target: float = 1.0
     threads: int = 0
 
     def __post_init__(self) -> None:

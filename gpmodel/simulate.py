@@ -56,6 +56,11 @@ def planted(
     return effects, size * (direction / np.linalg.norm(direction) if len(effects) > 1 else np.ones(1))
 
 
+def random_tool_point(rng: np.random.Generator) -> Array:
+    """A tool point (3,) off the flange's axes, m."""
+    return rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3)
+
+
 def simulate(
     mechanism: Mechanism,
     q: Array,
@@ -67,12 +72,13 @@ def simulate(
     payload: Array | None = None,
     inputs: Mapping[str, Array] | None = None,
     input_units: Mapping[str, str] | None = None,
+    tool_point: Array | None = None,
 ) -> Simulation:
     """Measure `mechanism` at q (N, n) with an instrument at a random place and a random tool point.
 
     effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
     deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
-    (N,) in `input_units`. Raises InputError for an effect that cannot be read or is not finite.
+    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None. Raises InputError for an effect that cannot be read or is not finite.
     """
     count = len(q)
     unmeasured = np.full((count, 3), np.nan)
@@ -91,7 +97,7 @@ def simulate(
     poses = prepare(mechanism, empty)
     registration = se3.exp(np.concatenate([rng.normal(0.0, INSTRUMENT_DISTANCE, 3), rng.uniform(-1.5, 1.5, 3)]))
     tool = np.eye(4)
-    tool[:3, 3] = rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3)
+    tool[:3, 3] = random_tool_point(rng) if tool_point is None else tool_point
     placement = Placement({"": registration}, {"": tool}, {})
     geometry = geometric_effects(mechanism) if geometry_sigma else ()
     scale = np.array([1.0 if e.unit == "m" else 1.0 / LEVER for e in geometry])

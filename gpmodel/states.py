@@ -11,13 +11,15 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.se3 import chain
 
+PAYLOAD_SHARE = "payload_"
+
 
 @dataclass(frozen=True)
 class States:
     """Columns (N,) by name, and their units.
 
     Joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the mechanism's loads (Nm, N),
-    payload (kg, when the table has it), the table's extra columns in their own units, and row (from 1).
+    payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts), the table's extra columns in their own units, and row (from 1).
     """
 
     columns: Mapping[str, Array]
@@ -58,10 +60,16 @@ def states_of(mechanism: Mechanism, dataset: Dataset) -> States:
     tip = chain(mechanism.transforms(dataset.q))[-1][:, :3, 3]
     for name, values in zip("xyz", tip.T, strict=True):
         put(name, values, "m")
-    for name, values in mechanism.loads(dataset.q, dataset.payload).items():
+    loads = mechanism.loads(dataset.q, dataset.payload)
+    for name, values in loads.items():
         put(name, values, load_unit(name))
     if dataset.payload_given:
         put("payload", dataset.payload, "kg")
+        if np.ptp(dataset.payload) > 0:
+            bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
+            for joint in mechanism.joints:
+                load = f"torque_{joint.name}"
+                put(f"{PAYLOAD_SHARE}{load}", loads[load] - bare.get(load, 0.0), "Nm")
     for name, values in dataset.extras.items():
         put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")

@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.calibration import Calibration
 from gpmodel.catalogue import Candidate
 from gpmodel.mechanism import Array
-from gpmodel.states import States
+from gpmodel.states import PAYLOAD_SHARE, States
 
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 
@@ -69,12 +69,21 @@ def shape(calibration: Calibration, candidate: Candidate, states: States) -> Arr
     return np.array([e.terms[0].basis(states) * e.terms[0].weight for e in candidate.effects]).T @ theta
 
 
+def read_columns(inputs: Sequence[str]) -> list[str]:
+    """The inputs of an effect as the report lists them: a payload's own torque is the payload and the torque."""
+    out: list[str] = []
+    for name in inputs:
+        own = name.startswith(f"{PAYLOAD_SHARE}torque_")
+        out += ["payload", name.removeprefix(PAYLOAD_SHARE)] if own else [name]
+    return list(dict.fromkeys(out))
+
+
 def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, str]:
     """Translation of joint names, and of the loads named after them, into the names of the table's columns."""
     out = {}
     for joint, column in zip(joints, columns, strict=True):
         out[joint] = column
-        for prefix in ("torque", "approach"):
+        for prefix in ("torque", "payload_torque", "approach"):
             out[f"{prefix}_{joint}"] = f"{prefix}_{column}"
         for axis in "xyz":
             for prefix in ("force", "moment"):

@@ -94,4 +94,5 @@ def minus(text: str) -> str:
 def expression(text: str) -> str:
     """An expression for reading: `2*J4**3` as `2·J4³`."""
     text = re.sub(r"\*\*(\d+)", lambda m: m[1].translate(_SUPERSCRIPTS), text)
-    return re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", text)
+    text = re.sub(r"(?<=[\w)]) ([+-])(?=[\w(.])", r" \1 ", text)
+    return minus(re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", text))

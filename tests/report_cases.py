@@ -53,18 +53,21 @@ def _statistics(error: Array) -> dict[str, float]:
 def _effects(count: int) -> list[dict[str, Any]]:
     gear = {
         "name": "gear error, 2 per turn, J4", "slot": "J4.moving", "axis": "Rx", "basis": "sin(2*J4 +0.412)",
-        "inputs": ["J4"], "value": 2.51e-4, "stderr": 4.2e-6, "unit": "rad", "unique_share": 0.93, "found_by": "evolved",
+        "inputs": ["J4"], "value": 2.51e-4, "stderr": 4.2e-6, "unit": "rad", "unique_share": 0.93,
+        "found_by": "evolved",
         "catalogue": "gear_harmonic", "explanation": "two cycles a turn: oval gear or flexspline (Tuttle 1992)",
         "rivals": [{"name": "gear error, 2 per turn, J6", "cv_rms_mm": 0.071}],
         "correlation_partners": [["J4 Rx", -0.42], ["J5 Rz", 0.18]], "cv_rms_mm": 0.048, "cv_before_mm": 0.117,
         "p_value": 0.005, "gain": 0.83, "sign_stable": True, "round": 1, "heldout_rms_mm": 0.049,
     }  # fmt: skip
     spring = {
-        "name": "joint compliance, J2", "slot": "J2.moving", "axis": "Rz", "basis": "torque_J2", "inputs": ["torque_J2"],
+        "name": "joint compliance, J2", "slot": "J2.moving", "axis": "Rz", "basis": "torque_J2",
+        "inputs": ["torque_J2"],
         "value": 4.83e-8, "stderr": 2.1e-9, "unit": "rad/Nm", "unique_share": 0.31, "found_by": "evolved",
         "catalogue": "joint_compliance",
         "explanation": "gearbox and structure twist about the joint under its gravity torque (Dumas 2011)",
-        "rivals": [{"name": "balancing spring, J2", "cv_rms_mm": 0.0341}, {"name": "base compliance", "cv_rms_mm": 0.0356}],
+        "rivals": [{"name": "balancing spring, J2", "cv_rms_mm": 0.0341},
+                   {"name": "base compliance", "cv_rms_mm": 0.0356}],
         "correlation_partners": [["J2 Ry", 0.81]], "cv_rms_mm": 0.0329, "cv_before_mm": 0.048, "p_value": 0.005,
         "gain": 0.52, "sign_stable": True, "round": 2, "heldout_rms_mm": 0.034,
     }  # fmt: skip
@@ -117,7 +120,8 @@ def _round(number: int, winner: dict[str, Any] | None, rng: np.random.Generator)
     tried = [
         {
             "name": name, "slot": slot, "axis": axis, "basis": basis, "inputs": [], "gain": 0.05 / (i + 1),
-            "nats": 1.5 - 2.0 * i, "cv_rms_mm": 0.05 + 0.001 * i, "found_by": by, "catalogue": family, "p_value": 0.2 + 0.2 * i,
+            "nats": 1.5 - 2.0 * i, "cv_rms_mm": 0.05 + 0.001 * i, "found_by": by, "catalogue": family,
+            "p_value": 0.2 + 0.2 * i,
             "accepted": False, "why": f"chance of it on shuffled residuals {0.2 + 0.2 * i:.2g}, limit 0.01",
         }
         for i, (name, slot, axis, basis, by, family) in enumerate(losers)
@@ -177,8 +181,8 @@ def _report(seed: int, effects: int, poses: int = 90) -> dict[str, Any]:
         f"Standard model {before:.3f} mm RMS on held-out poses; the residual depends on J4, torque_J2; added "
         f"{'; '.join(e['name'] for e in found_effects)}; {after:.3f} mm RMS on held-out poses, noise floor 0.031 mm."
         if effects
-        else f"Standard model {before:.3f} mm RMS on held-out poses, noise floor 0.031 mm; nothing stands out of chance: "
-        "nothing was added."
+        else f"Standard model {before:.3f} mm RMS on held-out poses, noise floor 0.031 mm; nothing stands out of chance"
+        ": nothing was added."
     )
     limits = [10, 20, 50, 100, 300, 1000, 10000]
     return {

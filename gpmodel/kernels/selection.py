@@ -5,9 +5,46 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.kernels.machine import compiled
+from gpmodel.kernels.machine import compiled, reduction
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 4e-15
+
+
+@reduction
+def largest_magnitude(row: Array) -> float:
+    """Largest absolute value of a finite row."""
+    value = 0.0
+    for j in range(len(row)):
+        value = abs(row[j]) if abs(row[j]) > value else value
+    return value
+
+
+@compiled
+def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array) -> None:
+    """Divide each row of values (P, m, N) by its largest magnitude; products (P, pairs, N) of rows i <= j.
+
+    A row that is zero or not finite is set to zero and marked as not usable.
+    """
+    programs, outputs, poses = values.shape
+    for p in range(programs):
+        for i in range(outputs):
+            row = values[p, i]
+            broken = 0
+            for j in range(poses):
+                broken += not abs(row[j]) < 1e150
+            largest = 0.0 if broken else largest_magnitude(row)
+            usable[p, i] = largest > 1e-150
+            scale = 1.0 / largest if usable[p, i] else 0.0
+            for j in range(poses):
+                row[j] = row[j] * scale if usable[p, i] else 0.0
+        pair = 0
+        for i in range(outputs):
+            for k in range(i, outputs):
+                for j in range(poses):
+                    products[p, pair, j] = values[p, i, j] * values[p, k, j]
+                pair += 1
 
 
 @compiled
@@ -34,7 +71,8 @@ def choose_outputs(
 
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
 
-    wins. A program with nothing to offer scores 0 with gain 0.
+    wins. The energy left is never taken for less than what rounding leaves of the least independent output
+    (so exact fits are told from near singular ones). A program with nothing to offer scores 0 with gain 0.
     """
     programs, outputs, sites = pull.shape
     columns = seen.shape[3]
@@ -61,6 +99,7 @@ def choose_outputs(
                     pair += 1
                 rest[i] = pull[p, i, s]
             explained = 0.0
+            smallest = 1.0
             bits = 0
             for _ in range(outputs):
                 best = -1
@@ -75,6 +114,7 @@ def choose_outputs(
                     break
                 bits |= 1 << best
                 explained += most / energy
+                smallest = min(smallest, gram[best, best] / total[best])
                 size = 0
                 for subset in range(1, 1 << outputs):
                     if subset & bits:
@@ -82,11 +122,11 @@ def choose_outputs(
                 count = 0
                 for i in range(outputs):
                     count += (bits >> i) & 1
-                left = max(1.0 - explained, 1e-16)
+                left = max(1.0 - explained, _ROUNDING / smallest)
                 length = half_components * math.log(left) + parsimony * (size + count)
                 if length < score[p]:
                     score[p] = length
-                    gain[p] = min(explained, 1.0)
+                    gain[p] = 1.0 - left
                     complexity[p] = size
                     site[p] = s
                     chosen[p] = bits
