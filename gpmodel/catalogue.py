@@ -327,8 +327,8 @@ def _support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 FAMILIES: tuple[Family, ...] = (
-    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson 2003, 5.2.3", _base_compliance),
-    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson 2003, 5.2.3 (joint bending); Dumas 2011", _joint_compliance),
+    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", _base_compliance),
+    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", _joint_compliance),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", _payload_deflection),
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", _joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", _eccentricity),
@@ -349,7 +349,7 @@ FAMILIES: tuple[Family, ...] = (
     Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", _tool_slip),
     Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", _warm_up),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", _axis_wobble),
-    Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7; Robertson 2003, Table 5.2", _run_out),
+    Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", _run_out),
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", _ball_lobes),
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", _support_sag),
 )  # fmt: skip

@@ -117,7 +117,7 @@ def _verdict(
     tests = (
         (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {p_value:.2g}, limit {SIGNIFICANCE}"),
         (score.nats > MINIMUM_NATS, f"description length saved {score.nats:.1f} nats, limit {MINIMUM_NATS}"),
-        (cv_rms < before and cv_t > MINIMUM_CV_T, f"cross-validated gain {cv_t:.1f} standard errors, limit {MINIMUM_CV_T}"),
+        (cv_rms < before and cv_t > MINIMUM_CV_T, f"cross-validated gain {cv_t:.1f} deviations, limit {MINIMUM_CV_T}"),
         (believed or sigmas > MINIMUM_SIGMAS, f"coefficient {sigmas:.1f} sigma, limit {MINIMUM_SIGMAS}"),
         (stable, "sign changes between folds"),
         (score.share > MINIMUM_SHARE or believed, f"unique share {score.share:.3f}, limit {MINIMUM_SHARE}"),

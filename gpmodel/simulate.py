@@ -78,7 +78,8 @@ def simulate(
 
     effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
     deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
-    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None. Raises InputError for an effect that cannot be read or is not finite.
+    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None.
+    Raises InputError for an effect that cannot be read or is not finite.
     """
     count = len(q)
     unmeasured = np.full((count, 3), np.nan)

@@ -19,7 +19,8 @@ class States:
     """Columns (N,) by name, and their units.
 
     Joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the mechanism's loads (Nm, N),
-    payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts), the table's extra columns in their own units, and row (from 1).
+    payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts),
+    the table's extra columns in their own units, and row (from 1).
     """
 
     columns: Mapping[str, Array]
