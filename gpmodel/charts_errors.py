@@ -1,4 +1,4 @@
-"""Pictures of the error's size: the ladder, its distribution before and after, and its course along the rows."""
+"""Pictures of the error's size: the ladder, and its distribution before and after."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -11,9 +11,9 @@ from gpmodel.picture import (
     AFTER,
     AFTER_LIGHT,
     BEFORE,
+    CLIP,
     INK,
     MUTED,
-    RULE,
     Array,
     Picture,
     Report,
@@ -24,10 +24,7 @@ from gpmodel.picture import (
     shortened,
     step_title,
 )
-from gpmodel.wording import millimetres, minus
-
-CLIP = 3.0
-"""An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
+from gpmodel.wording import millimetres
 
 
 def pictures(report: Report) -> Iterator[Picture]:
@@ -58,15 +55,6 @@ def pictures(report: Report) -> Iterator[Picture]:
             f"Cumulative share of {which} over the 3-D error, one curve a step: {said}.",
             f"Share of {which} whose 3-D error is below the value on the axis.",
             partial(_cumulative, errors=errors, floor=report.get("noise_floor_mm")),
-        )  # fmt: skip
-    residual = (report.get("plots") or {}).get("residual_mm") or {}
-    if residual.get("final"):
-        before = numbers(residual.get("standard")) if report.get("effects") else numbers(None)
-        yield Picture(
-            "rows", "Residual along the rows", 10.2, 4.6,
-            "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
-            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. Filled dots: held out.",
-            partial(_rows, report=report, before=before, after=numbers(residual["final"])),
         )  # fmt: skip
 
 
@@ -178,41 +166,3 @@ def _cumulative(figure: Any, errors: list[tuple[str, Array, str]], floor: float 
     axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share of poses, %")
     axes.grid(axis="both")
     figure.legend(loc="outside upper left", ncols=2, labelcolor=MUTED, columnspacing=1.2)
-
-
-def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
-    panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    held = np.array((report.get("plots") or {}).get("heldout_mask") or np.zeros(len(after)), dtype=bool)
-    outliers = [int(r) for r in (report.get("data") or {}).get("outliers") or []]
-    row = np.arange(1, len(after) + 1)
-    everything = np.abs(np.concatenate([before.reshape(-1), after.reshape(-1)]))
-    everything = everything[np.isfinite(everything)]
-    if not len(everything):
-        return
-    reach = 1.08 * min(everything.max(), CLIP * np.percentile(everything, 98)) or 1.0
-    size = float(np.clip(900 / len(row), 2, 16))
-    series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]
-    for axis, axes in enumerate(panels):
-        axes.axhline(0, color="#b9c0c9", lw=0.8)
-        for values, colour, _ in series:
-            if len(values) == len(row):
-                clipped = np.clip(values[:, axis], -reach, reach)
-                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9)
-                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9)
-        for outlier in outliers:
-            axes.axvline(outlier, color=RULE, lw=3, zorder=0)
-        axes.set_ylabel(f"{'xyz'[axis]}, mm")
-        axes.set_ylim(-reach * 1.05, reach * 1.05)
-        axes.grid(axis="y")
-        axes.yaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
-    for outlier in outliers[:12]:
-        panels[0].annotate(f"outlier {outlier}", (outlier, 1.0), xycoords=("data", "axes fraction"), ha="center",
-                           va="bottom", fontsize=8, color=MUTED)  # fmt: skip
-    panels[-1].set_xlabel("row of the table")
-    panels[-1].set_xlim(0, len(row) + 1)
-    for values, colour, name in series:
-        if len(values):
-            panels[0].scatter(
-                [], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS"
-            )
-    figure.legend(loc="outside upper right", ncols=2, labelcolor="markeredgecolor")

@@ -1,4 +1,4 @@
-"""Pictures of the residual as arrows in the workspace, from three sides."""
+"""Pictures of where the residual is: arrows in the workspace from three sides, and its course along the rows."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.picture import AFTER, BEFORE, INK, MUTED, Array, Picture, Report, nice_length, numbers
-from gpmodel.wording import minus
+from gpmodel.picture import AFTER, BEFORE, CLIP, INK, MUTED, RULE, Array, Picture, Report, nice_length, numbers, rms
+from gpmodel.wording import millimetres, minus
 
 VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
 SHARE_OF_SPAN = 0.13
@@ -16,7 +16,20 @@ ARROWS = 250
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Arrows seen from above, from the side and from the front, one scale for the three."""
+    """Arrows from above, from the side and from the front, one scale for the three; then the residual over the rows."""
+    yield from _arrow_pictures(report)
+    residual = (report.get("plots") or {}).get("residual_mm") or {}
+    if residual.get("final"):
+        before = numbers(residual.get("standard")) if report.get("effects") else numbers(None)
+        yield Picture(
+            "rows", "Residual along the rows", 10.2, 4.6,
+            "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
+            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. Filled dots: held out.",
+            partial(_rows, report=report, before=before, after=numbers(residual["final"])),
+        )  # fmt: skip
+
+
+def _arrow_pictures(report: Report) -> Iterator[Picture]:
     plots = report.get("plots") or {}
     residual = plots.get("residual_mm") or {}
     points, after = numbers(plots.get("points_mm")), numbers(residual.get("final"))
@@ -39,7 +52,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     for name, i, j in VIEWS:
         yield Picture(
             f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
-            f"Residual of the {models} as arrows at the nominal positions, {'xyz'[i]} and {'xyz'[j]} of the root frame.",
+            f"Residual of the {models} as arrows at the nominal positions: {'xyz'[i]} and {'xyz'[j]}.",
             f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
             partial(_arrows, points=points, before=before if report.get("effects") else None, after=after, plane=(i, j),
                     magnification=magnification, key=key),
@@ -78,3 +91,41 @@ def _arrows(
         which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
     axes.tick_params(labelcolor=MUTED)
     axes.grid(axis="both")
+
+
+def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    held = np.array((report.get("plots") or {}).get("heldout_mask") or np.zeros(len(after)), dtype=bool)
+    outliers = [int(r) for r in (report.get("data") or {}).get("outliers") or []]
+    row = np.arange(1, len(after) + 1)
+    everything = np.abs(np.concatenate([before.reshape(-1), after.reshape(-1)]))
+    everything = everything[np.isfinite(everything)]
+    if not len(everything):
+        return
+    reach = 1.08 * min(everything.max(), CLIP * np.percentile(everything, 98)) or 1.0
+    size = float(np.clip(900 / len(row), 2, 16))
+    series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]
+    for axis, axes in enumerate(panels):
+        axes.axhline(0, color="#b9c0c9", lw=0.8)
+        for values, colour, _ in series:
+            if len(values) == len(row):
+                clipped = np.clip(values[:, axis], -reach, reach)
+                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9)
+                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9)
+        for outlier in outliers:
+            axes.axvline(outlier, color=RULE, lw=3, zorder=0)
+        axes.set_ylabel(f"{'xyz'[axis]}, mm")
+        axes.set_ylim(-reach * 1.05, reach * 1.05)
+        axes.grid(axis="y")
+        axes.yaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    for outlier in outliers[:12]:
+        panels[0].annotate(f"outlier {outlier}", (outlier, 1.0), xycoords=("data", "axes fraction"), ha="center",
+                           va="bottom", fontsize=8, color=MUTED)  # fmt: skip
+    panels[-1].set_xlabel("row of the table")
+    panels[-1].set_xlim(0, len(row) + 1)
+    for values, colour, name in series:
+        if len(values):
+            panels[0].scatter(
+                [], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS"
+            )
+    figure.legend(loc="outside upper right", ncols=2, labelcolor="markeredgecolor")

@@ -14,6 +14,9 @@ Report = Mapping[str, Any]
 INK, MUTED, RULE = "#1d2733", "#5d6875", "#e3e7ec"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#9097a1", "#1c5d99", "#8db4d8", "#d9822b"
 
+CLIP = 3.0
+"""An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
+
 
 @dataclass(frozen=True)
 class Picture:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -11,7 +12,7 @@ from gpmodel import charts_errors, charts_findings, charts_search, charts_space
 from gpmodel.picture import INK, MUTED, RULE, Picture, Report
 
 DOTS_PER_INCH = 192
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "text.color": INK,

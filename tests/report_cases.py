@@ -117,7 +117,7 @@ def _round(number: int, winner: dict[str, Any] | None, rng: np.random.Generator)
         ("x*cos(J6)*J2 at J6.moving Ty", "J6.moving", "Ty", "x*cos(J6)*J2", "evolved", None),
         ("set-up moved after row 41, Tz", "base", "Tz", "step(row - 41.5)", "catalogue", "set_up_step"),
     ]
-    tried = [
+    tried: list[dict[str, Any]] = [
         {
             "name": name, "slot": slot, "axis": axis, "basis": basis, "inputs": [], "gain": 0.05 / (i + 1),
             "nats": 1.5 - 2.0 * i, "cv_rms_mm": 0.05 + 0.001 * i, "found_by": by, "catalogue": family,
