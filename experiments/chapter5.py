@@ -1,0 +1,80 @@
+"""What the Chapter 5 experiments share: the Cartesian problem of Fig 5.2, the hand-made models, and where results go."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.irb6400r_truth import Case
+from gpmodel import catalogue
+from gpmodel.calibration import Calibration, calibrate
+from gpmodel.effect import Effect, geometric_effects
+from gpmodel.mechanism import Array
+from gpmodel.model import ErrorModel, Poses, observe
+from gpmodel.problems import CartesianProblem, Inputs
+
+POSITION = ("x", "y", "z")
+ANGLES = ("J1", "J2", "J3", "J4", "J5", "J6")
+THESIS_INPUTS = (*POSITION, *ANGLES)
+HAND_MADE = (("base compliance", "base_compliance"), ("joint bending", "joint_compliance J5"))
+
+
+def effects_of(case: Case, names: tuple[str, ...] = ()) -> tuple[Effect, ...]:
+    """The standard model (all geometric parameters that 40 poses can tell apart), and catalogue effects by name."""
+    added = [e for name in names for e in catalogue.build(name, case.mechanism, case.poses.states)]
+    return (*geometric_effects(case.mechanism), *added)
+
+
+def fit(case: Case, names: tuple[str, ...] = ()) -> Calibration:
+    """The standard model with effects of the catalogue, fitted to the training poses."""
+    return calibrate(ErrorModel(case.mechanism, effects_of(case, names)), case.poses.subset(case.train))
+
+
+def cartesian(calibration: Calibration, poses: Poses, shuffle: np.random.Generator | None = None) -> CartesianProblem:
+    """Points of the model against measured ones, both in the robot's root frame, m; joint angles in rad.
+
+    shuffle: permutes the errors over the poses, for the null.
+    """
+    frame = calibration.placement.registration[""]
+
+    def in_root(points: Array) -> Array:
+        return (points - frame[:3, 3]) @ frame[:3, :3]
+
+    predicted = in_root(observe(calibration.model, poses, calibration.theta, calibration.placement).tip[:, :3, 3])
+    error = in_root(poses.dataset.position) - predicted
+    if shuffle is not None:
+        error = error[shuffle.permutation(len(error))]
+    inputs = Inputs(THESIS_INPUTS, np.vstack([predicted.T, poses.dataset.q.T]), ANGLES)
+    return CartesianProblem(inputs, np.ascontiguousarray((predicted + error).T))
+
+
+def options(text: str | None, folder: str, arguments: list[str] | None, **defaults: int) -> argparse.Namespace:
+    """Whole-number options with defaults, and --out; `command` repeats the line that was typed."""
+    parser = argparse.ArgumentParser(prog=f"python -m experiments.{folder}.run", description=text)
+    for name, value in defaults.items():
+        parser.add_argument(f"--{name}", type=int, default=value)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / folder)
+    chosen = parser.parse_args(arguments)
+    typed = sys.argv[1:] if arguments is None else arguments
+    chosen.command = " ".join([parser.prog, *typed])
+    return chosen
+
+
+def save(chosen: argparse.Namespace, results: dict[str, Any], figures: dict[str, Figure]) -> None:
+    """results.json and figures/NAME.png under --out."""
+    (chosen.out / "figures").mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"command": chosen.command, **results}, indent=1, default=lambda v: np.asarray(v).tolist())
+    (chosen.out / "results.json").write_text(text + "\n")
+    for name, figure in figures.items():
+        figure.savefig(chosen.out / "figures" / f"{name}.png", dpi=110)
+
+
+def rounded(values: Array, scale: float = 1e3) -> Any:
+    """Metres as millimetres with four decimals, for results.json."""
+    return np.round(scale * np.asarray(values, dtype=float), 4).tolist()
