@@ -1,0 +1,142 @@
+"""The table the core is tested over: mechanisms, and measured poses of them with any effects planted."""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from robots_cases import STANDARD_DH
+
+from gpmodel import catalogue, se3
+from gpmodel.dataset import Dataset
+from gpmodel.discovery import Discovery
+from gpmodel.effect import Effect, geometric_effects
+from gpmodel.mechanism import Array, Mechanism
+from gpmodel.model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
+from gpmodel.workspace import random_poses
+from joints import spherical_joint
+from robots import load_mechanism
+
+NOISE = 3e-5
+MECHANISMS = ("irb6400r", "ur5", "dh", "spherical-joint")
+
+
+@cache
+def mechanism(name: str) -> Mechanism:
+    """One of MECHANISMS; the spherical joint with its angles measured, so that every effect shows."""
+    if name == "spherical-joint":
+        return replace(spherical_joint(), angles_known=True)
+    if name != "dh":
+        found = load_mechanism(name)
+        assert found is not None
+        return found
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "dh.toml"
+        path.write_text(STANDARD_DH)
+        found = load_mechanism(str(path))
+    assert found is not None
+    return found
+
+
+def bare(name: str, count: int, seed: int = 0, *, setups: int = 1, tools: int = 1, payload: bool = True) -> Dataset:
+    """Poses with every kind of input column, nothing measured yet."""
+    arm = mechanism(name)
+    rng = np.random.default_rng([seed, 1])
+    q = random_poses(arm, count, rng)
+    extras = {"temperature": rng.uniform(18.0, 30.0, count)}
+    units = {"temperature": "degC"}
+    for joint in arm.joints[:3]:
+        extras[f"approach_{joint.name}"] = rng.choice([-1.0, 1.0], count)
+        units[f"approach_{joint.name}"] = "1"
+    for axis, values in zip("xyz", rng.normal(size=(3, count)), strict=True):
+        extras[f"gravity_{axis}"], units[f"gravity_{axis}"] = values, "1"
+    labels = {}
+    if setups > 1:
+        labels["setup"] = np.array([f"s{i % setups}" for i in range(count)])
+    if tools > 1:
+        labels["tool"] = np.array([f"t{(i // 2) % tools}" for i in range(count)])
+    missing = np.full((count, 3), np.nan)
+    return Dataset(
+        joints=tuple(j.name for j in arm.joints), q=q, position=missing, rotation=missing.copy(),
+        row=np.arange(1, count + 1), payload=rng.uniform(0.0, 20.0, count) if payload else np.zeros(count),
+        payload_given=payload, labels=labels, extras=extras, extra_units=units,
+    )  # fmt: skip
+
+
+def random_placement(dataset: Dataset, rng: np.random.Generator, anchors: Sequence[str] = ()) -> Placement:
+    """Instruments metres away, tools centimetres off the flange."""
+    at = {s: se3.exp(np.append(rng.normal(0, 2, 3), rng.uniform(-1.5, 1.5, 3))) for s in dataset.codes("setup")[0]}
+    tool = {t: se3.exp(np.append(rng.uniform(0.05, 0.15, 3), np.zeros(3))) for t in dataset.codes("tool")[0]}
+    return Placement(at, tool, {a: rng.uniform(-3.0, 3.0, 3) for a in anchors})
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A measured table and what it was made with."""
+
+    poses: Poses
+    model: ErrorModel
+    theta: Array
+    placement: Placement
+
+
+def measure(
+    name: str, effects: Sequence[Effect], theta: Sequence[float] | Array, seed: int, *, count: int = 90,
+    noise: float = NOISE, geometry: float = 3e-4, see: Sequence[str] = ("position",), setups: int = 1, tools: int = 1,
+    dataset: Dataset | None = None,
+) -> Truth:  # fmt: skip
+    """Poses of a robot with random geometric errors, the given effects and noise.
+
+    see: of position, rotation and distance; noise and geometry: standard deviations, m (and rad).
+    """
+    arm = mechanism(name)
+    rng = np.random.default_rng([seed, 2])
+    data = bare(name, count, seed, setups=setups, tools=tools, payload=False) if dataset is None else dataset
+    anchors = tuple(f"distance_{i}" for i in range(4)) if "distance" in see else ()
+    data = replace(data, distances={a: np.zeros(len(data)) for a in anchors})
+    placement = random_placement(data, rng, anchors)
+    if "position" not in see and "rotation" not in see:
+        placement = replace(placement, registration={s: np.eye(4) for s in placement.registration})
+    constant = geometric_effects(arm) if geometry else ()
+    values = np.concatenate([geometry * rng.normal(size=len(constant)), np.asarray(theta, dtype=float)])
+    model = ErrorModel(arm, (*constant, *effects))
+    seen = observe(model, prepare(arm, data), values, placement)
+    position = rotation = np.full((len(data), 3), np.nan)
+    if "position" in see:
+        position = seen.tip[:, :3, 3] + noise * rng.normal(size=(len(data), 3))
+    if "rotation" in see:
+        turn = se3.exp(np.hstack([np.zeros((len(data), 3)), noise * rng.normal(size=(len(data), 3))]))[:, :3, :3]
+        rotation = se3.rotation_vector(turn @ seen.tip[:, :3, :3])
+    distances = {a: seen.distances[:, i] + noise * rng.normal(size=len(data)) for i, a in enumerate(anchors)}
+    data = replace(data, position=position, rotation=rotation, distances=distances)
+    return Truth(prepare(arm, data), model, values, placement)
+
+
+def true_tips(truth: Truth, poses: Poses) -> Array:
+    """Noise-free points (N, 3) of the true robot at any poses."""
+    return observe(truth.model, poses, truth.theta, truth.placement).tip[:, :3, 3]
+
+
+def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, catalogue.Candidate]:
+    """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one."""
+    arm = mechanism(name)
+    states = prepare(arm, bare(name, count, seed)).states
+    return {c.family: c for c in catalogue.candidates(arm, states)}
+
+
+def numbers(found: Discovery) -> list[float]:
+    """All that a discovery claims, as numbers to compare exactly."""
+    out = [*found.final.theta, *found.final.error]
+    for step in found.steps:
+        out += [*step.train_error, *step.heldout_error]
+    for entry in found.rounds:
+        out += [*entry.exploration.null_nats, *entry.exploration.histogram.p_values]
+        out += [v for h in entry.hypotheses for v in (h.score.nats, h.p_value, h.cv_rms)]
+    return [float(v) for v in out]
+
+
+def residuals(truth: Truth, placement: Placement, theta: Array, model: ErrorModel) -> Array:
+    """Measured minus predicted (N, m) of any model at the poses of a truth."""
+    return measured_minus(observe(model, truth.poses, theta, placement), truth.poses.dataset)
