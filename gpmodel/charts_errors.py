@@ -17,6 +17,7 @@ from gpmodel.picture import (
     Array,
     Picture,
     Report,
+    beyond_standard,
     log_axis,
     numbers,
     rms,
@@ -82,7 +83,7 @@ def _errors(report: Report) -> list[tuple[str, Array, str]]:
         error = error[np.isfinite(error)]
         if len(error):
             last = k == len(rungs) - 1
-            middle = AFTER_LIGHT if rung.get("effect") is not None else BEFORE
+            middle = AFTER_LIGHT if beyond_standard(rung) else BEFORE
             out.append((step_title(report, rung), error, AFTER if last else "#c9ced5" if k == 0 else middle))
     return out
 
@@ -103,7 +104,7 @@ def _ladder(figure: Any, report: Report, rungs: list[Mapping[str, Any]]) -> None
     rows_only(axes, len(rungs), 0.95)
     held = [(r.get("heldout") or {}).get("rms_mm") is not None for r in rungs]
     for k, rung in enumerate(rungs):
-        colour = AFTER if k == len(rungs) - 1 or rung.get("effect") is not None else BEFORE
+        colour = AFTER if k == len(rungs) - 1 or beyond_standard(rung) else BEFORE
         axes.plot([values[k], largest[k]], [k, k], color=colour, lw=1.2, alpha=0.55, solid_capstyle="butt")
         axes.plot(largest[k], k, "|", color=colour, ms=7, mew=1.2)
         if train[k] and held[k]:

@@ -107,7 +107,7 @@ def _search(figure: Any, rounds: list[Mapping[str, Any]]) -> None:
                 value, row - 0.08, s=70 if won else 26, color=AFTER if won else BEFORE, lw=0, zorder=4 if won else 3
             )
             if won:
-                axes.annotate(shortened(str(candidate.get("name")), 60), (value, row - 0.08), (-8, 0), va="center",
+                axes.annotate(shortened(str(candidate.get("name")), 60), (value, row - 0.08), (5, 5), va="bottom",
                               textcoords="offset points", ha="right", color=AFTER, weight="bold")  # fmt: skip
         if not any(c.get("accepted") for c in entry["candidates"]):
             axes.text(1.0, row - 0.08, "nothing stands out: nothing added", ha="right", va="center", color=MUTED,
@@ -117,6 +117,6 @@ def _search(figure: Any, rounds: list[Mapping[str, Any]]) -> None:
     axes.axvline(0, color="#b9c0c9", lw=0.8)
     axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
     axes.set_xlabel("description length saved, nats" if key == "nats" else "share of the residual energy removed")
-    for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "rejected", "o"), (NULL, "chance", "|")):
+    for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):
         axes.scatter([], [], color=colour, marker=mark, s=30, label=label)
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.3)

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gpmodel import charts_errors, charts_findings, charts_search, charts_space, wording
 from gpmodel.output import write_text
-from gpmodel.picture import Report, step_title
+from gpmodel.picture import Report, beyond_standard, step_title
 
 PAGE = "report.html"
 
@@ -84,7 +84,7 @@ def _rung(report: Report, rung: Mapping[str, Any]) -> dict[str, Any]:
         "title": step_title(report, rung),
         "sides": [[_side(rung, side).get(f"{k}_mm") for k in ("mean", "rms", "max")] for side in ("heldout", "train")],
         "rank": rung.get("rank"),
-        "found": rung.get("effect") is not None,
+        "found": beyond_standard(rung),
     }
 
 
@@ -96,7 +96,7 @@ def _tiles(report: Report, ladder: list[Mapping[str, Any]]) -> list[dict[str, An
         ("standard model", by_step.get("standard"), "before"),
     ]
     count = sum(r.get("effect") is not None for r in ladder)
-    if ladder and str(ladder[-1]["step"]) not in ("registration", "standard"):
+    if ladder and beyond_standard(ladder[-1]):
         title = f"with {count} effect{'s' if count != 1 else ''} found" if count else step_title(report, ladder[-1])
         chosen.append((title, ladder[-1], "after"))
     elif chosen[1][1] is not None:
@@ -133,7 +133,7 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
     rivals = [r for r in effect.get("rivals") or [] if r.get("cv_rms_mm") is not None]
     checks = [
         ("removes of the residual energy", wording.percent(effect.get("gain")), effect.get("gain")),
-        ("chance among shuffled residuals", f"{effect.get('p_value') or 0:.2g}", effect.get("p_value")),
+        ("chance among shuffled residuals", wording.chance(effect.get("p_value")), effect.get("p_value")),
         ("sign in every fold", "the same" if effect.get("sign_stable") else "changes", effect.get("sign_stable")),
         (
             "cross-validated RMS before",
@@ -158,6 +158,7 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
         "round": effect.get("round"),
         "checks": [(label, text) for label, text, given in checks if given is not None],
         "own": effect.get("cv_rms_mm"),
+        "alone": effect.get("rivals") == [],
         "rivals": [{"name": str(r.get("name")), "cv_rms_mm": r["cv_rms_mm"]} for r in rivals],
         "partners": _partners(effect),
         "picture": f"shape_{number}",
@@ -167,7 +168,6 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
 def _round(entry: Mapping[str, Any], number: int) -> dict[str, Any]:
     candidates = []
     for c in entry.get("candidates") or []:
-        chance = c.get("p_value")
         candidates.append(
             {
                 "name": str(c.get("name") or wording.UNKNOWN),
@@ -176,7 +176,7 @@ def _round(entry: Mapping[str, Any], number: int) -> dict[str, Any]:
                 "found_by": str(c.get("found_by") or wording.UNKNOWN),
                 "gain": wording.percent(c.get("gain")),
                 "cv_rms_mm": c.get("cv_rms_mm"),
-                "chance": wording.UNKNOWN if chance is None else f"{chance:.2g}",
+                "chance": wording.chance(c.get("p_value")),
                 "accepted": bool(c.get("accepted")),
                 "why": str(c.get("why") or ""),
             }

@@ -59,6 +59,11 @@ def step_title(report: Report, rung: Mapping[str, Any]) -> str:
     return words.get(str(rung["step"]), str(rung["step"]))
 
 
+def beyond_standard(rung: Mapping[str, Any]) -> bool:
+    """Whether a rung of the ladder has more in the model than the standard one."""
+    return str(rung["step"]) not in ("registration", "standard")
+
+
 def shortened(text: str, length: int) -> str:
     """At most `length` characters, an ellipsis for the rest."""
     return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"

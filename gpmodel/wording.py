@@ -73,10 +73,10 @@ def significant(value: float, digits: int) -> str:
 
 
 def millimetres(value: float | None) -> str:
-    """A length given in mm to a tenth of a micrometre below 0.01 mm, to a micrometre below 10 mm, else to 0.01 mm."""
+    """A length given in mm: three digits below 0.01 mm, to a micrometre below 10 mm, else to 0.01 mm."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
-    return f"{value:.{4 if abs(value) < 0.01 else 3 if abs(value) < 10 else 2}f}"
+    return significant(value, 3) if abs(value) < 0.01 else f"{value:.{3 if abs(value) < 10 else 2}f}"
 
 
 def percent(share: float | None) -> str:
@@ -84,6 +84,13 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return UNKNOWN
     return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
+
+
+def chance(probability: float | None) -> str:
+    """A probability with two digits; what is below a millionth is only said to be."""
+    if probability is None or not math.isfinite(probability):
+        return UNKNOWN
+    return "< 0.000001" if probability < 1e-6 else f"{probability:.2g}"
 
 
 def minus(text: str) -> str:

@@ -117,10 +117,10 @@ def test_nothing_found_says_so(figures: dict[str, Path]) -> None:
     assert "effects found" not in text
 
 
-def test_rejections_parameters_and_record_are_listed(figures: dict[str, Path]) -> None:
+def test_reasons_parameters_and_record_are_listed(figures: dict[str, Path]) -> None:
     report = report_cases.found()
     text = Page(html(report, figures)).text
-    assert "rejected : chance of it on shuffled residuals 0.2, limit 0.01" in text
+    assert "not added : chance of it on shuffled residuals 0.2, limit 0.01" in text
     assert "33 parameters kept, 3 dropped" in text
     assert "J1 Tz J2 Tz J6 Tz" in text
     assert "outliers, by row 12" in text
@@ -132,6 +132,20 @@ def test_partners_may_be_pairs_or_named(figures: dict[str, Path]) -> None:
     report = report_cases.found()
     report["parameters"][0]["partners"] = [{"name": "J9 Rx", "correlation": -0.875}]
     assert "J9 Rx −0.88" in Page(html(report, figures)).text
+
+
+def test_no_rival_is_claimed_only_where_rivals_were_looked_for(figures: dict[str, Path]) -> None:
+    report = report_cases.found()
+    report["effects"][0]["rivals"], said = [], "No rival explains the same data."
+    assert said in Page(html(report, figures)).text
+    del report["effects"][0]["rivals"]
+    assert said not in Page(html(report, figures)).text
+
+
+def test_what_free_joints_absorb_is_named_and_counted(figures: dict[str, Path]) -> None:
+    report = report_cases.found() | {"absorbed": [f"effect {k} of the joint" for k in range(40)]}
+    text = Page(html(report, figures)).text
+    assert "effect 29 of the joint; and 10 more." in text
 
 
 def test_text_from_the_table_is_never_markup(figures: dict[str, Path]) -> None:

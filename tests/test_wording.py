@@ -40,10 +40,18 @@ def test_expression_for_reading(text: str, shown: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0.00312, "0.0031"), (0.0312, "0.031"), (12.345, "12.35"), (None, "–"), (math.nan, "–")]
+    ("value", "text"),
+    [(0.003124, "0.00312"), (0.0, "0"), (0.0312, "0.031"), (12.345, "12.35"), (None, "–"), (math.nan, "–")],
 )
 def test_millimetres(value: float | None, text: str) -> None:
     assert wording.millimetres(value) == text
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"), [(0.0123, "0.012"), (1e-90, "< 0.000001"), (0.0, "< 0.000001"), (None, "–")]
+)
+def test_chance(probability: float | None, text: str) -> None:
+    assert wording.chance(probability) == text
 
 
 @pytest.mark.parametrize(("share", "text"), [(0.931, "93 %"), (0.004, "0.4 %"), (0.0, "0 %"), (None, "–")])
