@@ -8,6 +8,7 @@ import numpy as np
 from gpmodel import se3
 from gpmodel.dataset import Dataset, IntArray
 from gpmodel.effect import Effect
+from gpmodel.errors import InputError
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.states import States, states_of
 
@@ -48,10 +49,20 @@ def prepare(mechanism: Mechanism, dataset: Dataset) -> Poses:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """T = T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect."""
+    """T = T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect.
+
+    Raises InputError for an effect at a slot the mechanism does not have.
+    """
 
     mechanism: Mechanism
     effects: tuple[Effect, ...]
+
+    def __post_init__(self) -> None:
+        known = self.mechanism.slots
+        for effect in self.effects:
+            for slot in effect.slots:
+                if slot not in known:
+                    raise InputError(f"effect '{effect.name}': slot '{slot}' is unknown; available: {', '.join(known)}")
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""

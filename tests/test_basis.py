@@ -64,8 +64,8 @@ def test_only_listed_functions_can_be_called(text: str) -> None:
             Expression(text)
 
 
-def test_inputs_are_the_columns_read_each_once_in_order() -> None:
-    assert Expression("sin(J4)*J10 + J4*torque_J1").inputs == ("J4", "J10", "torque_J1")
+def test_inputs_are_the_columns_read_each_once() -> None:
+    assert sorted(Expression("sin(J4)*J10 + J4*torque_J1").inputs) == ["J10", "J4", "torque_J1"]
     assert ONE.inputs == ()
 
 
