@@ -98,6 +98,9 @@ def calibrate(
     train, held = split(dataset, holdout, seed)
     rungs = climb(mechanism, poses, train, held, geometry, groups, condition_limit=condition_limit, seed=seed)
     fit = fit_model(rungs[-1].fit.model, poses, condition_limit=condition_limit, seed=seed)
+    for step, tried in [*((r.step, r.fit) for r in rungs), ("all poses", fit)]:
+        if tried.status == "diverged":
+            raise InputError(f"{dataset.source}: the fit of {step} diverged: {tried.reason}")
     seconds = time.perf_counter() - started
     report = report_of(mechanism, dataset, rungs, fit, groups, seed, seconds)
     if not quiet:
@@ -208,6 +211,8 @@ def show(console: Console, rungs: Sequence[Rung], fit: Calibration, dataset: Dat
         console.print(f"not identifiable with these poses, held at zero: {', '.join(fit.dropped)}", soft_wrap=True)
     if len(fit.outliers):
         console.print(f"outliers, not fitted: rows {', '.join(map(str, dataset.row[fit.outliers]))}", soft_wrap=True)
+    if len(rungs[0].fit.error) < len(dataset) and np.isnan(rungs[-1].heldout.rms):
+        console.print("held out are only poses of set-ups or tools not trained on: no error can be given for them")
     console.print(f"{fit.status}: {fit.reason}; condition limit {fit.condition_limit:g}", soft_wrap=True)
     console.print(verdict(rungs), soft_wrap=True)
 

@@ -6,55 +6,79 @@ import numpy as np
 from scipy import optimize
 
 from gpmodel import se3
-from gpmodel.dataset import Dataset
+from gpmodel.dataset import Dataset, IntArray
 from gpmodel.mechanism import Array, Mechanism
 
 TURNS = 4 * np.pi
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
 FAR_BETTER = 5.0
-MOST_ROWS = 60
+GOOD_SHARE = 0.05
+MOST_SHARE = 0.85
+HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
+FEWEST_ROWS, MOST_ROWS = 6, 60
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 
 
 def misreading(mechanism: Mechanism, data: Dataset) -> str | None:
     """What looks mixed up, and how to write it; None where the table fits the mechanism as it stands.
 
-    Only where registration and tool alone leave far more than any real mechanism's errors, other readings are
-    tried: joint values in the other angle unit, lengths in another unit, a mirrored x y z, a joint's sign, two
-    joints swapped. One that leaves FAR_BETTER times less is what the table must have meant.
+    Only where registration and tool alone leave far more than any real mechanism's errors, at most of the poses,
+    other readings are tried: joint values in the other angle unit, lengths in another unit, a mirrored x y z, a
+    joint's sign, two joints swapped. One that leaves FAR_BETTER times less is what the table must have meant.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
-    measured = np.flatnonzero(np.isfinite(data.position).all(axis=1))
-    if len(measured) < 6:
-        if largest > TURNS:
-            return _degrees_read_as_radians(largest)
-        return None
-    rows = measured[:: max(1, len(measured) // MOST_ROWS)]
-    setup = data.label("setup")[rows]
-    rows = rows[setup == max(set(setup.tolist()), key=setup.tolist().count)]
-    q, p = data.q[rows], data.position[rows]
-    now = misfit(mechanism, q, p)
-    spread = float(np.sqrt(np.mean(np.sum((p - p.mean(axis=0)) ** 2, axis=1))))
-    reach = _spread(mechanism, q)
+    rows = _comparable_rows(data)
+    if len(rows) < FEWEST_ROWS:
+        return _degrees_read_as_radians(largest) if largest > TURNS else None
+    q, p, now = _typical(mechanism, data.q[rows], data.position[rows])
+    spread, reach = _spread(p), _spread(se3.chain(mechanism.transforms(q))[-1][:, :3, 3])
     if now < max(POOR_LENGTH, POOR_SHARE * min(spread, reach)):
         return None
     best, text = now, None
     for meaning, other_q, other_p in _readings(mechanism, q, p, revolute, spread, reach):
-        size = float(np.sqrt(np.mean(np.sum((other_p - other_p.mean(axis=0)) ** 2, axis=1))))
+        if least_misfit(mechanism, other_q, other_p) > best / FAR_BETTER:
+            continue
         left = misfit(mechanism, other_q, other_p)
-        if left < best / FAR_BETTER and left < 0.05 * size:
-            best, text = (
-                left,
-                f"{meaning}; registration alone then leaves {1e3 * left:.3g} mm, as it stands {1e3 * now:.3g} mm",
-            )
+        if left < best / FAR_BETTER and left < GOOD_SHARE * _spread(other_p):
+            best = left
+            text = f"{meaning}; registration alone then leaves {1e3 * left:.3g} mm, as it stands {1e3 * now:.3g} mm"
     if text is None and largest > TURNS:
         return _degrees_read_as_radians(largest)
+    hopeless = now > max(HOPELESS_LENGTH, HOPELESS_SHARE * spread) and all(j.measured for j in mechanism.joints)
+    if text is None and hopeless:
+        return (
+            f"the positions do not fit {mechanism.name}: registration and tool leave {1e3 * now:.3g} mm of their "
+            f"spread of {1e3 * spread:.3g} mm; expected the right mechanism, joint order, signs and units"
+        )
     return text
+
+
+def _comparable_rows(data: Dataset) -> IntArray:
+    """Some rows with a whole position, all of the most frequent set-up and tool."""
+    places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
+    usual = np.array(places) == max(set(places), key=places.count)
+    rows = np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
+    return rows[:: max(1, len(rows) // MOST_ROWS)]
+
+
+def _typical(mechanism: Mechanism, q: Array, position: Array) -> tuple[Array, Array, float]:
+    """The poses without those that fit worst, and their misfit: a few gross errors are outliers, no misreading."""
+    now, error = misfit_by_pose(mechanism, q, position)
+    for _ in range(2):
+        most = np.sort(np.argsort(error)[: max(FEWEST_ROWS, round(MOST_SHARE * len(error)))])
+        q, position = q[most], position[most]
+        now, error = misfit_by_pose(mechanism, q, position)
+    return q, position, now
 
 
 def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
     """RMS distance, m, that registration and one tool point leave: q (N, n), position (N, 3)."""
+    return misfit_by_pose(mechanism, q, position)[0]
+
+
+def misfit_by_pose(mechanism: Mechanism, q: Array, position: Array) -> tuple[float, Array]:
+    """The same, and the distance (N,) left at each pose."""
     frames = se3.chain(mechanism.transforms(q))[-1]
 
     def residual(point: Array) -> Array:
@@ -62,18 +86,27 @@ def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
         turn, shift = se3.fit_rotation(tips, position)
         return (position - tips @ turn.T - shift).ravel()
 
-    best = np.inf
+    best, error = np.inf, np.zeros(len(q))
     for start in np.vstack([np.zeros(3), 0.2 * np.eye(3)]):
         found = optimize.least_squares(residual, start, x_scale=0.1, max_nfev=12)
-        best = min(best, float(np.sqrt(2 * found.cost / len(q))))
+        if (rms := float(np.sqrt(2 * found.cost / len(q)))) < best:
+            best, error = rms, np.linalg.norm(found.fun.reshape(-1, 3), axis=1)
         if best < POOR_LENGTH:
             break
-    return best
+    return best, error
 
 
-def _spread(mechanism: Mechanism, q: Array) -> float:
-    tips = se3.chain(mechanism.transforms(q))[-1][:, :3, 3]
-    return float(np.sqrt(np.mean(np.sum((tips - tips.mean(axis=0)) ** 2, axis=1))))
+def least_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
+    """RMS distance, m, below which no registration and tool point can come: position as any linear function of the
+    flange's position and of all entries of its rotation, p = s + A t + B vec R."""
+    frames = se3.chain(mechanism.transforms(q))[-1]
+    columns = np.hstack([np.ones((len(q), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(len(q), 9)])
+    left = position - columns @ np.linalg.lstsq(columns, position, rcond=None)[0]
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def _spread(points: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 def _degrees_read_as_radians(largest: float) -> str:

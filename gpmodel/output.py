@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -17,6 +18,8 @@ import pandas as pd
 from rich.console import Console
 
 from gpmodel.errors import InputError
+
+_NUMBERS = re.compile(r"\[\n[-+0-9.eE,\snul]*\]")
 
 
 @contextmanager
@@ -71,8 +74,9 @@ def console_for_text() -> Console:
 
 
 def to_json(value: Any) -> str:
-    """JSON text of nested dicts, sequences and NumPy numbers; what is not finite becomes null."""
-    return json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """JSON text of nested dicts, sequences and NumPy numbers; a row of numbers is a line, not finite ones are null."""
+    text = json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False)
+    return _NUMBERS.sub(lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text) + "\n"
 
 
 def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str) -> Path | None:

@@ -79,6 +79,14 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
         ("x, y and z look 1000 times too small", "[m] given as [mm]"),
     ),
     "inches given as millimetres": (scaled(LENGTHS, 1 / 25.4), ("25.4 times too small", "[in] given as [mm]")),
+    "distances of something else": (
+        lambda: GOOD[JOINTS].assign(**{"distance_A [mm]": [str(1000 + 7 * i) for i in range(len(GOOD))]}),
+        ("column 'distance_A'", "does not fit", "one fixed point"),
+    ),
+    "another robot's table": (
+        lambda: table(name="irb6400r-2.8").assign(**{c: GOOD[c] for c in JOINTS}),
+        ("do not fit irb6400r", "right mechanism"),
+    ),
     "one length in another unit": (scaled(["y [mm]"], 1e-3), ("column 'y' looks 1000 times too small",)),
 }
 

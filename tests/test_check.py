@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from cli_cases import robot, run, table, write
 
-from gpmodel.check import check_dataset, refuse, unknowns
+from gpmodel.check import check_dataset, refuse
 from gpmodel.dataset import Dataset
 from gpmodel.effect import geometric_effects
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Mechanism
-from gpmodel.misreading import misreading
-from gpmodel.model import prepare
+from gpmodel.misreading import least_misfit, misfit, misreading
+from gpmodel.model import observe, prepare
 from gpmodel.se3 import exp, rotation_vector
 from gpmodel.simulate import Simulation
+from gpmodel.unknowns import unknowns
 
 ARMS = ["irb6400r", "ur5", "panda"]
 
@@ -88,8 +89,6 @@ def test_small_joint_ranges_are_warned_of(span: float, said: str) -> None:
     q = made.dataset.q.copy()
     q[:, 3] = 0.5 + span * np.linspace(0.0, 1.0, 60)
     tips = prepare(mechanism, replace(made.dataset, q=q))
-    from gpmodel.model import observe
-
     position = observe(made.model, tips, made.theta, made.placement).tip[:, :3, 3]
     noisy = position + np.random.default_rng(0).normal(0.0, 3e-5, position.shape)
     warnings = warnings_of(mechanism, replace(made.dataset, q=q, position=noisy))
@@ -97,8 +96,6 @@ def test_small_joint_ranges_are_warned_of(span: float, said: str) -> None:
 
 
 def with_rotations(turn: np.ndarray) -> tuple[Mechanism, Dataset]:
-    from gpmodel.model import observe
-
     mechanism, made = robot(60)
     tip = observe(made.model, prepare(mechanism, made.dataset), made.theta, made.placement).tip
     return mechanism, replace(made.dataset, rotation=rotation_vector(tip[:, :3, :3]) @ turn.T)
@@ -153,3 +150,41 @@ def test_check_prints_what_it_found(tmp_path: object) -> None:
     assert "no warnings" in result.stdout
     assert (folder / "out" / "check.json").exists()
     assert run("check", path, "--mechanism", "irb6400r", "--quiet").stdout == ""
+
+
+def test_distances_that_fit_pass() -> None:
+    mechanism, made = robot(60)
+    placement = replace(made.placement, anchors={"distance_A": np.array([2.0, 1.0, 0.3])})
+    named = replace(made.dataset, distances={"distance_A": np.zeros(60)})
+    length = observe(made.model, prepare(mechanism, named), made.theta, placement).distances[:, 0]
+    noisy = length + np.random.default_rng(0).normal(0.0, 3e-5, 60)
+    unmeasured = np.full((60, 3), np.nan)
+    assert warnings_of(mechanism, replace(named, position=unmeasured, distances={"distance_A": noisy})) == []
+
+
+def test_a_few_gross_errors_are_no_misreading() -> None:
+    mechanism, made = robot(60)
+    position = made.dataset.position.copy()
+    position[[3, 30]] = position[[30, 3]]
+    assert misreading(mechanism, replace(made.dataset, position=position)) is None
+
+
+def test_two_tools_are_no_misreading() -> None:
+    mechanism, made = robot(60)
+    half = np.arange(60) % 2 == 0
+    tips = [
+        observe(made.model, prepare(mechanism, made.dataset), made.theta, replace(made.placement, tool={"": tool})).tip
+        for tool in (made.placement.tool[""], exp(np.array([0.3, 0.2, 0.5, 0.0, 0.0, 0.0])))
+    ]
+    position = np.where(half[:, None], tips[0][:, :3, 3], tips[1][:, :3, 3])
+    labels = {"tool": np.where(half, "short", "long")}
+    assert misreading(mechanism, replace(made.dataset, position=position)) is not None
+    assert misreading(mechanism, replace(made.dataset, position=position, labels=labels)) is None
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_registration_and_tool_come_below_the_least_misfit(arm: str) -> None:
+    mechanism, made = robot(40, name=arm)
+    position = made.dataset.position + np.random.default_rng(0).normal(0.0, 0.01, (40, 3))
+    bound, reached = (f(mechanism, made.dataset.q, position) for f in (least_misfit, misfit))
+    assert 0.5 * reached < bound <= reached

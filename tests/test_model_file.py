@@ -3,12 +3,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from cli_cases import robot
 
 from gpmodel.calibration import calibrate
+from gpmodel.dataset import Dataset
 from gpmodel.effect import Effect, Term, geometric_effects
 from gpmodel.errors import InputError
 from gpmodel.model import ErrorModel, observe, prepare
@@ -16,7 +18,7 @@ from gpmodel.model_file import SavedModel, load_model, matched, model_text, save
 from gpmodel.options import MechanismChoice
 from gpmodel.states import States
 
-CASES: dict[str, dict[str, object]] = {
+CASES: dict[str, dict[str, Any]] = {
     "geometry": {},
     "load": {"effects": ("base_compliance=3e-7",)},
     "pair": {"effects": ("gear_harmonic J4=60 arcsec",)},
@@ -29,7 +31,7 @@ CASES: dict[str, dict[str, object]] = {
 }
 
 
-def fitted(case: str) -> tuple[SavedModel, object]:
+def fitted(case: str) -> tuple[SavedModel, Dataset]:
     mechanism, made = robot(40, **CASES[case])
     extra = tuple(e for e in made.model.effects if not e.constant)
     poses = prepare(mechanism, made.dataset)
@@ -43,8 +45,7 @@ def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     save_model(tmp_path / "model.json", saved, remark="anything")
     again = load_model(tmp_path / "model.json")
     tips = [
-        observe(m.model, prepare(m.mechanism, matched(m, dataset)), m.theta, m.placement).tip  # type: ignore[arg-type]
-        for m in (saved, again)
+        observe(m.model, prepare(m.mechanism, matched(m, dataset)), m.theta, m.placement).tip for m in (saved, again)
     ]
     np.testing.assert_array_equal(tips[0], tips[1])
     np.testing.assert_array_equal(saved.stderr, again.stderr)
@@ -108,12 +109,12 @@ def test_bad_models_are_refused_in_one_line(tmp_path: Path) -> None:
 
 def test_tables_must_fit_the_model() -> None:
     saved, dataset = fitted("input")
-    data = replace(dataset, extras={}, extra_units={})  # type: ignore[type-var]
+    data = replace(dataset, extras={}, extra_units={})
     with pytest.raises(InputError, match=r"column 'temperature \[degC\]' is missing"):
         matched(saved, data)
     with pytest.raises(InputError, match=r"in \[kelvin\].*\[degC\]"):
-        matched(saved, replace(dataset, extra_units={"temperature": "kelvin"}))  # type: ignore[type-var]
-    labelled = replace(dataset, labels={"setup": np.full(40, "elsewhere")})  # type: ignore[type-var]
+        matched(saved, replace(dataset, extra_units={"temperature": "kelvin"}))
+    labelled = replace(dataset, labels={"setup": np.full(40, "elsewhere")})
     with pytest.raises(InputError, match="setup 'elsewhere' is unknown"):
         matched(saved, labelled)
 
@@ -121,7 +122,7 @@ def test_tables_must_fit_the_model() -> None:
 def test_payload_said_at_calibration_is_that_of_prediction() -> None:
     saved, dataset = fitted("geometry")
     loaded = replace(saved, choice=MechanismChoice("irb6400r", payload=25.0))
-    assert (matched(loaded, dataset).payload == 25.0).all()  # type: ignore[arg-type]
+    assert (matched(loaded, dataset).payload == 25.0).all()
 
 
 def test_basis_without_a_text_cannot_be_saved() -> None:
@@ -135,6 +136,6 @@ def test_basis_without_a_text_cannot_be_saved() -> None:
             return "a bump at zero"
 
     saved, _ = fitted("geometry")
-    effect = Effect("bump", (Term("J1.moving", "Rz", Bump()),), "rad")  # type: ignore[arg-type]
+    effect = Effect("bump", (Term("J1.moving", "Rz", Bump()),), "rad")
     with pytest.raises(InputError, match="not an expression"):
         model_text(replace(saved, model=ErrorModel(saved.mechanism, (effect, *saved.model.effects[1:]))))
