@@ -132,8 +132,7 @@ def write_results(
         write_text(draft / "report.json", to_json(report))
         save_model(draft / "model.json", saved_model(choice, found.final, found.poses.dataset))
         write_urdf(found, draft / "calibrated.urdf")
-        write_figures(report, draft / "figures")
-        write_page(report, draft)
+        write_page(report, draft, write_figures(report, draft))
     (folder / checkpoint.NAME).unlink(missing_ok=True)
     return report
 

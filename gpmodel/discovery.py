@@ -11,7 +11,7 @@ from gpmodel.calibration import Calibration, calibrate, errors_on, without_outli
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, geometric_effects
-from gpmodel.evidence import gather, sites_of
+from gpmodel.evidence import Evidence, gather, sites_of
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Poses
@@ -186,36 +186,53 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
     known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
     pool = [c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known]
-    scores, null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))
+    null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))[1]
     exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
-    evolved = [c for c in exploration.candidates if c.name not in known]
-    joined = Pool(
-        (*pool, *evolved),
-        (*scores, *evidence.scores(evolved)[0]),
-        {"catalogue": null, "evolved": exploration.null_nats},
-    )
-    hypotheses = judge(evidence, joined)
+    pool += [c for c in exploration.candidates if c.name not in known]
+    earlier = [r.exploration.null_nats for r in loop.rounds]
+    nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
+    hypotheses = judge(evidence, Pool(tuple(pool), tuple(evidence.scores(pool)[0]), nulls))
+    cleared = _cleared(loop, hypotheses, evidence, rows, standard_fit)
+    if cleared is not None:
+        hypotheses = judge(cleared, Pool(tuple(pool), tuple(cleared.scores(pool)[0]), nulls))
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
     if best is not None:
         loop.say(f"round {number}: added {best.candidate.name}")
         loop.findings.append(Finding(best, number))
-        dropped = _prune(loop, standard_fit)
         calibration = loop.fit(loop.model(loop.findings), standard_fit)
+        dropped, calibration = _prune(loop, calibration, standard_fit)
     loop.rounds.append(Round(number, hypotheses, exploration, dropped))
     return calibration
 
 
-def _prune(loop: _Loop, standard_fit: Calibration) -> tuple[str, ...]:
+def _cleared(
+    loop: _Loop, hypotheses: tuple[Hypothesis, ...], evidence: Evidence, rows: IntArray, standard_fit: Calibration
+) -> Evidence | None:
+    """The evidence with poses that stood far out, but that the best hypothesis explains, at their full length.
+
+    Drawn-in poses would bend a law that is strong at a few of them. None where there are none.
+    """
+    best = next((h for h in hypotheses if h.accepted), None)
+    if best is None or not evidence.drawn_in.any():
+        return None
+    trial = loop.fit(loop.model([*loop.findings, Finding(best, 0)]), standard_fit)
+    explained = ~np.isin(rows, trial.outliers)
+    if not (evidence.drawn_in & explained).any():
+        return None
+    return gather(evidence.calibration, evidence.poses, loop.options.seed, trusted=explained)
+
+
+def _prune(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> tuple[tuple[str, ...], Calibration]:
     """Take out earlier findings that the newest one has made superfluous: description length without them is less."""
     dropped: list[str] = []
     train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
     for finding in list(loop.findings[:-1]):
-        others = [f for f in loop.findings if f is not finding]
-        without = loop.fit(loop.model(others), standard_fit)
-        score = gather(without, train, loop.options.seed).scores([finding.candidate])[0][0]
+        effects = finding.candidate.effects
+        score = gather(calibration, train, loop.options.seed, effects).scores([finding.candidate])[0][0]
         if score.nats < 0:
             dropped.append(finding.candidate.name)
             loop.findings.remove(finding)
             loop.say(f"dropped {finding.candidate.name}: the others explain it")
-    return tuple(dropped)
+            calibration = loop.fit(loop.model(loop.findings), standard_fit)
+    return tuple(dropped), calibration

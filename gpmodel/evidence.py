@@ -1,7 +1,7 @@
 """What the residual says of a candidate: one projection, a description length, and the chance of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,16 @@ from scipy import linalg, stats
 
 from gpmodel import identifiability as ident
 from gpmodel.basis import ONE, Basis
-from gpmodel.calibration import Calibration, Linearised, effect_columns, linearise, solve
+from gpmodel.calibration import (
+    MANY_COLUMNS,
+    Calibration,
+    Linearised,
+    beliefs,
+    effect_columns,
+    factored,
+    linearise,
+    solve,
+)
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, Term
@@ -67,14 +76,28 @@ class Score:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The training residual of a calibration with everything the model already explains projected out."""
+    """The training residual of a calibration with everything the model already explains projected out.
+
+    Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
+    far as their priors let them, no further. enabled: (M + B, K) orthonormal columns of the model. residual: (M + B,).
+    system, target: the columns (M + B, K') and right side these came from.
+    drawn_in: (N,) poses whose residual was shortened.
+    """
 
     calibration: Calibration
     poses: Poses
     problem: Linearised
+    system: Array
+    target: Array
     enabled: Array
     residual: Array
     fold_of_row: IntArray
+    drawn_in: Array
+
+    @property
+    def measured(self) -> int:
+        """M, rows that were measured."""
+        return len(self.fold_of_row)
 
     @property
     def energy(self) -> float:
@@ -87,7 +110,7 @@ class Evidence:
     @cached_property
     def rms(self) -> float:
         """3-D RMS of the residual, m."""
-        return float(np.sqrt(self.energy / len(np.unique(self.problem.pose_of_row))))
+        return float(np.linalg.norm(self.residual[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Weighted columns (M, E) of any effects at these poses."""
@@ -95,21 +118,23 @@ class Evidence:
         return self.problem.weigh(blocks)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Columns less what is enabled, and the share (E,) of each that is left; non-finite columns are zero."""
+        """Columns (M + B, E) less what is enabled, and the share (E,) of each left; non-finite columns are zero."""
         columns = self.columns(effects)
         columns[:, ~np.isfinite(columns).all(axis=0)] = 0.0
         norms = np.linalg.norm(columns, axis=0)
         alive = norms > ident.NEGLIGIBLE * 1e-3
-        left = ident.remove(self.enabled, columns / np.where(alive, norms, 1.0)) * alive
+        padded = np.zeros((len(self.residual), len(norms)))
+        padded[: self.measured] = columns / np.where(alive, norms, 1.0)
+        left = ident.remove(self.enabled, padded) * alive
         return left, np.linalg.norm(left, axis=0)
 
     def nats(self, gain: float | Array, unknowns: int, cost: float) -> float | Array:
         """Description length saved: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
         saved = -0.5 * self.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
-        return saved - 0.5 * unknowns * np.log(len(self.residual)) - cost
+        return saved - 0.5 * unknowns * np.log(self.measured) - cost
 
     def scores(self, pool: Sequence[Candidate], residuals: Array | None = None) -> tuple[list[Score], Array]:
-        """Score of every candidate, and the best nats (B,) that any of them reaches on `residuals` (M, B)."""
+        """Score of every candidate, and the best nats (T,) that any of them reaches on `residuals` (M + B, T)."""
         trials = np.zeros((len(self.residual), 0)) if residuals is None else residuals
         energies = np.sum(trials**2, axis=0)
         best = np.full(trials.shape[1], -np.inf)
@@ -147,7 +172,10 @@ class Evidence:
         """
         norms = np.linalg.norm(self.columns(candidate.effects), axis=0)
         prior = np.array([e.prior for e in candidate.effects])
-        u, s, _ = linalg.svd(span * norms * prior, full_matrices=False)
+        weighted = span * norms * prior
+        squares, turn = linalg.eigh(weighted.T @ weighted)
+        s = np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))
+        u = weighted @ (turn / s)
 
         def evidence(parts: Array, energy: Array, sigma2: Array) -> tuple[Array, Array]:
             factor = s[:, None] ** 2 / (s[:, None] ** 2 + sigma2)
@@ -163,18 +191,18 @@ class Evidence:
         return (float(1 - left[0] / self.energy), float(nats[0])), by_chance
 
     def shuffled(self, rng: np.random.Generator, count: int) -> Array:
-        """Residuals (M, count) permuted over the poses, then projected again: what chance looks like."""
-        out = np.empty((len(self.residual), count))
+        """Residuals (M + B, count) permuted over the poses, then projected again: what chance looks like."""
+        out = np.repeat(self.residual[:, None], count, axis=1)
         blocks = self._blocks()
         for b in range(count):
             turned = blocks[rng.permutation(len(blocks))]
             rows = turned[self.problem.weights > 0]
-            out[:, b] = ident.remove(self.enabled, np.where(np.isfinite(rows), rows, 0.0))
-        return out
+            out[: self.measured, b] = np.where(np.isfinite(rows), rows, 0.0)
+        return ident.remove(self.enabled, out)
 
     def _blocks(self) -> Array:
         blocks = np.zeros(self.problem.weights.shape)
-        blocks[self.problem.weights > 0] = self.residual
+        blocks[self.problem.weights > 0] = self.residual[: self.measured]
         return blocks
 
     def _belief(self, effects: Sequence[Effect]) -> Array:
@@ -182,53 +210,98 @@ class Evidence:
         sigma = np.sqrt(self.energy / self.freedom)
         return np.array([sigma / e.prior for e in effects])
 
-    def targets(self, sites: Sequence[Site], residual: Array | None = None) -> Targets:
-        """The same problem for the GP: weight, cross and pull of every site."""
-        r = self.residual if residual is None else residual
-        n = len(self.poses)
-        weight, pull = np.zeros((len(sites), n)), np.zeros((len(sites), n))
-        cross = np.zeros((len(sites), self.enabled.shape[1], n))
+    def targets(self, sites: Sequence[Site], rows: IntArray) -> Targets:
+        """The same problem for the GP, at some poses: weight, cross and pull of every site, energy in proportion."""
         effects = [site.effect("", ONE, "") for site in sites]
         columns = self.columns(effects)
-        for s in range(len(sites)):
-            column = columns[:, s]
-            np.add.at(weight[s], self.problem.pose_of_row, column**2)
-            np.add.at(pull[s], self.problem.pose_of_row, column * r)
-            np.add.at(cross[s].T, self.problem.pose_of_row, column[:, None] * self.enabled)
+        weight = self._by_pose(columns**2, rows)
+        enabled = self.enabled[: self.measured]
+        cross = np.stack([_compact(self._by_pose(columns[:, [s]] * enabled, rows)) for s in range(len(sites))])
         alive = weight.sum(axis=1) > 1e-12
         names = tuple(site.name for site in sites)
-        return Targets(weight * alive[:, None], cross, pull, float(r @ r), names, len(r), MINIMUM_UNIQUE**2)
+        blank = Targets(
+            weight * alive[:, None], cross, np.zeros(weight.shape), 0.0, names,
+            int(len(self.residual) * len(rows) / len(self.poses)), MINIMUM_UNIQUE**2,
+        )  # fmt: skip
+        return self.aimed(blank, sites, rows, self.residual)
+
+    def aimed(self, targets: Targets, sites: Sequence[Site], rows: IntArray, residual: Array) -> Targets:
+        """The targets of another residual (M + B,) at the same poses."""
+        columns = self.columns([site.effect("", ONE, "") for site in sites])
+        pull = self._by_pose(columns * residual[: self.measured, None], rows)
+        share = len(rows) / len(self.poses)
+        return replace(targets, pull=pull, energy=float(residual @ residual) * share)
+
+    def _by_pose(self, values: Array, rows: IntArray) -> Array:
+        """Sums (C, len(rows)) of the values (M, C) of each of some poses."""
+        out = np.zeros((len(self.poses), values.shape[1]))
+        present, first = np.unique(self.problem.pose_of_row, return_index=True)
+        out[present] = np.add.reduceat(values, first, axis=0)
+        return out[rows].T
 
     def cross_validated(self, effects: Sequence[Effect]) -> tuple[float, Array, Array]:
         """3-D RMS (m) and squared error per pose (N,) with these effects, refitted in every fold; the coefficients
         (folds, E) of each fold."""
-        free = np.concatenate([np.ones(self.problem.placement, dtype=bool), self.calibration.kept])
         extra = self.columns(effects)
-        columns = np.hstack([self.problem.columns[:, free], extra])
-        scale = np.linalg.norm(columns, axis=0)
+        scale = np.linalg.norm(extra, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
-        belief = np.concatenate(
-            [self._belief(self.calibration.model.effects)[self.calibration.kept], self._belief(effects)]
-        )
-        rows = np.diag(np.concatenate([np.zeros(self.problem.placement), belief]) / scale)
-        rows = rows[rows.any(axis=1)]
+        extra, belief = extra / scale, self._belief(effects) / scale
+        refit = self._updated if self.system.shape[1] + extra.shape[1] >= MANY_COLUMNS else self._refitted
         per_pose = np.zeros(len(self.poses))
         coefficients = []
-        for fold in np.unique(self.fold_of_row):
+        for k, fold in enumerate(np.unique(self.fold_of_row)):
             test = self.fold_of_row == fold
-            system = np.vstack([columns[~test] / scale, rows])
-            target = np.concatenate([self.residual[~test], np.zeros(len(rows))])
-            solved = solve(system, target)
-            miss = self.residual[test] - columns[test] / scale @ solved
+            old, new = refit(k, test, extra, belief)
+            miss = self.target[: self.measured][test] - self.system[: self.measured][test] @ old - extra[test] @ new
             np.add.at(per_pose, self.problem.pose_of_row[test], miss**2)
-            coefficients.append((solved / scale)[columns.shape[1] - extra.shape[1] :])
+            coefficients.append(new / scale)
         return float(np.sqrt(per_pose.mean())), per_pose, np.array(coefficients)
 
+    def _refitted(self, k: int, test: Array, extra: Array, belief: Array) -> tuple[Array, Array]:
+        """Coefficients of the system and of the extra columns, solved together without the tested rows."""
+        count = self.system.shape[1]
+        keep = np.concatenate([~test, np.ones(len(self.target) - self.measured, dtype=bool)])
+        padded = np.vstack([extra, np.zeros((len(self.target) - self.measured, extra.shape[1]))])
+        rows = np.hstack([np.zeros((len(belief), count)), np.diag(belief)])[belief > 0]
+        system = np.vstack([np.hstack([self.system, padded])[keep], rows])
+        solved = solve(system, np.concatenate([self.target[keep], np.zeros(len(rows))]))
+        return solved[:count], solved[count:]
 
-def gather(calibration: Calibration, poses: Poses, seed: int) -> Evidence:
+    def _updated(self, k: int, test: Array, extra: Array, belief: Array) -> tuple[Array, Array]:
+        """The same from each fold's factored normal equations, by block elimination of the extra columns."""
+        factor, base = self._folded[k]
+        top, right = self.system[: self.measured][~test], self.target[: self.measured][~test]
+        between = top.T @ extra[~test]
+        solved = linalg.cho_solve(factor, between, check_finite=False)
+        inner = extra[~test].T @ extra[~test] + np.diag(belief**2) - between.T @ solved
+        new = linalg.lstsq(inner, extra[~test].T @ right - between.T @ base, cond=1e-12)[0]
+        return base - solved @ new, new
+
+    @cached_property
+    def _folded(self) -> list[tuple[tuple[Array, bool], Array]]:
+        """For every fold: the factored normal equations of the system without it, and their solution."""
+        gram, pull = self.system.T @ self.system, self.system.T @ self.target
+        out = []
+        for fold in np.unique(self.fold_of_row):
+            test = np.flatnonzero(self.fold_of_row == fold)
+            part, right = self.system[test], self.target[test]
+            factor = factored(gram - part.T @ part)
+            out.append((factor, linalg.cho_solve(factor, pull - part.T @ right, check_finite=False)))
+        return out
+
+
+def _compact(cross: Array) -> Array:
+    """Rows (min(K, N), N) with the same BᵀB as `cross` (K, N)."""
+    return cross if len(cross) <= cross.shape[1] else np.linalg.qr(cross, mode="r")
+
+
+def gather(
+    calibration: Calibration, poses: Poses, seed: int, without: Sequence[Effect] = (), trusted: Array | None = None
+) -> Evidence:
     """The projected problem at a calibration, with every pose in it; far-out poses are drawn in, not dropped.
 
-    A pose whose error exceeds median + 6 · 1.4826 MAD has its residual shortened to that length.
+    without: effects of the model whose part is given back to the residual, as if they were not in it. A pose whose
+    error exceeds median + 6 · 1.4826 MAD has its residual shortened to that length.
     """
     use = np.ones(len(poses), dtype=bool)
     problem = linearise(calibration.model, poses, calibration.theta, calibration.placement, calibration.lever, use)
@@ -238,11 +311,31 @@ def gather(calibration: Calibration, poses: Poses, seed: int) -> Evidence:
     middle = np.median(length)
     limit = middle + OUTLIER_SIGMAS * 1.4826 * float(np.median(np.abs(length - middle)))
     shrink = np.minimum(1.0, limit / np.maximum(length, 1e-12))
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), calibration.kept])
-    enabled = ident.orthonormal(problem.columns[:, free])
-    residual = ident.remove(enabled, problem.residual * shrink[problem.pose_of_row])
+    if trusted is not None:
+        shrink[trusted] = 1.0
+    returned = np.isin([e.name for e in calibration.model.effects], [e.name for e in without])
+    shortened = problem.residual * shrink[problem.pose_of_row]
+    shortened = shortened + problem.columns[:, problem.placement :][:, returned] @ calibration.theta[returned]
+    kept = calibration.kept & ~returned
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
+    belief, pull = beliefs(calibration.model, calibration.theta, problem, kept)
+    system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
+    scale = np.linalg.norm(system, axis=0)
+    system /= np.where(scale > 0, scale, 1.0)
+    enabled = _spanned(system, belief[:, free].any(axis=0))
+    residual = ident.remove(enabled, target)
     fold = folds(poses.dataset, 10, np.random.default_rng(seed))[problem.pose_of_row]
-    return Evidence(calibration, problem.poses, problem, enabled, residual, fold)
+    return Evidence(calibration, problem.poses, problem, system, target, enabled, residual, fold, shrink < 1.0)
+
+
+def _spanned(system: Array, believed: Array) -> Array:
+    """Orthonormal basis of unit columns (M + B, K): those without priors decided by rank, the believed by Cholesky."""
+    plain = ident.orthonormal(system[:, ~believed])
+    if not believed.any():
+        return plain
+    rest = ident.remove(plain, system[:, believed])
+    upper, _ = factored(rest.T @ rest)
+    return np.hstack([plain, linalg.solve_triangular(upper, rest.T, trans="T", check_finite=False).T])
 
 
 def chance(value: float, null: Array) -> float:
@@ -262,6 +355,6 @@ def chance(value: float, null: Array) -> float:
 
 
 def canonical_correlation(first: Array, second: Array) -> float:
-    """Smallest share in which the span of `first` (M, a) lies inside the span of `second` (M, b)."""
-    inside = ident.orthonormal(second).T @ ident.orthonormal(first)
+    """Smallest correlation between the smaller span and the larger, of orthonormal columns (M, a) and (M, b)."""
+    inside = second.T @ first
     return float(np.linalg.svd(inside, compute_uv=False).min()) if inside.size else 0.0

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpmodel import identifiability as ident
+from gpmodel import wording
 from gpmodel.catalogue import Candidate
 from gpmodel.evidence import Evidence, Score, canonical_correlation, chance
 from gpmodel.mechanism import Array
@@ -61,7 +63,7 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
     """
     order = sorted(range(len(pool.scores)), key=lambda i: -pool.scores[i].nats)
     order = [i for i in order if np.isfinite(pool.scores[i].nats)][: 6 * SHORTLIST]
-    spans = {i: evidence.projected(pool.candidates[i].effects)[0] for i in order}
+    spans = {i: ident.orthonormal(evidence.projected(pool.candidates[i].effects)[0]) for i in order}
     leaders: list[int] = []
     followers: dict[int, list[int]] = {}
     for i in order:
@@ -81,7 +83,7 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
 
 
 def _alike(first: Array, second: Array) -> bool:
-    return min(canonical_correlation(first, second), canonical_correlation(second, first)) > LIKENESS
+    return canonical_correlation(first, second) > LIKENESS
 
 
 def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidate]:
@@ -115,7 +117,7 @@ def _verdict(
         if i != chosen and pool.candidates[i].name != candidate.name and len(rivals) < 6:
             rivals.append((pool.candidates[i].name, evidence.cross_validated(pool.candidates[i].effects)[0]))
     tests = (
-        (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {p_value:.2g}, limit {SIGNIFICANCE}"),
+        (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {wording.chance(p_value)}, limit {SIGNIFICANCE}"),
         (score.nats > MINIMUM_NATS, f"description length saved {score.nats:.1f} nats, limit {MINIMUM_NATS}"),
         (cv_rms < before and cv_t > MINIMUM_CV_T, f"cross-validated gain {cv_t:.1f} deviations, limit {MINIMUM_CV_T}"),
         (believed or sigmas > MINIMUM_SIGMAS, f"coefficient {sigmas:.1f} sigma, limit {MINIMUM_SIGMAS}"),
@@ -123,7 +125,7 @@ def _verdict(
         (score.share > MINIMUM_SHARE or believed, f"unique share {score.share:.3f}, limit {MINIMUM_SHARE}"),
     )  # fmt: skip
     failed = [text for passed, text in tests if not passed]
-    why = "; ".join(failed) or f"removes {100 * score.gain:.0f} % of the residual energy, p {p_value:.1g}"
+    why = "; ".join(failed) or f"removes {100 * score.gain:.0f} % of the residual energy, p {wording.chance(p_value)}"
     return Hypothesis(candidate, score, p_value, cv_rms, before, cv_t, sigmas, stable, tuple(rivals), not failed, why)
 
 

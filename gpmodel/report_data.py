@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel import catalogue
+from gpmodel import catalogue, wording
 from gpmodel.absorbed import absorbed_families, absorbed_in_words
 from gpmodel.calibration import Calibration, resolved
 from gpmodel.discovery import Discovery, Round, Step
@@ -76,6 +76,7 @@ def build(discovery: Discovery, command: str, seed: int, noise: float | None) ->
             {"condition_limit": c.condition_limit, "rank": c.rank, "cv_rms_mm": 1e3 * c.cv_rms}
             for c in discovery.steps[1].calibration.rank_curve
         ],
+        "condition_limit": final.condition_limit,
         "status": final.status,
         "reason": final.reason,
         "stopped": discovery.stopped,
@@ -298,7 +299,8 @@ def _verdict(report: dict[str, Any]) -> str:
         )
     parts = []
     for e in report["effects"]:
-        parts.append(f"{e['name']} ({e['value']:.3g} ± {e['stderr']:.1g} {e['unit']})")
+        size = wording.measured(e["value"], e["stderr"], e["unit"])
+        parts.append(f"{e['name']}, {size.value} ± {size.deviation} {size.unit}")
     inputs = list(dict.fromkeys(x for e in report["effects"] for x in e["inputs"]))
     return (
         f"Standard model {_length(standard)} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "

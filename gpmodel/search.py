@@ -2,27 +2,28 @@
 
 import ast
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from scipy import stats
 
 from gpmodel.basis import Expression
+from gpmodel.calibration import MANY_COLUMNS
 from gpmodel.catalogue import Candidate
+from gpmodel.dataset import IntArray
 from gpmodel.effect import axis_unit
 from gpmodel.errors import InputError
 from gpmodel.evidence import Evidence, Site, chance
 from gpmodel.evolve import Evolution, Inputs, Settings, SlotProblem, evolve
 from gpmodel.mechanism import Array
 from gpmodel.program import Program
-from gpmodel.projection import Targets
 from gpmodel.states import States
 
 NATS_PER_NODE = 2.0
 GP_POSES = 300
 SIGNIFICANCE = 0.05
-POPULATION = 512
+POPULATION = 1024
 GENERATIONS = 40
 
 
@@ -67,18 +68,22 @@ def explore(
 ) -> Exploration:  # fmt: skip
     """Evolve bases over all sites at once, `runs` times a representation; then the same on shuffled residuals.
 
-    Above 300 poses the GP sees a sample of them; what it finds is scored on all.
+    After the first round half as many shuffled runs are added: their maxima are pooled with those of the rounds before.
+    Above 300 poses the GP sees a sample of them, half as many beside hundreds of columns (the work grows with both);
+    what it finds is scored on all.
     """
     n = len(evidence.poses)
-    rows = np.sort(rng.permutation(n)[:GP_POSES]) if n > GP_POSES else np.arange(n)
+    count = GP_POSES if evidence.enabled.shape[1] < MANY_COLUMNS else GP_POSES // 2
+    rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(evidence.poses.states, rows)
-    full = evidence.targets(sites)
+    targets = evidence.targets(sites, rows)
     candidates: dict[str, Candidate] = {}
     tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
     null: list[float] = []
     chance_runs: list[Evolution] = []
-    total = 2 * effort.runs * len(effort.representations)
-    shuffles = evidence.shuffled(rng, effort.runs * len(effort.representations))
+    chances = effort.runs if number == 1 else max(1, effort.runs // 2)
+    total = (effort.runs + chances) * len(effort.representations)
+    shuffles = list(evidence.shuffled(rng, chances * len(effort.representations)).T)
     done = 0
     for representation in effort.representations:
         settings = Settings(
@@ -87,22 +92,24 @@ def explore(
         )  # fmt: skip
         for run in range(effort.runs):
             say(f"round {number}: evolving, {representation} run {run + 1} of {effort.runs}, {done} of {total} done")
-            found = evolve(SlotProblem(inputs, _at(full, rows)), settings, rng.spawn(1)[0])
+            found = evolve(SlotProblem(inputs, targets), settings, rng.spawn(1)[0])
             tried[representation].append(found)
             for item in found.front:
                 candidate = _candidate(item.program, sites[item.site], names, item.complexity, len(sites))
                 if candidate is not None:
                     candidates.setdefault(candidate.name, candidate)
-            shuffled = evidence.targets(sites, shuffles[:, done // 2])
-            by_chance = evolve(SlotProblem(inputs, _at(shuffled, rows)), settings, rng.spawn(1)[0])
-            chance_runs.append(by_chance)
-            null.append(_best_nats(evidence, by_chance, len(sites)))
-            done += 2
+            done += 1
+            if run < chances:
+                shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
+                by_chance = evolve(SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0])
+                chance_runs.append(by_chance)
+                null.append(_best_nats(evidence, by_chance, len(sites)))
+                done += 1
     histogram = referenced(inputs.names, tried, chance_runs, lambda run: _best_nats(evidence, run, len(sites)), null)
     return Exploration(tuple(candidates.values()), np.array(null), histogram)
 
 
-def readable_inputs(states: States, rows: Array) -> tuple[Inputs, Mapping[str, str]]:
+def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
 
     Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns.
@@ -132,18 +139,6 @@ def _best_nats(evidence: Evidence, run: Evolution, sites: int) -> float:
     """The largest description length that any program of a run saves."""
     saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(c.complexity, sites)) for c in run.front]
     return float(max(saved, default=-np.inf))
-
-
-def _at(targets: Targets, rows: Array) -> Targets:
-    """The same sites at some poses only, with the energy in proportion."""
-    if len(rows) == targets.poses:
-        return targets
-    pull = targets.pull[:, rows]
-    share = len(rows) / targets.poses
-    return replace(
-        targets, weight=targets.weight[:, rows], cross=targets.cross[:, :, rows], pull=pull,
-        energy=targets.energy * share, samples=int(targets.samples * share),
-    )  # fmt: skip
 
 
 def _cost(complexity: int, sites: int) -> float:
