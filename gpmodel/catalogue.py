@@ -70,9 +70,17 @@ def _base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate
         yield _one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)
 
 
+NO_LOAD = 1e-6
+
+
+def _loaded(states: States, load: str) -> bool:
+    """Whether a load is there and more than rounding: an axis through its centre of mass carries none."""
+    return load in states.columns and float(np.max(np.abs(states[load]), initial=0.0)) > NO_LOAD
+
+
 def _joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in mechanism.joints:
-        if f"torque_{j.name}" in states.columns:
+        if _loaded(states, f"torque_{j.name}"):
             unit = "rad/Nm" if j.kind == "revolute" else "m/N"
             effect = drive_effect(
                 f"joint compliance, {j.name}", j, Expression(f"torque_{j.name}"), unit, "joint_compliance"
@@ -83,7 +91,7 @@ def _joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidat
 def _payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in mechanism.joints:
         column = f"payload_torque_{j.name}"
-        if column in states.columns:
+        if _loaded(states, column):
             name = f"deflection under the payload, {j.name}"
             unit = "rad/Nm" if j.kind == "revolute" else "m/N"
             yield _one(name, drive_effect(name, j, Expression(column), unit, "payload_deflection"), 4.5)
@@ -118,7 +126,7 @@ def _transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candi
 
 def _backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in mechanism.joints:
-        if f"torque_{j.name}" in states.columns:
+        if _loaded(states, f"torque_{j.name}"):
             basis = Expression(f"sign(torque_{j.name})")
             effect = drive_effect(f"backlash by load, {j.name}", j, basis, family="backlash_load")
             yield _one(effect.name, effect, 4.5)
@@ -163,7 +171,7 @@ CURVE_CORNER = 15.0
 
 
 def _joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 120
+    highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     k = np.arange(1, highest + 1)
     shape = 1.0 / (1.0 + (k / CURVE_CORNER) ** 1.5)
     for spread in (CURVE_SPREAD, CURVE_SPREAD / 4):
@@ -189,8 +197,8 @@ def _balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidat
 def _hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
-        if torque in states.columns:
-            scale = float(np.max(np.abs(states[torque]))) or 1.0
+        if _loaded(states, torque):
+            scale = float(np.max(np.abs(states[torque])))
             basis = Expression(f"({torque}/{scale:.4g})**3")
             yield _one(f"hardening stiffness, {j.name}",
                        drive_effect(f"hardening stiffness, {j.name}", j, basis, family="hardening_stiffness"), 5.0)  # fmt: skip
@@ -379,7 +387,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     exact = [c for c in pool if c.name == name]
     if exact:
         return exact[0].effects
-    first, *words = name.split()
+    first, *words = name.split() or [""]
     of_family = [c for c in pool if c.family == first]
     if family(first) is None:
         raise InputError(f"effect '{name}' is unknown; available: {', '.join(names())}")

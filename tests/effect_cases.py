@@ -120,10 +120,14 @@ def true_tips(truth: Truth, poses: Poses) -> Array:
 
 
 def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, catalogue.Candidate]:
-    """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one."""
+    """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one.
+
+    Of error curves the first, on the joint with the longest lever: on the last their prior hides in the noise.
+    """
     arm = mechanism(name)
-    states = prepare(arm, bare(name, count, seed)).states
-    return {c.family: c for c in catalogue.candidates(arm, states)}
+    pool = catalogue.candidates(arm, prepare(arm, bare(name, count, seed)).states)
+    curves = [c for c in pool if np.isfinite(c.effects[0].prior)]
+    return {c.family: c for c in (*pool, *curves[:1])}
 
 
 def numbers(found: Discovery) -> list[float]:
@@ -140,3 +144,22 @@ def numbers(found: Discovery) -> list[float]:
 def residuals(truth: Truth, placement: Placement, theta: Array, model: ErrorModel) -> Array:
     """Measured minus predicted (N, m) of any model at the poses of a truth."""
     return measured_minus(observe(model, truth.poses, theta, placement), truth.poses.dataset)
+
+
+def sized(name: str, effects: Sequence[Effect], dataset: Dataset, millimetres: float, seed: int = 0) -> Array:
+    """Values (E,), of random direction, with which the effects together move the flange by an RMS of this many mm.
+
+    Effects with a prior have values drawn from it.
+    """
+    arm = mechanism(name)
+    rng = np.random.default_rng([seed, 3])
+    if np.isfinite(effects[0].prior):
+        return np.array([e.prior for e in effects]) * rng.normal(size=len(effects))
+    poses = prepare(arm, dataset)
+    placement = random_placement(dataset, rng)
+    rest = observe(ErrorModel(arm, ()), poses, np.zeros(0), placement).tip[:, :3, 3]
+    direction = rng.normal(size=len(effects))
+    largest = max(float(np.abs(e.twist(poses.states, s)).max()) for e in effects for s in e.slots)
+    small = 1e-5 / largest * direction
+    moved = observe(ErrorModel(arm, tuple(effects)), poses, small, placement).tip[:, :3, 3] - rest
+    return small * 1e-3 * millimetres / float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
