@@ -33,7 +33,7 @@ STEP_TOLERANCE = 1e-9
 OUTLIER_SIGMAS = 6.0
 OUTLIER_SHARE = 0.1
 MINIMUM_SHARE = 1e-3
-MANY_COLUMNS = 200
+MANY_COLUMNS = 100
 FREE_JOINTS_LIMIT = 50.0
 
 
@@ -350,7 +350,7 @@ def _iterate(
     for iteration in range(1, MAX_ITERATIONS + 1):
         free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
         columns = problem.columns[:, free]
-        belief, pull = _belief(model, theta, problem, kept)
+        belief, pull = beliefs(model, theta, problem, kept)
         system = np.vstack([columns, belief[:, free]])
         scale = np.hypot(problem.sizes[free], np.linalg.norm(belief[:, free], axis=0))
         scale[scale < ident.NEGLIGIBLE] = np.inf
@@ -383,7 +383,7 @@ def factored(gram: Array) -> tuple[Array, bool]:
     return linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
 
 
-def _belief(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
+def beliefs(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
     """Rows of the priors, θ σ / prior = 0, one a kept effect that has one; σ from the residual itself."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
@@ -417,7 +417,7 @@ def _summarise(
     use: Array, limit: float, curve: tuple[ident.RankChoice, ...], lever: float, iterations: int, status: str,
 ) -> Calibration:  # fmt: skip
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    belief, _ = _belief(model, theta, problem, kept)
+    belief, _ = beliefs(model, theta, problem, kept)
     columns = np.vstack([problem.columns[:, free], belief[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
