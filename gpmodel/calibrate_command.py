@@ -10,18 +10,18 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from gpmodel import __version__, catalogue
-from gpmodel.basis import Expression
+from gpmodel import __version__
 from gpmodel.calibration import Calibration
 from gpmodel.calibration import calibrate as fit_model
 from gpmodel.check import refuse
 from gpmodel.dataset import Dataset
-from gpmodel.effect import Effect, effect_at
+from gpmodel.effect import Effect
 from gpmodel.errors import InputError
 from gpmodel.ladder import Rung, climb
 from gpmodel.mechanism import Mechanism
-from gpmodel.model import Poses, prepare
+from gpmodel.model import prepare
 from gpmodel.model_file import model_text, saved_model
+from gpmodel.named_effects import effects_named
 from gpmodel.options import (
     MechanismChoice,
     mechanism_options,
@@ -35,22 +35,6 @@ from gpmodel.output import command_line, console_for_text, finished_folder, to_j
 from gpmodel.payload import hang_payload
 from gpmodel.split import hold_out, noise_floor
 from gpmodel.standard import standard_effects
-
-
-def effects_named(name: str, poses: Poses, mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Effects of a catalogue name, or of `slot:axis:expression` written out.
-
-    Raises InputError for an unknown name, slot, axis or input.
-    """
-    if name.count(":") != 2:
-        return catalogue.build(name, mechanism, poses.states)
-    slot, axis, text = (part.strip() for part in name.split(":"))
-    if slot not in mechanism.slots:
-        raise InputError(f"effect '{name}': slot '{slot}' is unknown; available: {', '.join(mechanism.slots)}")
-    effect = effect_at(name, slot, axis, Expression(text))
-    if not np.isfinite(effect.terms[0].basis(poses.states)).all():
-        raise InputError(f"effect '{name}': '{text}' is infinite or undefined at some poses")
-    return (effect,)
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +77,7 @@ def calibrate(
     dataset = choice.read(table, mechanism)
     choice, mechanism, poses = hang_payload(choice, mechanism, prepare(mechanism, dataset))
     geometry = standard_effects(mechanism, standard)
-    groups = [(name, effects_named(name, poses, mechanism)) for name in names]
+    groups = [(name, effects_named(name, mechanism, poses.states)) for name in names]
     refuse(mechanism, poses, geometry)
     train, held = split(dataset, holdout, seed)
     rungs = climb(mechanism, poses, train, held, geometry, groups, condition_limit=condition_limit, seed=seed)

@@ -127,6 +127,7 @@ def test_bad_file_is_refused(case: str, tmp_path: Path) -> None:
 OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
     "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "has no instance")),
+    "effect of too many instances": (("--effect", "transmission_ripple"), ("transmission_ripple", "name one")),
     "effect at an unknown slot": (("--effect", "J9.moving:Rz:1"), ("slot 'J9.moving' is unknown", "J1.fixed")),
     "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
     "effect of an unknown input": (("--effect", "J1.moving:Rz:sin(temperature)"), ("'temperature' is not known", "J1")),
