@@ -22,7 +22,7 @@ from gpmodel.free_joints import (
     solve_joints,
     without_absorbed,
 )
-from gpmodel.mechanism import AXES, Array
+from gpmodel.mechanism import AXES, Array, Mask
 from gpmodel.model import ErrorModel, Observed, Placement, Poses, measured_minus, observe
 from gpmodel.placement import start_placement
 from gpmodel.split import folds
@@ -88,7 +88,7 @@ class Calibration:
     placement: Placement
     theta: Array
     stderr: Array
-    kept: Array
+    kept: Mask
     correlation: Array
     unique_share: Array
     sigma: float
@@ -149,7 +149,7 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 
 
 def linearise(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Array
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Mask
 ) -> Linearised:
     """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
     poses = solve_joints(model, poses, theta, placement)
@@ -315,7 +315,7 @@ def _calibrate(
 
 def _choose(
     model: ErrorModel, poses: Poses, problem: Linearised, condition_limit: float | None, seed: int
-) -> tuple[Array, float, tuple[ident.RankChoice, ...]]:
+) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """Which effects the poses can tell apart: constants by the condition limit, the others by unique share."""
     constant = np.array([e.constant for e in model.effects], dtype=bool)
     fixed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
@@ -343,7 +343,7 @@ def _choose(
 
 
 def _iterate(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Array, kept: Array
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Mask, kept: Mask
 ) -> tuple[Placement, Array, Linearised, int, str]:
     last = np.inf
     problem = linearise(model, poses, theta, placement, lever, use)
@@ -383,7 +383,7 @@ def factored(gram: Array) -> tuple[Array, bool]:
     return linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
 
 
-def beliefs(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -> tuple[Array, Array]:
+def beliefs(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
     """Rows of the priors, θ σ / prior = 0, one a kept effect that has one; σ from the residual itself."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
@@ -393,7 +393,7 @@ def beliefs(model: ErrorModel, theta: Array, problem: Linearised, kept: Array) -
     return rows, -theta[at] * sigma / prior[at]
 
 
-def _mark_outliers(poses: Poses, problem: Linearised, use: Array) -> bool:
+def _mark_outliers(poses: Poses, problem: Linearised, use: Mask) -> bool:
     """Take poses far outside the robust spread of the errors out of `use`; True when any was."""
     error = pose_error(measured_minus(problem.observed, poses.dataset))
     inside = error[use]
@@ -413,8 +413,8 @@ def _lever(problem: Linearised, poses: Poses) -> float:
 
 
 def _summarise(
-    model: ErrorModel, poses: Poses, problem: Linearised, placement: Placement, theta: Array, kept: Array,
-    use: Array, limit: float, curve: tuple[ident.RankChoice, ...], lever: float, iterations: int, status: str,
+    model: ErrorModel, poses: Poses, problem: Linearised, placement: Placement, theta: Array, kept: Mask,
+    use: Mask, limit: float, curve: tuple[ident.RankChoice, ...], lever: float, iterations: int, status: str,
 ) -> Calibration:  # fmt: skip
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     belief, _ = beliefs(model, theta, problem, kept)

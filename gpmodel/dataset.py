@@ -7,9 +7,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.mechanism import Array
+from gpmodel.mechanism import Array, IntArray
 
-IntArray = NDArray[np.int64]
 LABELS = ("group", "repeat", "setup", "tool")
 
 

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from gpmodel import checkpoint
 from gpmodel.check import check_dataset
-from gpmodel.discovery import Discovery, Options
+from gpmodel.discovery import Discovery, Finding, Options, Round
 from gpmodel.discovery import discover as run_loop
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Mechanism
@@ -57,8 +57,9 @@ def discover(
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     if scheduler is not None:
         raise InputError("--scheduler: a discovery runs on one machine; use --workers for its cores")
-    findings, rounds = [], []
-    request = {
+    findings: list[Finding] = []
+    rounds: list[Round] = []
+    request: dict[str, Any] = {
         "table": None if table is None else str(table.resolve()), "choice": dataclasses.asdict(choice),
         "minutes": minutes, "holdout": holdout, "noise": noise, "condition_limit": condition_limit, "seed": seed,
     }  # fmt: skip
@@ -83,7 +84,7 @@ for _parameter in discover.params:
 
 def discover_table(
     request: dict[str, Any], folder: Path, say: Callable[[str], None], workers: int | None = None,
-    resume: tuple[list, list] = ((), ()),
+    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
 ) -> dict[str, Any]:  # fmt: skip
     """Run what `request` asks and leave the results in `folder`; the report.
 

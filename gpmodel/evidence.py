@@ -22,7 +22,7 @@ from gpmodel.calibration import (
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, Term
-from gpmodel.mechanism import AXES, Array, Mechanism
+from gpmodel.mechanism import AXES, Array, Mask, Mechanism
 from gpmodel.model import Poses
 from gpmodel.projection import Targets
 from gpmodel.split import folds
@@ -92,7 +92,7 @@ class Evidence:
     enabled: Array
     residual: Array
     fold_of_row: IntArray
-    drawn_in: Array
+    drawn_in: Mask
 
     @property
     def measured(self) -> int:
@@ -257,7 +257,7 @@ class Evidence:
             coefficients.append(new / scale)
         return float(np.sqrt(per_pose.mean())), per_pose, np.array(coefficients)
 
-    def _refitted(self, k: int, test: Array, extra: Array, belief: Array) -> tuple[Array, Array]:
+    def _refitted(self, k: int, test: Mask, extra: Array, belief: Array) -> tuple[Array, Array]:
         """Coefficients of the system and of the extra columns, solved together without the tested rows."""
         count = self.system.shape[1]
         keep = np.concatenate([~test, np.ones(len(self.target) - self.measured, dtype=bool)])
@@ -267,7 +267,7 @@ class Evidence:
         solved = solve(system, np.concatenate([self.target[keep], np.zeros(len(rows))]))
         return solved[:count], solved[count:]
 
-    def _updated(self, k: int, test: Array, extra: Array, belief: Array) -> tuple[Array, Array]:
+    def _updated(self, k: int, test: Mask, extra: Array, belief: Array) -> tuple[Array, Array]:
         """The same from each fold's factored normal equations, by block elimination of the extra columns."""
         factor, base = self._folded[k]
         top, right = self.system[: self.measured][~test], self.target[: self.measured][~test]
@@ -292,11 +292,13 @@ class Evidence:
 
 def _compact(cross: Array) -> Array:
     """Rows (min(K, N), N) with the same BᵀB as `cross` (K, N)."""
-    return cross if len(cross) <= cross.shape[1] else np.linalg.qr(cross, mode="r")
+    return (
+        cross if len(cross) <= cross.shape[1] else linalg.qr(cross, mode="r", check_finite=False)[0][: cross.shape[1]]
+    )
 
 
 def gather(
-    calibration: Calibration, poses: Poses, seed: int, without: Sequence[Effect] = (), trusted: Array | None = None
+    calibration: Calibration, poses: Poses, seed: int, without: Sequence[Effect] = (), trusted: Mask | None = None
 ) -> Evidence:
     """The projected problem at a calibration, with every pose in it; far-out poses are drawn in, not dropped.
 
@@ -322,13 +324,13 @@ def gather(
     system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
-    enabled = _spanned(system, belief[:, free].any(axis=0))
+    enabled = _spanned(system, np.any(belief[:, free] != 0, axis=0))
     residual = ident.remove(enabled, target)
     fold = folds(poses.dataset, 10, np.random.default_rng(seed))[problem.pose_of_row]
     return Evidence(calibration, problem.poses, problem, system, target, enabled, residual, fold, shrink < 1.0)
 
 
-def _spanned(system: Array, believed: Array) -> Array:
+def _spanned(system: Array, believed: Mask) -> Array:
     """Orthonormal basis of unit columns (M + B, K): those without priors decided by rank, the believed by Cholesky."""
     plain = ident.orthonormal(system[:, ~believed])
     if not believed.any():

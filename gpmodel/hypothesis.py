@@ -111,8 +111,8 @@ def _verdict(
     cv_t = float(gain.mean() / spread) if spread > 0 else 0.0
     believed = bool(np.isfinite(candidate.effects[0].prior))
     sigmas = 0.0 if believed else _sigmas(evidence, candidate)
-    stable = believed or bool(_stable(coefficients))
-    rivals = []
+    stable = believed or _stable(coefficients)
+    rivals: list[tuple[str, float]] = []
     for i in [leader, *alike]:
         if i != chosen and pool.candidates[i].name != candidate.name and len(rivals) < 6:
             rivals.append((pool.candidates[i].name, evidence.cross_validated(pool.candidates[i].effects)[0]))
@@ -139,8 +139,8 @@ def _sigmas(evidence: Evidence, candidate: Candidate) -> float:
     return float(np.max(np.abs(solved) / deviation))
 
 
-def _stable(coefficients: Array) -> Array:
+def _stable(coefficients: Array) -> bool:
     """Whether the largest coefficient of a set keeps its sign in every fold."""
     leading = int(np.argmax(np.abs(coefficients.mean(axis=0))))
     signs = np.sign(coefficients[:, leading])
-    return np.all(signs == signs[0])
+    return bool(np.all(signs == signs[0]))

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 AXES = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 

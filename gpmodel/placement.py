@@ -5,7 +5,7 @@ from scipy import optimize
 
 from gpmodel import se3
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array
+from gpmodel.mechanism import Array, IntArray, Mask
 from gpmodel.model import Placement, Poses
 
 START_POSES = 400
@@ -21,7 +21,7 @@ def start_placement(poses: Poses) -> Placement:
     frames = se3.chain(poses.transforms)[-1]
     setups, setup = data.codes("setup")
     tools, tool = data.codes("tool")
-    measured = np.isfinite(data.position).all(axis=1)
+    measured: Mask = np.isfinite(data.position).all(axis=1)  # type: ignore[assignment]
     if not measured.any():
         registration = {name: np.eye(4) for name in setups}
         points = np.zeros((len(tools), 3))
@@ -53,11 +53,11 @@ def _shifted(point: Array) -> Array:
     return frame
 
 
-def _tips(frames: Array, points: Array, tool: Array) -> Array:
+def _tips(frames: Array, points: Array, tool: IntArray) -> Array:
     return frames[:, :3, 3] + (frames[:, :3, :3] @ points[tool][:, :, None])[..., 0]
 
 
-def _tool_points(frames: Array, position: Array, setup: Array, tool: Array, rows: Array, count: int) -> Array:
+def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray, rows: IntArray, count: int) -> Array:
     def misfit(flat: Array) -> Array:
         tips = _tips(frames[rows], flat.reshape(count, 3), tool[rows])
         out = np.empty_like(tips)

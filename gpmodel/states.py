@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.dataset import Dataset
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array, Mechanism
+from gpmodel.mechanism import Array, IntArray, Mask, Mechanism
 from gpmodel.se3 import chain
 
 PAYLOAD_SHARE = "payload_"
@@ -36,7 +36,7 @@ class States:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
-    def subset(self, rows: Array) -> "States":
+    def subset(self, rows: IntArray | Mask) -> "States":
         """The same columns at some poses only."""
         return States(MappingProxyType({k: v[rows] for k, v in self.columns.items()}), self.units)
 
