@@ -20,7 +20,7 @@ class Dataset:
     NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
-    columns: the joints' names in the table, where they differ from the mechanism's.
+    columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
     """
 
     joints: tuple[str, ...]
@@ -37,11 +37,12 @@ class Dataset:
     source: str = "table"
     sha256: str = ""
     columns: tuple[str, ...] = ()
+    extra_names: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):
             getattr(self, name).setflags(write=False)
-        for name in ("distances", "labels", "extras", "extra_units"):
+        for name in ("distances", "labels", "extras", "extra_units", "extra_names"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __len__(self) -> int:

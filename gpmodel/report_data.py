@@ -46,7 +46,7 @@ def statistics_mm(error: Array) -> dict[str, float | None]:
 def build(discovery: Discovery, command: str, seed: int, noise: float | None) -> dict[str, Any]:
     """The report of a discovery. noise: the instrument's figure, m, where the user gave one."""
     data = discovery.poses.dataset
-    names = table_names(data.joints, data.columns or data.joints)
+    names = {**table_names(data.joints, data.columns or data.joints), **data.extra_names}
     floor = noise_floor(data) or noise
     floor_mm = None if floor is None else 1e3 * floor
     final = discovery.final

@@ -14,7 +14,7 @@ import pandas as pd
 from gpmodel.dataset import LABELS, Dataset
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Array, Joint, Mechanism
-from gpmodel.units import factor, known_unit, split_header
+from gpmodel.units import factor, identifier, known_unit, split_header
 
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
@@ -40,7 +40,7 @@ def dataset_from(
     n = len(frame)
     position = np.full((n, 3), np.nan)
     rotation = np.full((n, 3), np.nan)
-    distances, extras, extra_units = {}, {}, {}
+    distances, extras, extra_units, extra_names = {}, {}, {}, {}
     labels: dict[str, np.ndarray] = {}
     payload, payload_given = np.zeros(n), False
     for name, (unit, column) in columns.items():
@@ -65,7 +65,9 @@ def dataset_from(
                 raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
             if not known_unit(unit):
                 raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
-            extras[name], extra_units[name] = _complete(values, where), unit
+            word = identifier(name)
+            extras[word], extra_units[word] = _complete(values, where), unit
+            extra_names[word] = name
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, position, rotation, distances, need_measurement)
     return Dataset(
@@ -78,6 +80,7 @@ def dataset_from(
         distances=distances,
         labels=labels,
         extras=extras,
+        extra_names=extra_names,
         extra_units=extra_units,
         payload_given=payload_given,
         source=path.name,
@@ -160,7 +163,8 @@ def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | Non
 def _joint_columns(
     columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path
 ) -> tuple[dict[str, Array], set[str]]:
-    by_name = {j.name: j for j in joints}
+    written = {identifier(column): column for column in columns}
+    by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
     numbered = not set(by_name) <= set(columns)
     expected = by_number if numbered else by_name

@@ -25,6 +25,12 @@ def split_header(header: str) -> tuple[str, str | None]:
     return (match["name"], match["unit"]) if match else (header.strip(), None)
 
 
+def identifier(name: str) -> str:
+    """A name as expressions can write it: what is no letter or digit becomes an underscore."""
+    word = re.sub(r"\W", "_", name)
+    return word if not word[:1].isdigit() else f"_{word}"
+
+
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
     """Whether the units library can read this unit; `1` is the dimensionless one."""

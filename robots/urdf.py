@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array
+from gpmodel.units import identifier
 from robots.chain import Link, SerialChain
 from robots.motion import along
 from robots.urdf_file import Mimic, parse_mimics, parse_model
@@ -114,7 +115,7 @@ def _chain(
         after = data.oMi[index].homogeneous @ alignment
         links.append(
             Link(
-                name=names[row],
+                name=identifier(names[row]),
                 placement=np.linalg.solve(before, after) @ along(axis, sign * offset),
                 axis=axis,
                 mass=inertias[row].mass,
@@ -129,7 +130,7 @@ def _chain(
         name=name,
         links=tuple(links),
         tool=np.linalg.solve(before, measured),
-        joint_names=tuple(driven),
+        joint_names=tuple(identifier(joint) for joint in driven),
         coupling=coupling,
         limits=np.array([_limits(model, chain[names.index(joint)]) for joint in driven]),
         tool_frame=frame,

@@ -13,6 +13,7 @@ import pinocchio as pin
 from gpmodel import se3
 from gpmodel.errors import InputError
 from gpmodel.mechanism import AXES, Array
+from gpmodel.units import identifier
 from robots.motion import along
 from robots.urdf_file import parse_xml
 
@@ -54,7 +55,7 @@ def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], p
 
 
 def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, Array]) -> str:
-    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    joints = {identifier(joint.get("name", "")): joint for joint in robot.findall("joint")}
     above = {_link(joint, "child"): joint for joint in joints.values()}
     route = [above[mechanism.tool_frame]]
     while _link(route[0], "parent") in above:
@@ -68,7 +69,7 @@ def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, A
         for beyond in joints.values():
             if _link(beyond, "parent") == _link(joint, "child"):
                 _compose(beyond, before=moved)
-    if route[-1].get("name") != mechanism.links[-1].name:
+    if identifier(route[-1].get("name", "")) != mechanism.links[-1].name:
         _compose(route[-1], after=errors["tool"])
         return mechanism.tool_frame
     if np.array_equal(moved, np.eye(4)) and np.array_equal(errors["tool"], np.eye(4)):
