@@ -1,0 +1,108 @@
+"""What the measured robots have in common: import, a sample, the loop, errors on everything never trained on."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpmodel.calibration import Calibration, calibrate, errors_on
+from gpmodel.dataset import IntArray
+from gpmodel.discover_command import write_results
+from gpmodel.discovery import Discovery, Options, discover
+from gpmodel.effect import Effect
+from gpmodel.importing import import_file, read_map
+from gpmodel.mechanism import Array
+from gpmodel.model import ErrorModel, Poses, prepare
+from gpmodel.options import MechanismChoice
+from gpmodel.output import to_json, write_text
+from gpmodel.table import dataset_from
+
+CONDITION_LIMIT = 50.0
+
+
+def settings(description: str) -> argparse.Namespace:
+    """The command line of an experiment."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the original files, see README.md")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the report of the discovery")
+    parser.add_argument("--results", type=Path, help="results.json to write")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--runs", type=int, default=1, help="GP runs a representation and round")
+    parser.add_argument("--max-effects", type=int, default=12)
+    parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--workers", type=int, default=2)
+    return parser.parse_args()
+
+
+def load(file: Path, columns: Path, robot: str) -> Poses:
+    """The poses of one original file, through the importer."""
+    mechanism = MechanismChoice(robot).load()
+    return prepare(mechanism, dataset_from(import_file(file, read_map(columns)), file, mechanism))
+
+
+def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: argparse.Namespace) -> Discovery:
+    """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
+    choice = MechanismChoice(robot)
+    options = Options(
+        seed=given.seed, runs=given.runs, max_effects=given.max_effects, minutes=given.minutes, workers=given.workers
+    )
+    found = discover(choice.load(), poses, train, heldout, options, lambda text: print(text, file=sys.stderr))
+    write_results(found, choice, given.out, given.seed, None)
+    return found
+
+
+def statistics(errors: Array) -> dict[str, float | int]:
+    """3-D errors (N,) in m, said in mm."""
+    mm = 1e3 * errors
+    return {
+        "poses": len(mm), "mean_mm": float(mm.mean()), "rms_mm": float(np.sqrt(np.mean(mm**2))),
+        "median_mm": float(np.median(mm)), "p95_mm": float(np.percentile(mm, 95)), "max_mm": float(mm.max()),
+    }  # fmt: skip
+
+
+def ladder(found: Discovery, poses: Poses) -> list[dict[str, Any]]:
+    """Errors of every step of the loop on any other poses; every step was fitted to the training sample alone."""
+    names = [f.candidate.name for f in found.findings]
+    return [
+        {"step": s.name if s.finding is None else names[s.finding], **statistics(errors_on(s.calibration, poses))}
+        for s in found.steps
+    ]
+
+
+def model_of(found: Discovery, effects: Sequence[Effect]) -> ErrorModel:
+    """The standard model and some effects beside it."""
+    return ErrorModel(found.mechanism, (*found.standard_model, *effects))
+
+
+def found_effects(found: Discovery) -> list[Effect]:
+    """Every effect of every finding."""
+    return [e for f in found.findings for e in f.candidate.effects]
+
+
+def fitted(model: ErrorModel, poses: Poses) -> Calibration:
+    """A fit with the condition limit of these experiments."""
+    return calibrate(model, poses, condition_limit=CONDITION_LIMIT)
+
+
+def frozen(found: Discovery) -> list[Effect]:
+    """Each finding as one effect of fixed shape, whose unknown is its amplitude: 1 where the shape was found."""
+    value = dict(zip((e.name for e in found.final.model.effects), found.final.theta, strict=True))
+    out = []
+    for f in found.findings:
+        terms = tuple(
+            replace(t, weight=t.weight * value[e.name]) for e in f.candidate.effects for t in e.terms if value[e.name]
+        )
+        out.append(Effect(f"amplitude of {f.candidate.name}", terms, "1", f.candidate.family))
+    return out
+
+
+def save(results: dict[str, Any], path: Path | None) -> None:
+    """Write or print the numbers, with the command that made them."""
+    text = to_json(results)
+    print(text)
+    if path is not None:
+        write_text(path, text)
