@@ -72,9 +72,7 @@ def values(code: Code, fixed: Array) -> Array:
     from gpmodel.kernels import batch
 
     found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
-    batch.output_values(
-        code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found
-    )
+    batch.output_values(code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found)
     return found
 
 

@@ -80,6 +80,7 @@ ARITHMETIC: tuple[Operator, ...] = (
     Operator(19, "log", 1, False, lambda a: np.log(np.abs(a)), lambda a: (1.0 / a,)),
     Operator(20, "tanh", 1, True, np.tanh, lambda a: (1.0 - np.square(np.tanh(a)),)),
     Operator(21, "asin", 1, False, _arcsin, lambda a: (1.0 / np.sqrt(1.0 - a * a),)),
+    Operator(22, "reciprocal", 1, False, lambda a: 1.0 / a, lambda a: (-1.0 / (a * a),)),
 )
 """All computing operators; codes 3 to 17 are those of Table 5.1, the rest are ours."""
 
@@ -103,7 +104,7 @@ SETS: dict[str, tuple[str, ...]] = {
         "exp",
         "tanh",
     ),
-    "physics": ("add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
+    "physics": ("reciprocal", "add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
 }
 """Named subsets: ``thesis`` (Table 5.1), ``smooth`` (continuous first derivative, section 5.2.3), ``slot``
 (shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""

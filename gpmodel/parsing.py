@@ -58,6 +58,8 @@ class _Reader:
                 return builder.constant(-float(value))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return builder.apply("multiply", builder.constant(-1.0), self.read(operand))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return builder.apply("not", self.read(operand))
             case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() as power)) if 0 < power < 65:
                 return raise_to(builder, self.read(base), power)
             case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:

@@ -177,6 +177,8 @@ def _node_text(node: Node, texts: list[tuple[str, int]]) -> tuple[str, int]:
         left = f"({left})" if left_rank < rank else left
         right = f"({right})" if right_rank <= rank else right
         return f"{left} {symbol} {right}" if rank == 1 else f"{left}{symbol}{right}", rank
+    if node.operator == "not":
+        return f"(not {texts[node.arguments[0]][0]})", _ATOM
     return f"{node.operator}({', '.join(texts[k][0] for k in node.arguments)})", _ATOM
 
 
@@ -220,15 +222,19 @@ class Builder:
         return copies
 
     def program(self, outputs: Iterable[int]) -> Program:
+        """The program of some nodes; its own nodes are in the order in which the outputs first need them."""
         chosen = tuple(outputs)
-        live = set(chosen)
-        for index in range(len(self.nodes) - 1, -1, -1):
-            if index in live:
-                live.update(self.nodes[index].arguments)
-        order = sorted(live)
-        place = {index: k for k, index in enumerate(order)}
+        place: dict[int, int] = {}
+        pending = list(reversed(chosen))
+        while pending:
+            index = pending[-1]
+            missing = [k for k in reversed(self.nodes[index].arguments) if k not in place]
+            if index in place or not missing:
+                place.setdefault(index, len(place))
+                pending.pop()
+            pending.extend(missing if index not in place else ())
         nodes = tuple(
             Node(node.operator, tuple(place[k] for k in node.arguments), node.value)
-            for node in (self.nodes[index] for index in order)
+            for node in (self.nodes[index] for index in place)
         )
         return Program(nodes, tuple(place[k] for k in chosen))

@@ -84,7 +84,7 @@ def arctangent(x: float) -> float:
     p = z * ((((_A[0] * z + _A[1]) * z + _A[2]) * z + _A[3]) * z + _A[4])
     q = ((((z + _B[0]) * z + _B[1]) * z + _B[2]) * z + _B[3]) * z + _B[4]
     value = start + (r * (p / q) + r)
-    return value if x > 0.0 else -value
+    return math.copysign(value, x)
 
 
 @inlined
@@ -120,4 +120,5 @@ def hyperbolic_tangent(x: float) -> float:
     p = (_T[0] * z + _T[1]) * z + _T[2]
     q = ((z + _U[0]) * z + _U[1]) * z + _U[2]
     far = 1.0 - 2.0 / (exponential(2.0 * t) + 1.0)
-    return x + x * (z * (p / q)) if t < 0.625 else (far if x > 0.0 else -far)
+    near = t + t * (z * (p / q))
+    return math.copysign(near if t < 0.625 else far, x)

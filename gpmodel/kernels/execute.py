@@ -55,7 +55,9 @@ def execute(
                 rows[r, j] = rows[a, j] / rows[b, j]
         elif code == 7:
             for j in range(width):
-                rows[r, j] = rows[a, j] - rows[b, j] * np.floor(rows[a, j] / rows[b, j])
+                rows[r, j] = rows[b, j] * np.floor(rows[a, j] / rows[b, j])
+            for j in range(width):
+                rows[r, j] = rows[a, j] - rows[r, j]
         elif code == 8:
             for j in range(width):
                 x = rows[a, j]
@@ -93,6 +95,9 @@ def execute(
         elif code == 21:
             for j in range(width):
                 rows[r, j] = math.asin(rows[a, j])
+        elif code == 22:
+            for j in range(width):
+                rows[r, j] = 1.0 / rows[a, j]
         elif code == CONSTANT:
             for j in range(width):
                 rows[r, j] = constants[a]

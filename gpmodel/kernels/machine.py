@@ -18,9 +18,7 @@ _LAST_BINARY = 9
 _ROW = 0xFFFF
 
 compiled: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-reduction: Any = njit(
-    nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"}
-)
+reduction: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
 """For sums and maxima over rows without a NaN, in the order the processor likes."""
 
 
