@@ -17,8 +17,7 @@ from gpmodel.dataset import LABELS
 from gpmodel.errors import InputError
 from gpmodel.mechanism import Array
 from gpmodel.states import States
-from gpmodel.table import _numbers as numbers
-from gpmodel.table import read_frame
+from gpmodel.table import numbers, read_frame
 from gpmodel.units import factor, known_unit, split_header
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'

@@ -50,17 +50,17 @@ def dataset_from(
         if name in LABELS:
             labels[name] = column.fillna("").astype(str).str.strip().to_numpy(dtype=str)
         elif name in ("x", "y", "z"):
-            position[:, "xyz".index(name)] = _numbers(column, where) * _factor(unit, "length", where)
+            position[:, "xyz".index(name)] = numbers(column, where) * _factor(unit, "length", where)
         elif name in ("rx", "ry", "rz"):
             i = ("rx", "ry", "rz").index(name)
-            rotation[:, i] = _numbers(column, where) * _factor(unit, "angle", where)
+            rotation[:, i] = numbers(column, where) * _factor(unit, "angle", where)
         elif name.startswith("distance_"):
-            distances[name] = _numbers(column, where) * _factor(unit, "length", where)
+            distances[name] = numbers(column, where) * _factor(unit, "length", where)
         elif name == "payload":
-            payload = _complete(_numbers(column, where) * _factor(unit, "mass", where), where)
+            payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
             payload_given = True
         elif unit is not None or _has_numbers(column):
-            values = _numbers(column, where)
+            values = numbers(column, where)
             if unit is None:
                 raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
             if not known_unit(unit):
@@ -181,7 +181,7 @@ def _joint_columns(
     for column, joint in expected.items():
         unit, series = columns[column]
         where = f"{path.name}, column '{column}'"
-        values[column] = _numbers(series, where) * _factor(unit, _DIMENSION[joint.kind], where)
+        values[column] = numbers(series, where) * _factor(unit, _DIMENSION[joint.kind], where)
     return values, set(expected)
 
 
@@ -193,7 +193,8 @@ def _factor(unit: str | None, dimension: str, where: str) -> float:
     return factor(unit, dimension, where)
 
 
-def _numbers(column: pd.Series, where: str) -> Array:
+def numbers(column: pd.Series, where: str) -> Array:
+    """The cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for anything else."""
     text = column.astype("string").str.strip()
     text = text.mask(text == "")
     values = pd.to_numeric(text, errors="coerce")
