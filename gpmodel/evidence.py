@@ -119,7 +119,8 @@ class Evidence:
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (M + B, E) less what is enabled, and the share (E,) of each left; non-finite columns are zero."""
-        columns = self.columns(effects)
+        with np.errstate(all="ignore"):
+            columns = self.columns(effects)
         columns[:, ~np.isfinite(columns).all(axis=0)] = 0.0
         norms = np.linalg.norm(columns, axis=0)
         alive = norms > ident.NEGLIGIBLE * 1e-3

@@ -1,0 +1,126 @@
+"""Accepting one hypothesis: every rule can refuse, what looks alike is one finding, and only one is accepted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_evidence import NAMES, pool, seen
+
+from gpmodel import hypothesis
+from gpmodel.basis import Expression
+from gpmodel.catalogue import Candidate
+from gpmodel.effect import drive_effect
+from gpmodel.hypothesis import Hypothesis, Pool, judge
+
+LOW = np.random.default_rng(0).normal(-5.0, 1.0, 99)
+
+
+def judged(planted: str, extra: tuple[Candidate, ...] = (), null: np.ndarray = LOW) -> tuple[Hypothesis, ...]:
+    there = seen(planted)
+    candidates = (*pool(), *extra)
+    return judge(there, Pool(candidates, tuple(there.scores(candidates)[0]), {"catalogue": null, "evolved": null}))
+
+
+@pytest.mark.parametrize("planted", [NAMES[0], NAMES[1], NAMES[2]])
+def test_the_planted_effect_is_accepted_first_and_alone(planted: str) -> None:
+    found = judged(planted)
+    assert found[0].accepted
+    assert planted in (found[0].candidate.name, *(name for name, _ in found[0].rivals))
+    assert sum(h.accepted for h in found) == 1
+    assert found[0].cv_rms < found[0].cv_before
+    assert found[0].sigmas > 10
+
+
+def test_nothing_is_accepted_where_chance_does_as_well() -> None:
+    best = max(s.nats for s in seen(NAMES[1]).scores(pool())[0])
+    found = judged(NAMES[1], null=best + np.random.default_rng(0).normal(0.0, 1.0, 99))
+    assert not any(h.accepted for h in found)
+    assert "chance of it on shuffled residuals" in found[0].why
+
+
+def test_nothing_is_accepted_of_an_innocent_robot() -> None:
+    there = seen("nothing")
+    null = there.scores(pool(), there.shuffled(np.random.default_rng(1), 60))[1]
+    assert not any(h.accepted for h in judged("nothing", null=null))
+
+
+@pytest.mark.parametrize(
+    ("rule", "limit", "said"),
+    [
+        ("SIGNIFICANCE", 0.0, "chance of it"),
+        ("MINIMUM_NATS", 1e6, "description length"),
+        ("MINIMUM_CV_T", 1e6, "cross-validated gain"),
+        ("MINIMUM_SIGMAS", 1e6, "sigma, limit"),
+        ("MINIMUM_SHARE", 1.1, "unique share"),
+    ],
+)
+def test_each_rule_alone_refuses_and_says_so(
+    rule: str, limit: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hypothesis, rule, limit)
+    (first, *_) = judged(NAMES[1])
+    assert not first.accepted
+    assert said in first.why
+    assert ";" not in first.why
+
+
+def test_a_sign_that_changes_between_folds_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hypothesis, "_stable", lambda coefficients: False)
+    assert judged(NAMES[1])[0].why == "sign changes between folds"
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "stable"),
+    [([[3.0, 0.1], [2.0, -0.1]], True), ([[3.0, 0.1], [-0.2, 0.1]], False), ([[-1.0], [-2.0]], True)],
+)
+def test_the_leading_coefficient_keeps_its_sign_or_not(coefficients: list[list[float]], stable: bool) -> None:
+    assert bool(hypothesis._stable(np.array(coefficients))) is stable
+
+
+def test_what_gp_found_takes_the_catalogues_word_and_keeps_how_it_was_found() -> None:
+    joint = seen(NAMES[2]).calibration.model.mechanism.joints[4]
+    evolved = Candidate(
+        "J4 + 0.001 on J5", (drive_effect("J4 + 0.001 on J5", joint, Expression("J4 + 0.001")),), "", 1.0, "evolved"
+    )
+    first = judged(NAMES[2], (evolved,))[0]
+    assert first.candidate.name == NAMES[2]
+    assert first.candidate.found_by == "evolved"
+    assert evolved.name in [name for name, _ in first.rivals]
+
+
+def test_what_matches_no_family_keeps_its_expression() -> None:
+    there = seen(NAMES[2])
+    joint = there.calibration.model.mechanism.joints[4]
+    bend = Candidate("bend", (drive_effect("bend", joint, Expression("J4")),), "", 1.0, "evolved")
+    others = tuple(c for c in pool() if c.name != NAMES[2] and "J4" not in c.name)
+    scores = tuple(there.scores((*others, bend))[0])
+    found = judge(there, Pool((*others, bend), scores, {"catalogue": LOW, "evolved": LOW}))
+    assert found[0].accepted
+    assert found[0].candidate == replace(bend, found_by="evolved")
+    assert found[0].candidate.family == ""
+
+
+def test_alike_columns_are_one_finding_with_rivals() -> None:
+    joint = seen(NAMES[1]).calibration.model.mechanism.joints[3]
+
+    def twin(k: int) -> Candidate:
+        bases = [Expression(f"{k}*{f}(2*J4)") for f in ("sin", "cos")]
+        return Candidate(f"twin {k}", tuple(drive_effect(f"twin {k} {b}", joint, b) for b in bases), "", 1.0)
+
+    twins = (twin(2), twin(3))
+    found = judged(NAMES[1], twins)
+    names = [h.candidate.name for h in found]
+    assert len({"twin 2", "twin 3", NAMES[1]} & set(names)) == 1
+    assert all(np.isfinite(rms) for _, rms in found[0].rivals)
+
+
+def test_p_values_pay_for_the_number_of_searches() -> None:
+    there = seen(NAMES[1])
+    candidates = pool()
+    scores = tuple(there.scores(candidates)[0])
+    best = int(np.argmax([s.nats for s in scores]))
+    null = scores[best].nats + np.random.default_rng(0).normal(0.0, 1.0, 200)
+    one = Pool(candidates, scores, {"catalogue": null}).p_value(best)
+    two = Pool(candidates, scores, {"catalogue": null, "evolved": null}).p_value(best)
+    assert two == pytest.approx(min(1.0, 2 * one))
+    assert 0.2 < one <= 1.0
