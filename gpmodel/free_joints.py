@@ -26,7 +26,7 @@ ROUNDING = 1e-7
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 ROTATION_WEIGHT = 0.3
 MAX_ITERATIONS = 20
-STEP_TOLERANCE = 1e-11
+STEP_TOLERANCE = 1e-9
 MINIMUM_POSES = 4
 
 
@@ -123,6 +123,7 @@ def solve_joints(
         return poses
     sigma = np.broadcast_to(prior_sigmas(model.mechanism) if prior_sigma is None else prior_sigma, (len(free),))
     start, current = poses.dataset.q[:, free], poses
+    shapes_move = any(not effect.constant for effect in model.effects)
     for _ in range(MAX_ITERATIONS):
         observed = observe(model, current, theta, placement)
         residual = measured_minus(observed, current.dataset)
@@ -138,10 +139,14 @@ def solve_joints(
         step = np.clip(step, -0.5, 0.5)
         q = current.dataset.q.copy()
         q[:, free] += step
-        current = prepare(model.mechanism, replace(current.dataset, q=q))
+        data = replace(current.dataset, q=q)
+        if shapes_move:
+            current = prepare(model.mechanism, data)
+        else:
+            current = Poses(data, model.mechanism.transforms(q), current.states)
         if np.abs(step).max(initial=0.0) < STEP_TOLERANCE:
             break
-    return current
+    return current if shapes_move else prepare(model.mechanism, current.dataset)
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.bool_], values: Array) -> Array:

@@ -9,9 +9,10 @@ from gpmodel.mechanism import Array
 def hat(vectors: Array) -> Array:
     """Cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a × b."""
     x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    out = np.zeros((*vectors.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
 
 
 def exp(twists: Array) -> Array:
