@@ -1,10 +1,9 @@
-"""What the Chapter 5 experiments share: the Cartesian problem of Fig 5.2, the hand-made models, and where results go."""
+"""What the Chapter 5 experiments share: the Cartesian problem of Fig 5.2, hand-made models, where results go."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -55,14 +54,14 @@ def cartesian(calibration: Calibration, poses: Poses, shuffle: np.random.Generat
 
 
 def options(text: str | None, folder: str, arguments: list[str] | None, **defaults: int) -> argparse.Namespace:
-    """Whole-number options with defaults, and --out; `command` repeats the line that was typed."""
+    """Whole-number options with defaults, and --out; `command` is the line that gives these results again."""
     parser = argparse.ArgumentParser(prog=f"python -m experiments.{folder}.run", description=text)
     for name, value in defaults.items():
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / folder)
     chosen = parser.parse_args(arguments)
-    typed = sys.argv[1:] if arguments is None else arguments
-    chosen.command = " ".join([parser.prog, *typed])
+    sizes = [f"--{name} {getattr(chosen, name)}" for name in defaults]
+    chosen.command = " ".join([parser.prog, *sizes])
     return chosen
 
 

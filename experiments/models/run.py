@@ -83,13 +83,15 @@ def draw(robots: list[dict[str, Any]]) -> dict[str, Figure]:
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     chosen = options(__doc__, "models", arguments, seeds=20, runs=4, first=0)
     robots: list[dict[str, Any]] = []
+    results: dict[str, Any] = {}
     for seed in range(chosen.first, chosen.first + chosen.seeds):
         robots.append(one_robot(seed, chosen.runs))
         print(robots[-1], flush=True)
         medians = rounded(np.median([[r["mm"][s] for s in STEPS] for r in robots], axis=0), 1.0)
-        results = {"columns": COLUMNS, "conclusions": conclusions(robots), "median_mm": dict(zip(STEPS, medians, strict=True))}  # fmt: skip
+        results = {"columns": COLUMNS, "conclusions": conclusions(robots)}
+        results["median_mm"] = dict(zip(STEPS, medians, strict=True))
         save(chosen, {**results, "robots": robots}, draw(robots))
-    return results
+    return {**results, "robots": robots}
 
 
 if __name__ == "__main__":

@@ -1,0 +1,93 @@
+"""What an evolved compensator does on poses it has not seen (thesis Fig 5.8), in Cartesian and in slot space.
+
+Both searches read x, y, z and J1 to J6 at 40 poses of the standard model. The Cartesian one changes the tip; the slot
+one bends the chain at whichever slot a program fits best, one program a round, everything refitted after each.
+From the root of the repository: python -m experiments.extrapolation.run [--seeds 5] [--population 8192]
+[--generations 150] [--slot_population 512] [--slot_generations 40] [--rounds 4] [--out FOLDER]
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.chapter5 import ANGLES, THESIS_INPUTS, cartesian, fit, options, rounded, save
+from experiments.irb6400r_truth import Case, measured_robot
+from gpmodel.basis import Expression
+from gpmodel.calibration import Calibration, calibrate, errors_on
+from gpmodel.effect import axis_unit
+from gpmodel.evidence import gather, sites_of
+from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
+from gpmodel.mechanism import Array
+from gpmodel.model import ErrorModel
+from gpmodel.search import expression_text
+
+
+def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:
+    """Errors, m, on training and held-out poses of the best compensator of the training poses."""
+    seen, unseen = (cartesian(model, case.poses.subset(rows)) for rows in (case.train, case.heldout))
+    changes = {"population": chosen.population, "generations": chosen.generations}
+    found = evolve(seen, Settings.thesis("linear", **changes, crossover=0.03, mutation=0.03), rng).best.program
+    return [np.linalg.norm(found.evaluate(p.inputs.mapping()) - p.measured, axis=0) for p in (seen, unseen)]
+
+
+def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> tuple[Any, list[str]]:
+    """Errors after each round on training and held-out poses, and the programs with where they act."""
+    train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
+    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
+    how = Settings(
+        population=chosen.slot_population, generations=chosen.slot_generations, seconds=1e9, parsimony=2.0
+    )  # fmt: skip
+    for number in range(1, chosen.rounds + 1):
+        targets = gather(model, train, 0).targets(sites, np.arange(len(train)))
+        best = evolve(SlotProblem(inputs, targets), how, rng).best
+        effects = list(model.model.effects)
+        for k in range(len(best.program.outputs)):
+            text = expression_text(best.program.select([k]), {n: n for n in THESIS_INPUTS})
+            texts.append(f"{text} on {best.site_name}")
+            if Expression(text).inputs:
+                site = sites[best.site]
+                effects.append(site.effect(f"round {number} output {k}", Expression(text), axis_unit(site.axis)))
+        model = calibrate(ErrorModel(case.mechanism, tuple(effects)), train, condition_limit=model.condition_limit)
+    return [model.error, errors_on(model, case.poses.subset(case.heldout))], texts
+
+
+def draw(before: list[Array], tip: list[Array], slot: list[Array]) -> Figure:
+    figure = Figure(figsize=(9, 4), layout="constrained")
+    titles = ("40 training poses", "50 held-out poses")
+    for axes, title, *errors in zip(figure.subplots(1, 2), titles, before, tip, slot, strict=True):
+        order = np.argsort(errors[0])
+        for error, mark, label in zip(errors, "o^s", ("standard", "Cartesian program", "slot programs"), strict=True):
+            axes.semilogy(1e3 * error[order], mark, markersize=4, label=label)
+        axes.set(title=title, xlabel="pose, by error of the standard model", ylabel="3-D error, mm")
+    figure.axes[0].legend(fontsize=8, frameon=False)
+    return figure
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    sizes = {"population": 8192, "generations": 150, "slot_population": 512, "slot_generations": 40}
+    chosen = options(__doc__, "extrapolation", arguments, seeds=5, rounds=4, **sizes)
+    robots: list[dict[str, Any]] = []
+    pictures: dict[str, Figure] = {}
+    results: dict[str, Any] = {}
+    for seed in range(chosen.seeds):
+        case, rng = measured_robot(seed), np.random.default_rng([58, seed])
+        model = fit(case)
+        before = [model.error, errors_on(model, case.poses.subset(case.heldout))]
+        tip = in_cartesian_space(case, model, chosen, rng)
+        slot, texts = in_slot_space(case, model, chosen, rng)
+        named = {"standard": before, "Cartesian": tip, "slot": slot}
+        table = {k: rounded([v[0].mean(), v[0].max(), v[1].mean(), v[1].max()]) for k, v in named.items()}
+        robots.append({"robot": seed, "mm": table, "slot programs": texts})
+        print(robots[-1], flush=True)
+        pictures = pictures or {"extrapolation": draw(before, tip, slot)}
+        results = {"columns": ["train mean", "train max", "held-out mean", "held-out max"], "robots": robots}
+        save(chosen, results, pictures)
+    return results
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Best fitness against generation, linear sequence and binary tree (thesis Fig 5.7).
+
+Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
+From the root of the repository: python -m experiments.fitness.run [--seeds 3] [--generations 50] [--population 65536]
+[--tree_population 2048] [--out FOLDER]
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.chapter5 import cartesian, fit, options, rounded, save
+from experiments.irb6400r_truth import measured_robot
+from gpmodel.evolve import Settings, evolve
+
+
+def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:
+    """The thesis' settings at both ends of its 1 to 5 % for crossover and mutation, its trees, and ours."""
+    few = max(population // 16, 40)
+    return {
+        "linear, thesis, 1 %": Settings.thesis("linear", population=population, generations=generations),
+        "linear, thesis, 5 %": Settings.thesis(
+            "linear", population=population, generations=generations, crossover=0.05, mutation=0.05
+        ),
+        "tree, thesis": Settings.thesis("tree", population=tree_population, generations=generations),
+        "linear, ours": Settings(
+            population=few, generations=generations, seconds=1e9, operators="thesis", length=160, own_constants=4,
+            constants=Settings.thesis().constants,
+            registers=8, parsimony=0.0, tournament=2, crossover=0.05, mutation=0.03, restart_after=0,
+        ),
+    }  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    chosen = options(__doc__, "fitness", arguments, seeds=3, generations=50, population=65536, tree_population=2048)
+    case = measured_robot(0)
+    problem = cartesian(fit(case), case.poses.subset(case.train))
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.subplots()
+    rows = {}
+    for colour, (name, settings) in enumerate(
+        engines(chosen.population, chosen.tree_population, chosen.generations).items()
+    ):
+        runs = [evolve(problem, settings, np.random.default_rng([57, seed])) for seed in range(chosen.seeds)]
+        best = np.minimum.accumulate([run.history["best"] for run in runs], axis=1) * 1e3
+        generation = runs[0].history["generation"]
+        axes.plot(generation, np.median(best, axis=0), color=f"C{colour}", label=name)
+        axes.fill_between(generation, best.min(axis=0), best.max(axis=0), color=f"C{colour}", alpha=0.2, linewidth=0)
+        rows[name] = {
+            "population": settings.population,
+            "evaluations": runs[0].evaluations,
+            "final_mm": rounded(best[:, -1], 1.0),
+            "median_final_mm": round(float(np.median(best[:, -1])), 4),
+            "median_seconds": round(float(np.median([run.seconds for run in runs])), 1),
+            "inputs": [run.best.program.inputs for run in runs],
+        }
+        print(name, rows[name], flush=True)
+    start = round(1e3 * problem.initial_norm(), 4)
+    axes.axhline(start, color="0.6", linestyle="--", linewidth=1, label="standard model")
+    axes.set(xlabel="generation", ylabel="largest error on 40 training poses, mm", ylim=(0, 1.3 * start))
+    axes.legend(fontsize=8, frameon=False)
+    results = {"standard_model_mm": start, "engines": rows}
+    save(chosen, results, {"fitness": figure})
+    return results
+
+
+if __name__ == "__main__":
+    main()

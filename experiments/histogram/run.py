@@ -1,0 +1,101 @@
+"""Which inputs do evolved programs reference, and which would they by chance? (thesis Figs 5.9 and 5.12)
+
+Two searches, each repeated on shuffled errors: the thesis' Cartesian one, and programs at the slots of the chain (all
+sites at once, coefficients by projection). Both read the thesis' inputs: x, y, z, J1 to J6.
+From the root of the repository: python -m experiments.histogram.run [--seeds 20] [--cartesian 3] [--runs 8] (and -h)
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import stats
+
+from experiments.chapter5 import ANGLES, THESIS_INPUTS, cartesian, fit, options, save
+from experiments.irb6400r_truth import Case, measured_robot
+from gpmodel.calibration import Calibration
+from gpmodel.evidence import gather, sites_of
+from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
+from gpmodel.problems import Problem
+
+BOTH = ("base_compliance", "joint_compliance J5")
+MODELS = {"standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH}
+Search = tuple[Problem, Settings]
+POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("J5",), "J4": ("J4",)}
+
+
+def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
+    changes = {"population": chosen.population, "generations": chosen.generations, "threads": 1}
+    settings = Settings.thesis("linear", **changes, crossover=0.03, mutation=0.03)
+    return cartesian(model, case.poses.subset(case.train), null), settings
+
+
+def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
+    train = case.poses.subset(case.train)
+    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
+    problem = SlotProblem(inputs, gather(model, train, 0).targets(sites_of(case.mechanism), np.arange(len(train))))
+    changes = {"population": chosen.slot_population, "generations": chosen.slot_generations, "threads": 1}
+    return problem.shuffled(null) if null else problem, Settings(**changes, seconds=1e9, parsimony=2.0)
+
+
+SEARCHES = {"Cartesian": cartesian_search, "slot": slot_search}
+
+
+def count(search: str, case: Case, model: str, chosen: Namespace, rng: np.random.Generator) -> dict[str, Any]:
+    """Runs that reference each input, on the real and on shuffled errors, and Fisher's one-sided p times the inputs."""
+    calibration = fit(case, MODELS[model])
+    real, null = np.zeros((2, len(THESIS_INPUTS)), dtype=int)
+    for counts, shuffle in ((real, None), (null, rng)):
+        for _ in range(chosen.runs):
+            found = evolve(*SEARCHES[search](case, calibration, chosen, shuffle), rng).best.program.inputs
+            counts += [name in found for name in THESIS_INPUTS]
+    tables = [[[r, chosen.runs - r], [n, chosen.runs - n]] for r, n in zip(real, null, strict=True)]
+    p = [min(1.0, len(real) * float(stats.fisher_exact(t, "greater").pvalue)) for t in tables]
+    outside = [name for name, value in zip(THESIS_INPUTS, p, strict=True) if value < 0.05]
+    return {"search": search, "model": model, "real": real, "shuffled": null, "p": np.round(p, 5), "outside": outside}
+
+
+def pointing(rows: list[dict[str, Any]]) -> dict[str, dict[str, str]]:
+    """On how many robots some input of each group stands out of chance, by search and model."""
+    out = {}
+    for search, model in dict.fromkeys((row["search"], row["model"]) for row in rows):
+        seen = [set(row["outside"]) for row in rows if (row["search"], row["model"]) == (search, model)]
+        hits = {to: f"{sum(bool(s & set(names)) for s in seen)} of {len(seen)}" for to, names in POINTS_AT.items()}
+        out[f"{search}, {model}"] = hits
+    return out
+
+
+def draw(rows: list[dict[str, Any]], runs: int) -> Figure:
+    figure = Figure(figsize=(11, 5.5), layout="constrained")
+    for axes, row in zip(figure.subplots(2, 3, sharey=True).flat, rows, strict=False):
+        places = np.arange(len(THESIS_INPUTS))
+        axes.bar(places - 0.2, row["real"], 0.4, label="measured errors", color="tab:blue")
+        axes.bar(places + 0.2, row["shuffled"], 0.4, label="shuffled errors", color="0.7")
+        axes.set_xticks(places, [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
+        axes.set_title(f"{row['search']} search: {row['model']}", fontsize=8)
+        axes.set_ylim(0, runs * 1.15)
+    figure.axes[0].legend(fontsize=8, frameon=False)
+    figure.supylabel(f"runs of {runs} that reference the input (* p < 0.05)", fontsize=9)
+    return figure
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    sizes = {"population": 2048, "generations": 100, "slot_population": 256, "slot_generations": 30}
+    chosen = options(__doc__, "histogram", arguments, seeds=20, cartesian=3, runs=8, **sizes)
+    results: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    for seed in range(chosen.seeds):
+        case, rng = measured_robot(seed), np.random.default_rng([59, seed])
+        for search in SEARCHES if seed < chosen.cartesian else ["slot"]:
+            rows += [{"robot": seed, **count(search, case, model, chosen, rng)} for model in MODELS]
+        print(seed, [(r["search"], r["model"], r["outside"]) for r in rows if r["robot"] == seed], flush=True)
+        results = {"stand out of chance": pointing(rows), "inputs": THESIS_INPUTS, "robots": rows}
+        save(chosen, results, {"histogram": draw([r for r in rows if r["robot"] == 0], chosen.runs)})
+    return results
+
+
+if __name__ == "__main__":
+    main()
