@@ -353,7 +353,8 @@ def chance(value: float, null: Array) -> float:
         return 0.5
     rank = (1 + np.sum(finite >= value)) / (len(finite) + 1)
     beta = max(float(np.std(finite, ddof=1)) * np.sqrt(6) / np.pi, 1e-6)
-    tail = float(stats.gumbel_r.sf(value, finite.mean() - 0.5772 * beta, beta))
+    with np.errstate(over="ignore"):
+        tail = float(stats.gumbel_r.sf(value, finite.mean() - 0.5772 * beta, beta))
     return tail if np.sum(finite >= value) == 0 else float(max(rank, tail))
 
 
