@@ -25,6 +25,7 @@ from gpmodel.page import write_page
 from gpmodel.payload import hang_payload
 from gpmodel.plots import write_figures
 from gpmodel.report_data import build
+from gpmodel.search import Mapper
 from gpmodel.split import hold_out
 from gpmodel.units import parse_quantity
 
@@ -41,7 +42,8 @@ RUNS_A_MINUTE = 4
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
 @seed_option
 @workers_option
-@click.option("--scheduler", default=None, metavar="ADDRESS", hidden=True)
+@click.option("--scheduler", default=None, metavar="ADDRESS",
+              help="A running dask scheduler that the GP runs go to, as in tcp://host:8786.")  # fmt: skip
 @click.option(
     "--out", type=click.Path(path_type=Path), default=None, help="Folder of the results. [default: discovery]"
 )
@@ -55,8 +57,6 @@ def discover(
     resume: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
-    if scheduler is not None:
-        raise InputError("--scheduler: a discovery runs on one machine; use --workers for its cores")
     findings: list[Finding] = []
     rounds: list[Round] = []
     request: dict[str, Any] = {
@@ -71,8 +71,8 @@ def discover(
     folder = out or Path("discovery")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {folder}: is a file; expected a folder")
-    with progress(quiet) as say:
-        discover_table(request, folder, say, workers, (findings, rounds))
+    with progress(quiet) as say, cluster(scheduler) as mapper:
+        discover_table(request, folder, say, workers, (findings, rounds), mapper)
     if not quiet:
         click.echo(f"report: {folder / 'report.html'}")
 
@@ -84,7 +84,7 @@ for _parameter in discover.params:
 
 def discover_table(
     request: dict[str, Any], folder: Path, say: Callable[[str], None], workers: int | None = None,
-    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()), mapper: Mapper = map,
 ) -> dict[str, Any]:  # fmt: skip
     """Run what `request` asks and leave the results in `folder`; the report.
 
@@ -97,7 +97,7 @@ def discover_table(
     runs = max(2, round(RUNS_A_MINUTE * request["minutes"]))
     options = Options(
         seed=request["seed"], runs=runs, minutes=10 * request["minutes"], workers=workers or os.cpu_count() or 1,
-        condition_limit=request["condition_limit"],
+        condition_limit=request["condition_limit"], mapper=mapper,
     )  # fmt: skip
     found = run_loop(
         mechanism, poses, train, heldout, options, say,
@@ -150,6 +150,24 @@ def write_urdf(found: Discovery, path: Path) -> None:
                 one = value * effect.twist(found.poses.states.subset(np.arange(1)), slot)[0]
                 twists[slot] = twists.get(slot, np.zeros(6)) + one
     export(path, twists)
+
+
+@contextlib.contextmanager
+def cluster(address: str | None) -> Iterator[Mapper]:
+    """Where GP runs go: here, or to a dask scheduler. Raises InputError when dask or the scheduler is not there."""
+    if address is None:
+        yield map
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--scheduler: needs dask; pip install 'gpmodel[cluster]'") from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler {address}: no dask scheduler answers there ({error})") from None
+    with client:
+        yield client.get_executor().map
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from gpmodel.evidence import Evidence, gather, sites_of
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Poses
-from gpmodel.search import Exploration, explore
+from gpmodel.search import Exploration, Mapper, explore
 
 SEARCH_POSES = 1500
 SHUFFLES = 199
@@ -26,7 +26,8 @@ class Options:
     """How hard to look. runs: GP runs per representation and round; the same again on shuffled residuals.
 
     standard: the effects of the standard model, None for the complete geometric set. minutes: no new round starts
-    after that. known: effects enabled from the start beside the standard model.
+    after that. known: effects enabled from the start beside the standard model. mapper: runs
+    the GP tasks in order, map by default, or an executor's.
     """
 
     seed: int = 0
@@ -38,6 +39,7 @@ class Options:
     standard: tuple[Effect, ...] | None = None
     known: tuple[Candidate, ...] = ()
     representations: tuple[str, ...] = ("linear", "tree")
+    mapper: Mapper = map
 
 
 @dataclass(frozen=True)

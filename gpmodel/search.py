@@ -1,7 +1,7 @@
 """Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,6 +27,24 @@ POPULATION = 1024
 GENERATIONS = 40
 
 
+@dataclass(frozen=True)
+class Task:
+    """One GP run, on the residual or on a shuffled one: all that a worker needs."""
+
+    shuffled: bool
+    problem: SlotProblem
+    settings: Settings
+    rng: np.random.Generator
+
+
+def run_task(task: Task) -> Evolution:
+    """Run it; the same numbers wherever it runs."""
+    return evolve(task.problem, task.settings, task.rng)
+
+
+Mapper = Callable[[Callable[[Task], Evolution], Sequence[Task]], Iterable[Evolution]]
+
+
 class Effort(Protocol):
     """What the search reads of the loop's options."""
 
@@ -36,6 +54,8 @@ class Effort(Protocol):
     def workers(self) -> int: ...
     @property
     def representations(self) -> tuple[str, ...]: ...
+    @property
+    def mapper(self) -> Mapper: ...
 
 
 @dataclass(frozen=True)
@@ -77,35 +97,35 @@ def explore(
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(evidence.poses.states, rows)
     targets = evidence.targets(sites, rows)
-    candidates: dict[str, Candidate] = {}
-    tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
-    null: list[float] = []
-    chance_runs: list[Evolution] = []
     chances = effort.runs if number == 1 else max(1, effort.runs // 2)
-    total = (effort.runs + chances) * len(effort.representations)
     shuffles = list(evidence.shuffled(rng, chances * len(effort.representations)).T)
-    done = 0
+    tasks: list[Task] = []
     for representation in effort.representations:
         settings = Settings(
             representation=representation, population=POPULATION, generations=GENERATIONS, seconds=1e9,
             parsimony=NATS_PER_NODE, threads=effort.workers, depth=5,
         )  # fmt: skip
         for run in range(effort.runs):
-            say(f"round {number}: evolving, {representation} run {run + 1} of {effort.runs}, {done} of {total} done")
-            found = evolve(SlotProblem(inputs, targets), settings, rng.spawn(1)[0])
-            tried[representation].append(found)
-            for item in found.front:
-                candidate = _candidate(item.program, sites[item.site], names, item.complexity, len(sites))
-                if candidate is not None:
-                    candidates.setdefault(candidate.name, candidate)
-            done += 1
+            tasks.append(Task(False, SlotProblem(inputs, targets), settings, rng.spawn(1)[0]))
             if run < chances:
                 shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
-                by_chance = evolve(SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0])
-                chance_runs.append(by_chance)
-                null.append(_best_nats(evidence, by_chance, len(sites)))
-                done += 1
-    histogram = referenced(inputs.names, tried, chance_runs, lambda run: _best_nats(evidence, run, len(sites)), null)
+                tasks.append(Task(True, SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0]))
+    candidates: dict[str, Candidate] = {}
+    tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
+    by_chance: list[Evolution] = []
+    say(f"round {number}: evolving, 0 of {len(tasks)} runs done")
+    for done, (task, found) in enumerate(zip(tasks, effort.mapper(run_task, tasks), strict=True), 1):
+        say(f"round {number}: evolving, {done} of {len(tasks)} runs done")
+        if task.shuffled:
+            by_chance.append(found)
+            continue
+        tried[task.settings.representation].append(found)
+        for item in found.front:
+            candidate = _candidate(item.program, sites[item.site], names, item.complexity, len(sites))
+            if candidate is not None:
+                candidates.setdefault(candidate.name, candidate)
+    null = [_best_nats(evidence, run, len(sites)) for run in by_chance]
+    histogram = referenced(inputs.names, tried, by_chance, lambda run: _best_nats(evidence, run, len(sites)), null)
     return Exploration(tuple(candidates.values()), np.array(null), histogram)
 
 
