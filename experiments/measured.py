@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from gpmodel import catalogue
 from gpmodel.calibration import Calibration, calibrate, errors_on
+from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.discover_command import write_results
 from gpmodel.discovery import Discovery, Options, discover
@@ -32,6 +34,7 @@ def settings(description: str) -> argparse.Namespace:
     parser.add_argument("--results", type=Path, help="results.json to write")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--runs", type=int, default=1, help="GP runs a representation and round")
+    parser.add_argument("--representations", default="linear,tree", help="of the GP")
     parser.add_argument("--max-effects", type=int, default=12)
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--workers", type=int, default=2)
@@ -48,8 +51,9 @@ def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: ar
     """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
     choice = MechanismChoice(robot)
     options = Options(
-        seed=given.seed, runs=given.runs, max_effects=given.max_effects, minutes=given.minutes, workers=given.workers
-    )
+        seed=given.seed, runs=given.runs, max_effects=given.max_effects, minutes=given.minutes, workers=given.workers,
+        representations=tuple(given.representations.split(",")),
+    )  # fmt: skip
     found = discover(choice.load(), poses, train, heldout, options, lambda text: print(text, file=sys.stderr))
     write_results(found, choice, given.out, given.seed, None)
     return found
@@ -73,14 +77,25 @@ def ladder(found: Discovery, poses: Poses) -> list[dict[str, Any]]:
     ]
 
 
-def model_of(found: Discovery, effects: Sequence[Effect]) -> ErrorModel:
+def model_of(found: Discovery, groups: Sequence[tuple[Effect, ...]]) -> ErrorModel:
     """The standard model and some effects beside it."""
-    return ErrorModel(found.mechanism, (*found.standard_model, *effects))
+    return ErrorModel(found.mechanism, (*found.standard_model, *(e for group in groups for e in group)))
 
 
-def found_effects(found: Discovery) -> list[Effect]:
-    """Every effect of every finding."""
-    return [e for f in found.findings for e in f.candidate.effects]
+def found_effects(found: Discovery, poses: Poses) -> list[tuple[Effect, ...]]:
+    """The effects of every finding, as the catalogue writes them for these poses: more poses carry more harmonics."""
+    known = catalogue.candidates(found.mechanism, poses.states)
+    out: list[tuple[Effect, ...]] = []
+    for finding in found.findings:
+        same = [c for c in known if c.name == finding.candidate.name] or [finding.candidate]
+        spread = _spread(finding.candidate)
+        out.append(min(same, key=lambda c, s=spread: abs(_spread(c) - s)).effects)
+    return out
+
+
+def _spread(candidate: Candidate) -> float:
+    """What the priors of a candidate expect of it; zero without priors."""
+    return float(np.linalg.norm([e.prior for e in candidate.effects if np.isfinite(e.prior)]))
 
 
 def fitted(model: ErrorModel, poses: Poses) -> Calibration:
@@ -88,15 +103,14 @@ def fitted(model: ErrorModel, poses: Poses) -> Calibration:
     return calibrate(model, poses, condition_limit=CONDITION_LIMIT)
 
 
-def frozen(found: Discovery) -> list[Effect]:
-    """Each finding as one effect of fixed shape, whose unknown is its amplitude: 1 where the shape was found."""
-    value = dict(zip((e.name for e in found.final.model.effects), found.final.theta, strict=True))
+def frozen(found: Discovery, groups: Sequence[tuple[Effect, ...]], fit: Calibration) -> list[tuple[Effect, ...]]:
+    """Each finding as one effect of the shape it has in a fit; the unknown is its amplitude, 1 where it was fitted."""
+    value = dict(zip((e.name for e in fit.model.effects), fit.theta, strict=True))
     out = []
-    for f in found.findings:
-        terms = tuple(
-            replace(t, weight=t.weight * value[e.name]) for e in f.candidate.effects for t in e.terms if value[e.name]
-        )
-        out.append(Effect(f"amplitude of {f.candidate.name}", terms, "1", f.candidate.family))
+    for finding, group in zip(found.findings, groups, strict=True):
+        terms = tuple(replace(t, weight=t.weight * value[e.name]) for e in group for t in e.terms if value[e.name])
+        if terms:
+            out.append((Effect(f"amplitude of {finding.candidate.name}", terms, "1", finding.candidate.family),))
     return out
 
 

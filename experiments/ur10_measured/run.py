@@ -1,6 +1,7 @@
 """The measured UR10: python -m experiments.ur10_measured.run --data FOLDER --out FOLDER [--results FILE].
 
-Trains on 1500 random poses of series A, evaluates on all 10 411 others, on contiguous blocks, and on series D.
+Looks at 400 random poses of series A; fits what was found to 1500, evaluates on all 10 411 others, on contiguous blocks
+and on series D.
 """
 
 import sys
@@ -12,10 +13,11 @@ import numpy as np
 from experiments import measured
 from gpmodel.calibration import errors_on
 from gpmodel.discovery import Discovery
-from gpmodel.model import Poses
+from gpmodel.effect import Effect
+from gpmodel.model import ErrorModel, Poses
 
 HERE = Path(__file__).parent
-TRAIN, SHOWN, BLOCKS = 1500, 500, 5
+LOOK, SHOWN, TRAIN, BLOCKS = 400, 200, 1500, 5
 
 
 def blocks(found: Discovery, poses: Poses, rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -25,7 +27,7 @@ def blocks(found: Discovery, poses: Poses, rng: np.random.Generator) -> list[dic
     for k, block in enumerate(np.array_split(everything, BLOCKS)):
         train = np.sort(rng.permutation(np.setdiff1d(everything, block))[:TRAIN])
         row: dict[str, Any] = {"rows": [int(block[0]) + 1, int(block[-1]) + 1]}
-        for name, effects in (("standard", []), ("found", measured.found_effects(found))):
+        for name, effects in (("standard", []), ("found", measured.found_effects(found, poses.subset(train)))):
             fit = measured.fitted(measured.model_of(found, effects), poses.subset(train))
             row[name] = measured.statistics(errors_on(fit, poses.subset(block)))
         out.append(row)
@@ -33,20 +35,19 @@ def blocks(found: Discovery, poses: Poses, rng: np.random.Generator) -> list[dic
     return out
 
 
-def later(found: Discovery, poses: Poses, rng: np.random.Generator) -> dict[str, Any]:
-    """Series D: fits to half of it, errors on the other half; the found shapes frozen, one amplitude each."""
+def later(found: Discovery, frozen: list[tuple[Effect, ...]], poses: Poses, rng: np.random.Generator) -> dict[str, Any]:
+    """Series D: fits to half of it, errors on the other half; the shapes of A frozen, one amplitude each."""
     order = rng.permutation(len(poses))
     train, test = poses.subset(np.sort(order[: len(order) // 2])), poses.subset(np.sort(order[len(order) // 2 :]))
     out: dict[str, Any] = {"train": len(train)}
-    frozen = measured.frozen(found)
     for name, effects in (("registration", None), ("standard", []), ("found in A, shapes frozen", frozen)):
-        model = measured.ErrorModel(found.mechanism, ()) if effects is None else measured.model_of(found, effects)
+        model = ErrorModel(found.mechanism, ()) if effects is None else measured.model_of(found, effects)
         fit = measured.fitted(model, train)
         out[name] = measured.statistics(errors_on(fit, test))
     out["amplitudes"] = [
         {"name": e.name, "value": fit.theta[i], "stderr": fit.stderr[i]}
         for i, e in enumerate(fit.model.effects)
-        if e in frozen
+        if (e,) in frozen
     ]
     return out
 
@@ -56,20 +57,28 @@ def main() -> None:
     rng = np.random.default_rng(given.seed)
     poses = measured.load(given.data / "Series_A" / "measurements_grid.csv", HERE / "columns.toml", "ur10")
     order = rng.permutation(len(poses))
-    rows = np.sort(order[: TRAIN + SHOWN])
-    train = np.flatnonzero(np.isin(rows, order[:TRAIN]))
-    found = measured.look("ur10", poses.subset(rows), train, np.setdiff1d(np.arange(len(rows)), train), given)
-    others = poses.subset(np.sort(order[TRAIN:]))
+    rows = np.sort(order[: LOOK + SHOWN])
+    look = np.flatnonzero(np.isin(rows, order[:LOOK]))
+    found = measured.look("ur10", poses.subset(rows), look, np.setdiff1d(np.arange(len(rows)), look), given)
+    train, others = poses.subset(np.sort(order[:TRAIN])), poses.subset(np.sort(order[TRAIN:]))
+    effects = measured.found_effects(found, train)
+    models = {
+        "registration": ErrorModel(found.mechanism, ()),
+        "standard": measured.model_of(found, []),
+        "found": measured.model_of(found, effects),
+    }
+    fits = {name: measured.fitted(model, train) for name, model in models.items()}
     series_d = measured.load(given.data / "Series_D" / "measurements_iso_cubes.csv", HERE / "columns.toml", "ur10")
     results = {
         "command": "python -m experiments.ur10_measured.run --data FOLDER --out FOLDER "
-        f"--results experiments/ur10_measured/results.json --seed {given.seed} --runs {given.runs}",
-        "train": TRAIN,
-        "stopped": found.stopped,
-        "discovery_seconds": round(found.seconds),
-        "heldout": measured.ladder(found, others),
+        f"--results experiments/ur10_measured/results.json --seed {given.seed} --runs {given.runs} "
+        f"--representations {given.representations} --max-effects {given.max_effects}",
+        "discovery": {"poses": LOOK, "seconds": round(found.seconds), "stopped": found.stopped},
+        "after_discovery": measured.ladder(found, others),
+        "fitted_to": TRAIN,
+        "heldout": {name: measured.statistics(errors_on(fit, others)) for name, fit in fits.items()},
         "blocks": blocks(found, poses, rng),
-        "series_d": later(found, series_d, rng),
+        "series_d": later(found, measured.frozen(found, effects, fits["found"]), series_d, rng),
     }
     measured.save(results, given.results)
 

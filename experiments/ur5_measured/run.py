@@ -23,7 +23,7 @@ def main() -> None:
     fresh = measured.load(given.data / "3D_UR5_uncalibrated_random_cleaned.csv", columns, "ur5")
     train, heldout = hold_out(grid.dataset, 0.3, np.random.default_rng(given.seed))
     found = measured.look("ur5", grid, train, heldout, given)
-    effects = measured.found_effects(found)
+    effects = measured.found_effects(found, grid)
     models = {
         "registration": ErrorModel(found.mechanism, ()),
         "standard": measured.model_of(found, []),
@@ -32,7 +32,8 @@ def main() -> None:
     fits = {name: measured.fitted(model, grid) for name, model in models.items()}
     results = {
         "command": "python -m experiments.ur5_measured.run --data FOLDER --out FOLDER "
-        f"--results experiments/ur5_measured/results.json --seed {given.seed} --runs {given.runs}",
+        f"--results experiments/ur5_measured/results.json --seed {given.seed} --runs {given.runs} "
+        f"--representations {given.representations} --max-effects {given.max_effects}",
         "train": len(train),
         "stopped": found.stopped,
         "discovery_seconds": round(found.seconds),
