@@ -9,6 +9,7 @@ from gpmodel.calibration import calibrate, resolved
 from gpmodel.dataset import Dataset
 from gpmodel.effect import Effect, geometric_effects
 from gpmodel.errors import InputError
+from gpmodel.free_joints import free_joints, points_flaw
 from gpmodel.mechanism import Mechanism
 from gpmodel.misreading import misreading
 from gpmodel.model import ErrorModel, Poses, measured_minus, observe
@@ -61,6 +62,9 @@ def _errors(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) ->
         return
     if beyond:
         yield from beyond
+        return
+    if free_joints(mechanism) and (flaw := points_flaw(data)):
+        yield flaw
         return
     yield from _unlike_distances(mechanism, poses)
     yield from _too_few(mechanism, data, standard)

@@ -159,27 +159,30 @@ def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.
 
 
 def check_points(dataset: Dataset) -> None:
-    """Refuses points from which free angles leave nothing: too few, all alike, or all in one plane.
+    """Refuses points from which free angles leave nothing. Raises InputError naming the table and what was expected."""
+    if flaw := points_flaw(dataset):
+        raise InputError(flaw)
 
-    Raises InputError naming the table and what was expected.
-    """
+
+def points_flaw(dataset: Dataset) -> str | None:
+    """Why free angles leave nothing of the measured points, None where they do."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances):
-        return
-    check_spatial(points, dataset.source)
+        return None
+    return sphere_flaw(points, dataset.source)
 
 
-def check_spatial(points: Array, where: str) -> None:
-    """Refuses points (N, 3) that do not determine a sphere. Raises InputError: fewer than 4, alike, coplanar."""
+def sphere_flaw(points: Array, where: str) -> str | None:
+    """Why points (N, 3) determine no sphere: fewer than 4, alike, coplanar; None where they do."""
     expected = f"expected at least {MINIMUM_POSES} different points that are not all in one plane"
     if len(points) < MINIMUM_POSES:
-        raise InputError(f"{where}: {len(points)} measured poses; {expected}")
+        return f"{where}: {len(points)} measured poses; {expected}"
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    size = max(float(np.abs(points).max()), 1e-12)
-    if spread[0] <= 1e-9 * size:
-        raise InputError(f"{where}: one pose repeated {len(points)} times; {expected}")
+    if spread[0] <= 1e-9 * max(float(np.abs(points).max()), 1e-12):
+        return f"{where}: one pose repeated {len(points)} times; {expected}"
     different = len(np.unique(np.round(points, 9), axis=0))
     if different < MINIMUM_POSES:
-        raise InputError(f"{where}: only {different} different points; {expected}")
+        return f"{where}: only {different} different points; {expected}"
     if spread[2] <= 1e-4 * spread[0]:
-        raise InputError(f"{where}: the points lie in one plane; {expected}")
+        return f"{where}: the points lie in one plane; {expected}"
+    return None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.errors import InputError
-from gpmodel.free_joints import check_spatial
+from gpmodel.free_joints import sphere_flaw
 from gpmodel.mechanism import Array
 
 MAX_ITERATIONS = 50
@@ -56,7 +56,8 @@ def fit_sphere(points: Array, where: str = "points") -> SphereFit:
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"{where}: points of shape {points.shape}; expected finite x, y and z in every row")
-    check_spatial(points, where)
+    if flaw := sphere_flaw(points, where):
+        raise InputError(flaw)
     centre, radius = algebraic_sphere(points)
     status, reason = "stalled", f"still moving after {MAX_ITERATIONS} iterations"
     iterations = 0
