@@ -79,7 +79,7 @@ class Budget:
 
 def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Settings]:
     """Sources and settings of the TOML table at `path` laid over the default one. Raises InputError, one line."""
-    s = load_settings("error_budget", path)
+    s = load_settings("budget", path)
     entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
     for e, want in entries:
         if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):

@@ -23,6 +23,8 @@ _HELP = {
     "stiffness": "Force-displacement curve and the regimes of a measured one.",
     "dynamics": "Frequency response of the joint on its air film.",
     "pugh": "Pugh charts: concepts scored against a baseline.",
+    "budget": "Error budget: distribution of the position error and the share of every parameter.",
+    "contact_types": "Point, rolling, sliding and fluid contact: published residuals compared.",
 }
 
 

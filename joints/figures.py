@@ -7,7 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from joints import sphere_charts
+from joints.budget import Budget
 from joints.contact import HertzContact, PublishedContact
+from joints.contact_types import ContactType
 from joints.film import FilmGeometry, supporting_pressure
 from joints.film import film_pressure as flat_pressure
 from joints.film_design import FilmDesign
@@ -217,4 +220,18 @@ def pugh(chart: PughChart) -> Figure:
     ax.xaxis.tick_top()
     ax.set_yticks(range(len(chart.criteria)), list(chart.criteria))
     ax.set_title(chart.title)
+    return figure
+
+
+def budget(found: Budget, published: float) -> Figure:
+    """Distribution of the position error and the share of every source (Figs 3.18 and 3.19)."""
+    figure = Figure(figsize=(12.0, 4.0), layout="constrained")
+    sphere_charts.budget_chart(figure, found, published)
+    return figure
+
+
+def contact_types(types: Sequence[ContactType]) -> Figure:
+    """Largest residual of every prototype (Figs 3.29 and 4.30)."""
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    sphere_charts.contact_chart(figure, types)
     return figure

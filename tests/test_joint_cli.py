@@ -12,7 +12,7 @@ from joints.cli import joint
 from joints.settings import DATA
 from joints.stiffness import RegimeCurve
 
-COMMANDS = ["preload", "contact", "thermal", "film", "stiffness", "dynamics", "pugh"]
+COMMANDS = ["preload", "contact", "thermal", "film", "stiffness", "dynamics", "pugh", "budget", "contact_types"]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -7,7 +7,7 @@ import pytest
 from spherical_cases import JOINT
 
 from gpmodel.errors import InputError
-from joints.budget import ErrorSource, error_budget, read_budget
+from joints.budget import ErrorSource, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types
 from joints.reduction import thesis_columns
 
@@ -104,3 +104,11 @@ def test_a_contact_type_without_a_key_is_refused(tmp_path: Path) -> None:
     path.write_text('[[type]]\nname = "magnetic"\n')
     with pytest.raises(InputError, match="type 1: no 'contact'"):
         contact_types(path)
+
+
+def test_a_tooling_ball_of_radius_zero_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "budget.toml"
+    path.write_text('tooling_ball = ["0 mm", "0 mm", "0 mm"]\n')
+    _, settings = read_budget(path)
+    with pytest.raises(InputError, match="radius 0"):
+        budget_joint(JOINT, settings)

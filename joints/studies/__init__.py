@@ -3,7 +3,9 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from joints.studies.budget import budget_study
 from joints.studies.contact import contact_study
+from joints.studies.contact_types import contact_types_study
 from joints.studies.dynamics import dynamics_study
 from joints.studies.film import film_study
 from joints.studies.preload import preload_study
@@ -20,6 +22,8 @@ STUDIES: Mapping[str, Callable[[Path | None, int], Study]] = {
     "stiffness": stiffness_study,
     "dynamics": dynamics_study,
     "pugh": pugh_study,
+    "budget": budget_study,
+    "contact_types": contact_types_study,
 }
 
 __all__ = ["STUDIES", "Study", "Table"]

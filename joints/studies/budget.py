@@ -1,0 +1,46 @@
+"""`gpmodel joint budget`: the Monte Carlo error budget of the joint's kinematics."""
+
+from pathlib import Path
+
+import numpy as np
+
+from joints import figures, spherical_joint
+from joints.budget import KINDS, budget_joint, error_budget, read_budget
+from joints.kinematics import parameter
+from joints.studies.study import MICRO, Study, Table
+
+PUBLISHED = {"systematic": 10e-6, "stochastic": 0.1e-6}
+
+
+def budget_study(path: Path | None = None, seed: int = 0) -> Study:
+    """Figures 3.18 and 3.19: distributions, mean plus three standard deviations, and every source's share."""
+    sources, settings = read_budget(path)
+    joint = budget_joint(spherical_joint(), settings)
+    kinds = [kind for kind in KINDS if any(s.kind == kind for s in sources)]
+    found = {
+        kind: error_budget(joint, sources, kind, np.random.default_rng(seed), settings["poses"], settings["draws"])
+        for kind in kinds
+    }
+    totals = [(kind, b.mean * MICRO, b.worst_case * MICRO, PUBLISHED[kind] * MICRO) for kind, b in found.items()]
+    shares = [
+        (kind, parameter(s.index).name, s.source, 100 * share)
+        for kind, b in found.items()
+        for s, share in zip(b.sources, b.shares, strict=True)
+    ]
+    return Study(
+        tables=(
+            Table("Position error", ("kind", "mean [um]", "mean + 3 SD [um]", "published [um]"), totals),
+            Table("Share of the mean square", ("kind", "parameter", "source", "share [%]"), shares),
+        ),
+        data={
+            kind: {
+                "mean_um": b.mean * MICRO,
+                "mean_plus_3sd_um": b.worst_case * MICRO,
+                "shares": {
+                    f"{parameter(s.index).name}: {s.source}": x for s, x in zip(b.sources, b.shares, strict=True)
+                },
+            }
+            for kind, b in found.items()
+        },
+        figures={f"budget_{kind}.png": figures.budget(b, PUBLISHED[kind]) for kind, b in found.items()},
+    )
