@@ -1,0 +1,105 @@
+"""Robots with one undeclared effect, and the whole loop run on them with a small search."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from unittest import mock
+
+import numpy as np
+from effect_cases import Truth, bare, measure, mechanism, sized, true_tips
+
+from gpmodel import search
+from gpmodel.basis import Expression
+from gpmodel.calibration import calibrate, errors_on
+from gpmodel.dataset import IntArray
+from gpmodel.discovery import Discovery, Options, discover
+from gpmodel.effect import Effect, drive_effect, geometric_effects
+from gpmodel.mechanism import Array
+from gpmodel.model import ErrorModel, Poses, prepare
+from gpmodel.split import hold_out
+
+ARM = "irb6400r"
+SMALL = Options(runs=2, workers=1)
+QUICK = Options(runs=1, workers=1)
+
+
+@contextmanager
+def small_search(population: int = 256, generations: int = 20) -> Iterator[None]:
+    """Populations and generations just large enough for the cases here."""
+    with mock.patch.multiple(search, POPULATION=population, GENERATIONS=generations):
+        yield
+
+
+def quick_search() -> AbstractContextManager[None]:
+    """For what does not depend on how much is found."""
+    return small_search(48, 4)
+
+
+def _gear() -> tuple[Effect, ...]:
+    joint = mechanism(ARM).joints[3]
+    return tuple(drive_effect(f"true {f}", joint, Expression(f"{f}(2*J4)")) for f in ("sin", "cos"))
+
+
+def _windup() -> tuple[Effect, ...]:
+    return (drive_effect("true", mechanism(ARM).joints[1], Expression("tanh(torque_J2/1500)")),)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is undeclared, how far it moves the flange (RMS, mm), and the inputs that name it."""
+
+    effects: tuple[Effect, ...]
+    millimetres: float
+    inputs: frozenset[str]
+
+
+CASES = {
+    "nothing": Case((), 0.0, frozenset()),
+    "gear": Case(_gear(), 0.2, frozenset({"J4"})),
+    "windup": Case(_windup(), 1.0, frozenset({"torque_J2"})),
+}
+
+
+@cache
+def robot(case: str, seed: int, count: int = 80) -> tuple[Truth, IntArray, IntArray]:
+    """The measured robot, its training rows and those held out."""
+    data = bare(ARM, count, seed, payload=False)
+    effects = CASES[case].effects
+    theta: Sequence[float] | Array = sized(ARM, effects, data, CASES[case].millimetres, seed) if effects else ()
+    truth = measure(ARM, effects, theta, seed, dataset=data)
+    return truth, *hold_out(truth.poses.dataset, 0.25, np.random.default_rng(0))
+
+
+@cache
+def found(case: str, seed: int, options: Options = SMALL, small: bool = True) -> Discovery:
+    """The loop's answer."""
+    truth, train, heldout = robot(case, seed)
+    options = replace(options, seed=seed)
+    if not small:
+        return discover(truth.model.mechanism, truth.poses, train, heldout, options)
+    with small_search():
+        return discover(truth.model.mechanism, truth.poses, train, heldout, options)
+
+
+@cache
+def quick() -> Discovery:
+    """The gear error, of the catalogue, found beside a search too short to find anything itself."""
+    truth, train, heldout = robot("gear", 0)
+    with quick_search():
+        return discover(truth.model.mechanism, truth.poses, train, heldout, QUICK)
+
+
+def rms(error: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def against_the_oracle(case: str, seed: int, answer: Discovery) -> float:
+    """Error on sixty fresh poses without noise, over that of a calibration told the effect."""
+    truth, train, _ = robot(case, seed)
+    arm = truth.model.mechanism
+    oracle = calibrate(ErrorModel(arm, (*geometric_effects(arm), *CASES[case].effects)), truth.poses.subset(train))
+    fresh = prepare(arm, bare(ARM, 60, seed + 1000, payload=False))
+    clean: Poses = prepare(arm, replace(fresh.dataset, position=true_tips(truth, fresh)))
+    return rms(errors_on(answer.steps[-1].calibration, clean)) / rms(errors_on(oracle, clean))
