@@ -1,7 +1,7 @@
 """The best program seen at every complexity, over a whole run: the Pareto front."""
 
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,10 @@ class Population(Protocol):
     def take(self, rows: NDArray[np.intp]) -> Self: ...
 
     def join(self, other: Self) -> Self: ...
+
+    def constants_of(self, row: int) -> Array: ...
+
+    def with_constants(self, row: int, values: Array) -> Self: ...
 
 
 class Archive:
@@ -86,21 +90,24 @@ class Archive:
         return min(front, key=length)
 
     def _candidate(self, population: Population, chosen: int) -> Candidate:
-        program = self._program(population)
-        outputs = [k for k in range(self.layout.outputs) if chosen >> k & 1]
-        return scored(program.select(outputs), self.problem)
-
-    def _program(self, population: Population) -> Program:
-        if isinstance(population, Sequences):
-            from gpmodel import linear
-
-            return linear.program_of(population.genes[0], population.constants[0], self.layout)
-        from gpmodel import tree
-
-        return tree.program_of(population.individuals[0], self.layout)
+        return scored(program_at(population, 0, chosen, self.layout), self.problem)
 
     def _nothing(self) -> Candidate:
-        return scored(Program.parse("0").select([]), self.problem)
+        nothing = "x, y, z" if isinstance(self.problem, CartesianProblem) else "0"
+        return scored(Program.parse(nothing), self.problem)
+
+
+def program_at(population: Any, row: int, chosen: int, layout: Layout) -> Program:
+    """One member of a population as a program of the outputs in the bit set ``chosen``."""
+    if isinstance(population, Sequences):
+        from gpmodel import linear
+
+        program = linear.program_of(population.genes[row], population.constants[row], layout)
+    else:
+        from gpmodel import tree
+
+        program = tree.program_of(population.individuals[row], layout)
+    return program.select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
 def scored(program: Program, problem: Problem) -> Candidate:

@@ -3,18 +3,20 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.archive import Archive, Candidate
+from gpmodel.archive import Archive, Candidate, Population, program_at
 from gpmodel.engine import decode
 from gpmodel.errors import InputError
 from gpmodel.layout import Layout
 from gpmodel.linear import SequenceBreeding
 from gpmodel.operators import operator_set
 from gpmodel.parallel import cores, over_slices
-from gpmodel.population import Sequences
+from gpmodel.polish import own_constants_polished
 from gpmodel.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.scoring import Scores
 from gpmodel.settings import Settings
@@ -22,6 +24,19 @@ from gpmodel.settings import Settings
 __all__ = ["Candidate", "CartesianProblem", "Evolution", "Inputs", "Progress", "Settings", "SlotProblem", "evolve"]
 
 Array = NDArray[np.float64]
+
+POLISHED = 4
+"""Programs whose constants are fitted at a time."""
+
+
+class Breeding(Protocol):
+    """How a representation starts and varies."""
+
+    def initial(self, population: int, rng: np.random.Generator) -> Any: ...
+
+    def offspring(
+        self, parents: Any, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
+    ) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -98,6 +113,9 @@ class Run:
         self.fixed = self.layout.fixed_rows(problem.inputs.values)
         self.threads = settings.threads or cores()
         self.archive = Archive(problem, self.layout)
+        self.columns = problem.inputs.mapping()
+        self.polished: set[int] = set()
+        self.breeding: Breeding
         if settings.representation == "linear":
             self.breeding = SequenceBreeding(
                 self.layout, settings.length, settings.crossover, settings.mutation, self.threads
@@ -109,8 +127,8 @@ class Run:
                 self.layout, settings.breeding, settings.depth, 1, min(4, settings.depth), settings.crossover
             )
 
-    def scores(self, population, hopeless: float = np.inf) -> Scores:
-        readable = population if isinstance(population, Sequences) else population.forest
+    def scores(self, population: Any, hopeless: float = np.inf) -> Scores:
+        readable = getattr(population, "forest", population)
         found = Scores.empty(len(population))
 
         def work(part: slice) -> None:
@@ -165,6 +183,8 @@ class Run:
                 idle, record = 0, np.inf
                 continue
             population, scores = self._next(population, scores)
+            if settings.polish_every and generation % settings.polish_every == 0:
+                population, scores = self._polished(population, scores)
         front = self.archive.front()
         chosen = self.archive.best(front, settings.parsimony)
         history = {
@@ -176,7 +196,7 @@ class Run:
             evaluations, time.perf_counter() - began, settings,
         )  # fmt: skip
 
-    def _next(self, population, scores: Scores):
+    def _next(self, population: Any, scores: Scores) -> tuple[Any, Scores]:
         settings, rng = self.settings, self.rng
         count = settings.population
         if settings.selection == "truncation":
@@ -192,6 +212,31 @@ class Run:
         both = scores.join(self.scores(children))
         keep = survivors(both, count)
         return population.join(children).take(keep), both.take(keep)
+
+
+    def _polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
+        """The best programs not met before, their constants fitted, in the place of the worst."""
+        if isinstance(self.problem, CartesianProblem) or not self.settings.own_constants:
+            return population, scores
+        order = np.argsort(scores.score, kind="stable")
+        fresh = [row for row in order[:64].tolist() if int(scores.hashes[row]) not in self.polished]
+        added: list[Population] = []
+        for row in fresh[:POLISHED]:
+            self.polished.add(int(scores.hashes[row]))
+            program = program_at(population, row, int(scores.chosen[row]), self.layout)
+            own = population.constants_of(row)
+            fitted = own_constants_polished(
+                program, self.problem.targets, int(scores.site[row]), self.columns, own, self.settings.constants
+            )
+            if not np.array_equal(fitted, own):
+                added.append(population.with_constants(row, fitted))
+        if not added:
+            return population, scores
+        children = reduce(lambda left, right: left.join(right), added)
+        found = self.scores(children)
+        self.polished.update(found.hashes.tolist())
+        keep = order[: len(order) - len(children)]
+        return population.take(keep).join(children), scores.take(keep).join(found)
 
 
 def distinct(hashes: NDArray[np.uint64]) -> int:

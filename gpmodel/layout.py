@@ -113,13 +113,14 @@ class Layout:
     def written_of(self) -> NDArray[np.uint32]:
         """Bit set that an instruction writes, over ``256 op-code + gene``: one register or the accumulator."""
         codes, bits = self._codes_and_bits()
-        return np.where(codes == STORE, bits, ACCUMULATOR)
+        return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
 
     @cached_property
     def read_of(self) -> NDArray[np.uint32]:
         """Bit set that an instruction reads, over ``256 op-code + gene``."""
         codes, bits = self._codes_and_bits()
-        return np.where(codes == STORE, 0, bits) | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))
+        operands = np.where(codes == STORE, np.uint32(0), bits)
+        return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
 
     def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
         cells = self.cell_of.astype(np.uint32)

@@ -93,6 +93,15 @@ def polish(
     return program, gain
 
 
+def own_constants_polished(
+    program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
+) -> Array:
+    """A program's own constants after ``polish``; those that its effective code does not use stay."""
+    better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
+    change = dict(zip(program.constants, better.constants, strict=True))
+    return np.array([change.get(value, value) for value in own.tolist()])
+
+
 def _step(
     program: Program, place: Targets, inputs: Mapping[str, Array], coefficients: Array, free: NDArray[np.bool_]
 ) -> tuple[Array, Array] | None:

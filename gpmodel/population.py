@@ -26,6 +26,10 @@ class Sequences:
         """Both populations, this one first."""
         return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
 
+    def constants_of(self, row: int) -> Array:
+        """Own constants of one program."""
+        return np.array(self.constants[row])
+
     def with_constants(self, row: int, values: Array) -> "Sequences":
         """The one program at ``row`` with other own constants."""
         return Sequences(self.genes[row : row + 1], values[None, :])

@@ -94,8 +94,15 @@ class CartesianProblem:
 
     def norm_of(self, points: Array) -> float:
         """The norm of the distances of points (3, N) to the measured ones."""
-        squares = np.square(points - self.measured).sum(axis=0)
+        with np.errstate(all="ignore"):
+            squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
+
+    def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
+        """The same search with the errors, measured less model, permuted over the poses."""
+        model = self.inputs.select(COORDINATES).values
+        error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
+        return CartesianProblem(self.inputs, model + error, self.norm)
 
     def scores(self, code: Code, fixed: Array, parsimony: float, hopeless: float = np.inf) -> Scores:
         """Fitness of decoded programs; those above ``hopeless`` may come back infinite."""

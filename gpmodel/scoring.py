@@ -27,8 +27,8 @@ class Scores:
 
     @staticmethod
     def empty(count: int) -> "Scores":
-        whole = (np.zeros(count, np.int64) for _ in range(3))
-        return Scores(np.empty(count), np.empty(count), *whole, np.empty(count, np.uint64))
+        complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
+        return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 
     def __setitem__(self, part: slice, other: "Scores") -> None:
         for name in ("score", "gain", "complexity", "site", "chosen", "hashes"):

@@ -101,6 +101,10 @@ class Trees:
     def join(self, other: "Trees") -> "Trees":
         return Trees(self.individuals + other.individuals)
 
+    def constants_of(self, row: int) -> Array:
+        """Own constants of one individual."""
+        return np.array(self.individuals[row].constants)
+
     def with_constants(self, row: int, values: Array) -> "Trees":
         """The one individual at ``row`` with other own constants."""
         remaining = iter(values.tolist())
