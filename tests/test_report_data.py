@@ -19,7 +19,8 @@ KEYS = {
     "verdict", "seconds",
 }  # fmt: skip
 EFFECT = {
-    "name", "slot", "axis", "basis", "inputs", "value", "stderr", "unit", "unique_share", "found_by", "catalogue", "rivals",
+    "name", "slot", "axis", "basis", "inputs", "value", "stderr", "unit", "unique_share", "found_by", "catalogue",
+    "rivals",
 }  # fmt: skip
 
 
