@@ -51,8 +51,9 @@ def test_histogram(tmp_path):
     sizes = ["--seeds", "1", "--cartesian", "1", "--runs", "6", "--population", "256", "--generations", "5"]
     found = histogram.main([*sizes, "--slot_population", "128", "--slot_generations", "15", "--out", str(tmp_path)])
     seen = {(row["search"], row["model"]): row for row in found["robots"]}
-    assert {"J2", "J3"} & set(seen["slot", "standard"]["outside"])
-    assert not {"J1", "J2", "J3"} & set(seen["slot", "+ joint bending"]["outside"])
+    extra = {model: row["real"] - row["shuffled"] for (search, model), row in seen.items() if search == "slot"}
+    assert max(extra["standard"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) >= 3
+    assert max(extra["+ joint bending"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) < 3
     assert all(row["real"].max() <= 6 for row in found["robots"])
     assert saved(tmp_path, "histogram")
 
@@ -60,8 +61,10 @@ def test_histogram(tmp_path):
 def test_compensation(tmp_path):
     found = compensation.main(["--population", "1024", "--generations", "30", "--out", str(tmp_path)])
     at = {name: np.linspace(-2.0, 2.0, 9) for name in THESIS_INPUTS}
-    short, whole = (Program.parse(found[key]).evaluate(at) for key in ("equation", "as evolved"))
-    assert np.allclose(short, whole, atol=1e-9)
+    for equation in found["equations"].values():
+        assert Program.parse(equation["equation"]).evaluate(at).shape == (3, 9)
+        assert equation["latex"]
+        assert equation["train_rms_mm"]["after"] <= equation["train_rms_mm"]["before"]
     assert found["stiffness_Nm_per_rad"]["fitted"] == pytest.approx(found["stiffness_Nm_per_rad"]["true"], rel=0.25)
     assert min(found["share linear in own coordinate"]["base compliance"][c] for c in "xy") > 0.7
     assert saved(tmp_path, "compensation")

@@ -1,9 +1,9 @@
 """The trimmed and simplified equation of an evolved compensator, and what it adds at each position (thesis Fig 5.10).
 
-Smooth operators only, x, y and z as inputs, root-mean-square fitness and a price on length. Beside it, the base
-compliance fitted to the same poses: what the tip moves by it, against position.
+Smooth operators only, x, y and z as inputs, root-mean-square fitness and a price on length: once on top of the
+standard model, once on top of registration alone. Beside them the base compliance fitted to the same poses: how far
+it moves the tip, against position.
 From the root of the repository: python -m experiments.compensation.run [--population 8192] [--generations 150]
-[--out FOLDER]
 """
 
 from __future__ import annotations
@@ -13,73 +13,75 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.chapter5 import POSITION, cartesian, fit, options, rounded, save
+from experiments.chapter5 import POSITION, cartesian, effects_of, fit, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.calibration import errors_on
+from gpmodel.calibration import Calibration, calibrate, errors_on
 from gpmodel.evolve import CartesianProblem, Settings, evolve
 from gpmodel.mechanism import Array
-from gpmodel.model import observe
+from gpmodel.model import ErrorModel, Poses, observe
+from gpmodel.program import Program
 
-NANO = 2e-7
+PRICE = 2e-7
 
 
-def linear_share(move: Array, position: Array) -> float:
-    """Share of the variance of a compensation (N,) that a plane over its own horizontal coordinate explains."""
-    system = np.column_stack([np.ones(len(position)), position])
-    left = move - system @ np.linalg.lstsq(system, move, rcond=None)[0]
-    return round(float(1.0 - left.var() / max(move.var(), 1e-30)), 3)
+def linear_share(move: Array, coordinate: Array) -> float | None:
+    """Share of the variance of a compensation (N,) that a line over a coordinate explains; None where constant."""
+    left = move - np.polyval(np.polyfit(coordinate, move, 1), coordinate)
+    return round(float(1.0 - left.var() / move.var()), 3) if move.std() > 1e-9 else None
+
+
+def evolved(model: Calibration, train: Poses, population: int, generations: int) -> tuple[Program, Array, Array]:
+    """The equation, simplified; the points (3, N) and what it adds to them, m."""
+    full = cartesian(model, train)
+    problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms")
+    changes = {"population": population, "generations": generations, "crossover": 0.03, "mutation": 0.03}
+    settings = Settings.thesis("linear", operators="smooth", parsimony=PRICE, **changes)
+    program = evolve(problem, settings, np.random.default_rng(510)).best.program
+    return program.simplify(), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values
+
+
+def base_compliance_moves(model: Calibration, train: Poses) -> Array:
+    """How far (3, N) the fitted base compliance, the model's last effect, moves the tip in the root frame, m."""
+    without = np.append(model.theta[:-1], 0.0)
+    tips = [observe(model.model, train, theta, model.placement).tip[:, :3, 3] for theta in (model.theta, without)]
+    return ((tips[0] - tips[1]) @ model.placement.registration[""][:3, :3]).T
+
+
+def rms_mm(error: Array) -> Any:
+    return rounded(np.sqrt(np.mean(error**2)))
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     chosen = options(__doc__, "compensation", arguments, population=8192, generations=150)
     case = measured_robot(0)
-    train = case.poses.subset(case.train)
-    standard, compliant = fit(case), fit(case, ("base_compliance",))
-    full = cartesian(standard, train)
-    problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms")
-    how = Settings.thesis(
-        "linear", population=chosen.population, generations=chosen.generations, operators="smooth", parsimony=NANO,
-        crossover=0.03, mutation=0.03,
-    )  # fmt: skip
-    evolved = evolve(problem, how, np.random.default_rng(510))
-    program = evolved.best.program.simplify()
-    points = problem.inputs.values
-    evolved_move = program.evaluate(problem.inputs.mapping()) - points
-    without = compliant.theta.copy()
-    without[-1] = 0.0
-    frame = compliant.placement.registration[""][:3, :3]
-    tips = [observe(compliant.model, train, t, compliant.placement).tip[:, :3, 3] for t in (compliant.theta, without)]
-    compliant_move = ((tips[0] - tips[1]) @ frame).T
-    figure = Figure(figsize=(9, 6.5), layout="constrained")
-    shares: dict[str, dict[str, float]] = {"evolved equation": {}, "base compliance": {}}
-    for row, (name, move) in zip(
-        figure.subplots(2, 2), zip(shares, (evolved_move, compliant_move), strict=True), strict=True
-    ):
+    train, heldout = case.poses.subset(case.train), case.poses.subset(case.heldout)
+    bare = ErrorModel(case.mechanism, effects_of(case)[:0])
+    models = {"standard model": fit(case), "registration only": calibrate(bare, train)}
+    compliant = fit(case, ("base_compliance",))
+    results: dict[str, Any] = {"equations": {}, "share linear in own coordinate": {}}
+    moves: dict[str, Array] = {}
+    for name, model in models.items():
+        program, points, moves[f"equation on {name}"] = evolved(model, train, chosen.population, chosen.generations)
+        seen = cartesian(model, train).measured - points - moves[f"equation on {name}"]
+        results["equations"][name] = {
+            "equation": str(program),
+            "latex": program.latex(),
+            "train_rms_mm": {"before": rms_mm(model.error), "after": rms_mm(np.linalg.norm(seen, axis=0))},
+        }
+        print(program, program.latex(), sep="\n")
+    moves["base compliance"] = base_compliance_moves(compliant, train)
+    figure = Figure(figsize=(9, 9), layout="constrained")
+    for row, (name, move) in zip(figure.subplots(3, 2), moves.items(), strict=True):
+        shares = {c: linear_share(move[k], points[k]) for k, c in enumerate(POSITION[:2])}
+        results["share linear in own coordinate"][name] = shares
         for k, axes in enumerate(row):
-            shares[name][POSITION[k]] = linear_share(move[k], points[k])
+            c = POSITION[k]
+            text = "constant" if shares[c] is None else f"a line explains {100 * shares[c]:.0f} %"
             axes.plot(points[k], 1e3 * move[k], "o", markersize=4)
-            axes.set(
-                xlabel=f"{POSITION[k]}, m", ylabel=f"Δ{POSITION[k]}, mm",
-                title=f"{name}: {100 * shares[name][POSITION[k]]:.0f} % linear",
-            )  # fmt: skip
-    heldout = case.poses.subset(case.heldout)
-    rms = {
-        "standard": standard.error,
-        "evolved equation": np.linalg.norm(points + evolved_move - full.measured, axis=0),
-    }
-    results = {
-        "stiffness_Nm_per_rad": {"true": case.stiffness["base_compliance"], "fitted": round(1 / compliant.theta[-1])},
-        "equation": str(program),
-        "as evolved": str(evolved.best.program),
-        "latex": program.latex(),
-        "train_rms_mm": {k: rounded(np.sqrt(np.mean(v**2))) for k, v in rms.items()},
-        "heldout_rms_mm": {
-            "standard": rounded(np.sqrt(np.mean(errors_on(standard, heldout) ** 2))),
-            "base compliance": rounded(np.sqrt(np.mean(errors_on(compliant, heldout) ** 2))),
-        },
-        "share linear in own coordinate": shares,
-    }
-    print(results["equation"], results["latex"], sep="\n")
+            axes.set(xlabel=f"{c}, m", ylabel=f"Δ{c}, mm")
+            axes.set_title(f"{name}: {text}", fontsize=9)
+    results["stiffness_Nm_per_rad"] = {"true": case.stiffness["base_compliance"], "fitted": 1 / compliant.theta[-1]}
+    results["heldout_rms_mm"] = {n: rms_mm(errors_on(m, heldout)) for n, m in (*models.items(), ("base", compliant))}
     save(chosen, results, {"compensation": figure})
     return results
 

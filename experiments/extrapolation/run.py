@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.chapter5 import ANGLES, THESIS_INPUTS, cartesian, fit, options, rounded, save
+from experiments.chapter5 import ANGLES, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.basis import Expression
 from gpmodel.calibration import Calibration, calibrate, errors_on
@@ -31,7 +31,12 @@ def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: n
     seen, unseen = (cartesian(model, case.poses.subset(rows)) for rows in (case.train, case.heldout))
     changes = {"population": chosen.population, "generations": chosen.generations}
     found = evolve(seen, Settings.thesis("linear", **changes, crossover=0.03, mutation=0.03), rng).best.program
-    return [np.linalg.norm(found.evaluate(p.inputs.mapping()) - p.measured, axis=0) for p in (seen, unseen)]
+    errors = []
+    for problem in (seen, unseen):
+        tip = problem.inputs.select(POSITION).values
+        compensated = found.evaluate(problem.inputs.mapping()) if found.outputs else tip
+        errors.append(np.linalg.norm(compensated - problem.measured, axis=0))
+    return errors
 
 
 def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> tuple[Any, list[str]]:

@@ -2,7 +2,7 @@
 
 Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
 From the root of the repository: python -m experiments.fitness.run [--seeds 3] [--generations 50] [--population 65536]
-[--tree_population 2048] [--out FOLDER]
+[--tree_population 4096] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gpmodel.evolve import Settings, evolve
 
 def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:
     """The thesis' settings at both ends of its 1 to 5 % for crossover and mutation, its trees, and ours."""
-    few = max(population // 16, 40)
+    few = max(population // 4, 40)
     return {
         "linear, thesis, 1 %": Settings.thesis("linear", population=population, generations=generations),
         "linear, thesis, 5 %": Settings.thesis(
@@ -35,7 +35,7 @@ def engines(population: int, tree_population: int, generations: int) -> dict[str
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    chosen = options(__doc__, "fitness", arguments, seeds=3, generations=50, population=65536, tree_population=2048)
+    chosen = options(__doc__, "fitness", arguments, seeds=3, generations=50, population=65536, tree_population=4096)
     case = measured_robot(0)
     problem = cartesian(fit(case), case.poses.subset(case.train))
     figure = Figure(figsize=(7, 4.5), layout="constrained")

@@ -75,8 +75,7 @@ def draw(rows: list[dict[str, Any]], runs: int) -> Figure:
         axes.bar(places - 0.2, row["real"], 0.4, label="measured errors", color="tab:blue")
         axes.bar(places + 0.2, row["shuffled"], 0.4, label="shuffled errors", color="0.7")
         axes.set_xticks(places, [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
-        axes.set_title(f"{row['search']} search: {row['model']}", fontsize=8)
-        axes.set_ylim(0, runs * 1.15)
+        axes.set(title=f"{row['search']} search: {row['model']}", ylim=(0, runs * 1.15))
     figure.axes[0].legend(fontsize=8, frameon=False)
     figure.supylabel(f"runs of {runs} that reference the input (* p < 0.05)", fontsize=9)
     return figure
