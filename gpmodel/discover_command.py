@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from gpmodel import checkpoint
-from gpmodel.check import check_dataset
+from gpmodel.check import refuse
 from gpmodel.discovery import Discovery, Finding, Options, Round
 from gpmodel.discovery import discover as run_loop
 from gpmodel.errors import InputError
@@ -92,7 +92,7 @@ def discover_table(
     """
     choice = MechanismChoice(**request["choice"])
     noise = None if request["noise"] is None else parse_quantity(request["noise"], "length", "--noise")
-    mechanism, choice, poses = load_poses(Path(request["table"]), choice, say)
+    mechanism, choice, poses = load_poses(Path(request["table"]), choice)
     train, heldout = hold_out(poses.dataset, request["holdout"], np.random.default_rng(request["seed"]))
     runs = max(2, round(RUNS_A_MINUTE * request["minutes"]))
     options = Options(
@@ -107,19 +107,14 @@ def discover_table(
     return write_results(found, choice, folder, request["seed"], noise)
 
 
-def load_poses(
-    table: Path, choice: MechanismChoice, say: Callable[[str], None]
-) -> tuple[Mechanism, MechanismChoice, Poses]:
+def load_poses(table: Path, choice: MechanismChoice) -> tuple[Mechanism, MechanismChoice, Poses]:
     """The mechanism and its measured poses, judged. A payload hangs at the tool point, which a first fit finds.
 
     Raises InputError for the first thing that makes the table useless.
     """
-    say("reading and judging the table")
     mechanism = choice.load()
     poses = prepare(mechanism, choice.read(table, mechanism))
-    errors = [f.text for f in check_dataset(mechanism, poses) if f.severity == "error"]
-    if errors:
-        raise InputError(f"{table.name}: {errors[0]}")
+    refuse(mechanism, poses)
     choice, mechanism, poses = hang_payload(choice, mechanism, poses)
     return mechanism, choice, poses
 

@@ -24,7 +24,7 @@ workers_option = click.option(
     "--workers",
     type=click.IntRange(1),
     default=None,
-    help="Processes; the numbers do not depend on it. [default: all cores]",
+    help="Threads; the numbers do not depend on it. [default: all cores]",
 )
 out_folder_option = click.option(
     "--out",
