@@ -131,7 +131,7 @@ def test_progress_says_what_is_tried_and_where_the_report_is(tmp_path: Path) -> 
         "discover", write(table(60, seed=3), tmp_path / "t.csv"), "--mechanism", "irb6400r", "--out", tmp_path / "o"
     )
     assert result.exit_code == 0
-    for said in ("reading and judging the table", "round 1", "evolving", "writing the report"):
+    for said in ("standard model", "round 1", "evolving", "writing the report"):
         assert said in result.stderr
     assert result.stdout.strip() == f"report: {tmp_path / 'o' / 'report.html'}"
 
