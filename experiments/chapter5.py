@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy import stats
 
 from experiments.irb6400r_truth import Case
 from gpmodel import catalogue
 from gpmodel.calibration import Calibration, calibrate
+from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, geometric_effects
 from gpmodel.mechanism import Array
 from gpmodel.model import ErrorModel, Poses, observe
@@ -51,6 +53,14 @@ def cartesian(calibration: Calibration, poses: Poses, shuffle: np.random.Generat
         error = error[shuffle.permutation(len(error))]
     inputs = Inputs(THESIS_INPUTS, np.vstack([predicted.T, poses.dataset.q.T]), ANGLES)
     return CartesianProblem(inputs, np.ascontiguousarray((predicted + error).T))
+
+
+def against_chance(real: IntArray, null: IntArray, runs: int) -> dict[str, Any]:
+    """Runs that reference each thesis input on real and on shuffled errors, Fisher's one-sided p times the inputs."""
+    tables = [[[r, runs - r], [n, runs - n]] for r, n in zip(real, null, strict=True)]
+    p = [min(1.0, len(real) * float(stats.fisher_exact(t, "greater").pvalue)) for t in tables]
+    outside = [name for name, value in zip(THESIS_INPUTS, p, strict=True) if value < 0.05]
+    return {"real": real, "shuffled": null, "p": np.round(p, 5), "outside": outside}
 
 
 def options(text: str | None, folder: str, arguments: list[str] | None, **defaults: int) -> argparse.Namespace:

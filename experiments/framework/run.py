@@ -77,6 +77,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         top.set_title(f"round {number}\n{chosen_effect.name}", fontsize=9)
         bottom.hist([1e3 * before[1], 1e3 * after], bins=12, color=["0.7", "tab:green"], label=["before", "after"])
         bottom.set_xlabel("held-out error, mm", fontsize=8)
+        top.set_ylim(0, 1.4 * chosen.runs)
         top.legend(fontsize=7, frameon=False)
         bottom.legend(fontsize=7, frameon=False)
     results = {"robot": 0, "rounds": rounds}

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy import stats
 
-from experiments.chapter5 import ANGLES, THESIS_INPUTS, cartesian, fit, options, save
+from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration import Calibration
 from gpmodel.evidence import gather, sites_of
@@ -45,39 +44,38 @@ SEARCHES = {"Cartesian": cartesian_search, "slot": slot_search}
 
 
 def count(search: str, case: Case, model: str, chosen: Namespace, rng: np.random.Generator) -> dict[str, Any]:
-    """Runs that reference each input, on the real and on shuffled errors, and Fisher's one-sided p times the inputs."""
+    """Runs that reference each input, on real and on shuffled errors, and Fisher's one-sided p times the inputs."""
     calibration = fit(case, MODELS[model])
     real, null = np.zeros((2, len(THESIS_INPUTS)), dtype=int)
     for counts, shuffle in ((real, None), (null, rng)):
         for _ in range(chosen.runs):
             found = evolve(*SEARCHES[search](case, calibration, chosen, shuffle), rng).best.program.inputs
             counts += [name in found for name in THESIS_INPUTS]
-    tables = [[[r, chosen.runs - r], [n, chosen.runs - n]] for r, n in zip(real, null, strict=True)]
-    p = [min(1.0, len(real) * float(stats.fisher_exact(t, "greater").pvalue)) for t in tables]
-    outside = [name for name, value in zip(THESIS_INPUTS, p, strict=True) if value < 0.05]
-    return {"search": search, "model": model, "real": real, "shuffled": null, "p": np.round(p, 5), "outside": outside}
+    return {"search": search, "model": model, "runs": chosen.runs, **against_chance(real, null, chosen.runs)}
 
 
-def pointing(rows: list[dict[str, Any]]) -> dict[str, dict[str, str]]:
-    """On how many robots some input of each group stands out of chance, by search and model."""
-    out = {}
+def pooled(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """All robots' runs together, by search and model, and on how many robots some input of a group stands out."""
+    out = []
     for search, model in dict.fromkeys((row["search"], row["model"]) for row in rows):
-        seen = [set(row["outside"]) for row in rows if (row["search"], row["model"]) == (search, model)]
-        hits = {to: f"{sum(bool(s & set(names)) for s in seen)} of {len(seen)}" for to, names in POINTS_AT.items()}
-        out[f"{search}, {model}"] = hits
+        those = [row for row in rows if (row["search"], row["model"]) == (search, model)]
+        hits = {to: sum(bool({*row["outside"]} & {*names}) for row in those) for to, names in POINTS_AT.items()}
+        real, null = (np.sum([row[key] for row in those], axis=0) for key in ("real", "shuffled"))
+        runs = sum(row["runs"] for row in those)
+        head = {"search": search, "model": model, "runs": runs, "robots": len(those), "robots pointing at": hits}
+        out.append({**head, **against_chance(real, null, runs)})
     return out
 
 
-def draw(rows: list[dict[str, Any]], runs: int) -> Figure:
+def draw(rows: list[dict[str, Any]]) -> Figure:
     figure = Figure(figsize=(11, 5.5), layout="constrained")
-    for axes, row in zip(figure.subplots(2, 3, sharey=True).flat, rows, strict=False):
-        places = np.arange(len(THESIS_INPUTS))
-        axes.bar(places - 0.2, row["real"], 0.4, label="measured errors", color="tab:blue")
-        axes.bar(places + 0.2, row["shuffled"], 0.4, label="shuffled errors", color="0.7")
-        axes.set_xticks(places, [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
-        axes.set(title=f"{row['search']} search: {row['model']}", ylim=(0, runs * 1.15))
+    for axes, row in zip(figure.subplots(2, 3).flat, rows, strict=False):
+        for shift, key, shade in ((-0.2, "real", "tab:blue"), (0.2, "shuffled", "0.7")):
+            axes.bar(np.arange(len(THESIS_INPUTS)) + shift, row[key], 0.4, color=shade, label=f"{key} errors")
+        axes.set_xticks(range(len(THESIS_INPUTS)), [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
+        axes.set_title(f"{row['search']} search: {row['model']}, {row['runs']} runs", fontsize=9)
     figure.axes[0].legend(fontsize=8, frameon=False)
-    figure.supylabel(f"runs of {runs} that reference the input (* p < 0.05)", fontsize=9)
+    figure.supylabel("runs that reference the input (* p < 0.05)", fontsize=9)
     return figure
 
 
@@ -91,8 +89,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         for search in SEARCHES if seed < chosen.cartesian else ["slot"]:
             rows += [{"robot": seed, **count(search, case, model, chosen, rng)} for model in MODELS]
         print(seed, [(r["search"], r["model"], r["outside"]) for r in rows if r["robot"] == seed], flush=True)
-        results = {"stand out of chance": pointing(rows), "inputs": THESIS_INPUTS, "robots": rows}
-        save(chosen, results, {"histogram": draw([r for r in rows if r["robot"] == 0], chosen.runs)})
+        results = {"inputs": THESIS_INPUTS, "pooled": pooled(rows), "robots": rows}
+        save(chosen, results, {"histogram": draw(results["pooled"])})
     return results
 
 
