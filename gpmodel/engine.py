@@ -38,6 +38,10 @@ class Code:
     hashes: NDArray[np.uint64]
     constants: Array
 
+    def take(self, rows: NDArray[np.intp]) -> "Code":
+        """The code of some of the programs."""
+        return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
 
 def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
     """Effective code of a slice of a population."""

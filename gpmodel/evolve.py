@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.archive import Archive, Candidate, Population, program_at
-from gpmodel.engine import decode
+from gpmodel.engine import BLOCK, decode
 from gpmodel.errors import InputError
 from gpmodel.layout import Layout
 from gpmodel.linear import SequenceBreeding
@@ -41,7 +41,7 @@ class Breeding(Protocol):
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a run after one generation; best and median are scores (lower is better)."""
+    """State of a run after one generation; best and median are scores (lower is better) of finite programs."""
 
     generation: int
     best: float
@@ -115,6 +115,7 @@ class Run:
         self.archive = Archive(problem, self.layout)
         self.columns = problem.inputs.mapping()
         self.polished: set[int] = set()
+        self.hopeless = np.inf
         self.breeding: Breeding
         if settings.representation == "linear":
             self.breeding = SequenceBreeding(
@@ -127,13 +128,23 @@ class Run:
                 self.layout, settings.breeding, settings.depth, 1, min(4, settings.depth), settings.crossover
             )
 
-    def scores(self, population: Any, hopeless: float = np.inf) -> Scores:
+    def scores(self, population: Any, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
+        """Scores of a population; effective code that is in ``known`` is not run again."""
         readable = getattr(population, "forest", population)
         found = Scores.empty(len(population))
+        order = None if known is None else np.argsort(known.hashes)
 
         def work(part: slice) -> None:
             code = decode(readable, part, self.layout)
-            found[part] = self.problem.scores(code, self.fixed, self.settings.parsimony, hopeless)
+            rows = np.arange(part.start, part.stop)
+            if known is not None and order is not None:
+                place = np.minimum(np.searchsorted(known.hashes, code.hashes, sorter=order), len(order) - 1)
+                same = order[place]
+                met = known.hashes[same] == code.hashes
+                found[rows[met]] = known.take(same[met])
+                rows, code = rows[~met], code.take(np.flatnonzero(~met))
+            if len(rows):
+                found[rows] = self.problem.scores(code, self.fixed, self.settings.parsimony, hopeless)
 
         over_slices(len(population), self.threads, work, self.problem.slice)
         return found
@@ -205,14 +216,30 @@ class Run:
             elite = elite[np.argsort(scores.score[elite], kind="stable")]
             mothers, fathers = rng.choice(elite, (2, count))
             children = self.breeding.offspring(population, mothers, fathers, rng)
-            return children, self.scores(children)
+            return children, self._scores_of_selectable(children, few)
         entrants = rng.integers(0, count, (2, count, settings.tournament))
         winners = np.take_along_axis(entrants, scores.score[entrants].argmin(axis=2)[..., None], axis=2)[..., 0]
         children = self.breeding.offspring(population, winners[0], winners[1], rng)
-        both = scores.join(self.scores(children))
+        both = scores.join(self.scores(children, known=scores))
         keep = survivors(both, count)
         return population.join(children).take(keep), both.take(keep)
 
+
+    def _scores_of_selectable(self, children: Any, few: int) -> Scores:
+        """Scores in which those too bad to be selected may be infinite; who is selected is the same.
+
+        Over many poses, a maximum that passes a limit is not run to the end. Where fewer than ``few`` stay
+        below the limit, taken from the generation before, everything is run again without one.
+        """
+        problem = self.problem
+        pays = isinstance(problem, CartesianProblem) and problem.norm == "max" and self.fixed.shape[1] > BLOCK
+        if not pays or self.settings.parsimony:
+            return self.scores(children)
+        found = self.scores(children, self.hopeless)
+        if np.count_nonzero(found.score <= self.hopeless) < few:
+            found = self.scores(children)
+        self.hopeless = float(np.partition(found.score, few - 1)[few - 1])
+        return found
 
     def _polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
         """The best programs not met before, their constants fitted, in the place of the worst."""

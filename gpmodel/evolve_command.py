@@ -171,7 +171,7 @@ def report_of(runs: Sequence[Run], counted: Histogram, problem: Problem, request
 
 def show(console: Console, runs: Sequence[Run], counted: Histogram) -> None:
     """Print the runs on the residual, and the histogram beside that of the shuffled ones."""
-    table = Table(title="Best program of each run", title_justify="left", box=None, pad_edge=False, padding=(0, 1))
+    table = Table(box=None, pad_edge=False, padding=(0, 1))
     for heading in ("", "run", "gain", "held out", "nodes", "site"):
         table.add_column(heading, justify="right" if heading in ("run", "gain", "held out", "nodes") else "left")
     for run in runs:
@@ -180,10 +180,9 @@ def show(console: Console, runs: Sequence[Run], counted: Histogram) -> None:
             table.add_row(
                 run.representation, str(run.number + 1), f"{run.gain:.3f}", heldout, str(run.complexity), run.site
             )
+    console.print("Best program of each run")
     console.print(table)
-    chart = Table(
-        title="\nRuns that refer to each input (on shuffled errors)", title_justify="left", box=None, pad_edge=False
-    )
+    chart = Table(box=None, pad_edge=False)
     chart.add_column("")
     for kind in counted.counts:
         chart.add_column(f"{kind}, {counted.runs[kind]} runs", justify="right")
@@ -191,6 +190,7 @@ def show(console: Console, runs: Sequence[Run], counted: Histogram) -> None:
     for k, name in enumerate(counted.inputs):
         cells = [f"{counted.counts[kind][k]} ({counted.shuffled[kind][k]})" for kind in counted.counts]
         chart.add_row(name, *cells, f"{counted.p_values[k]:.2g}")
+    console.print("\nRuns that refer to each input (on shuffled errors)")
     console.print(chart)
     found = ", ".join(counted.significant)
     console.print(f"stands out of chance: {found}" if found else "no input stands out of chance")

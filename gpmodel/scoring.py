@@ -30,7 +30,7 @@ class Scores:
         complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
         return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 
-    def __setitem__(self, part: slice, other: "Scores") -> None:
+    def __setitem__(self, part: slice | NDArray[np.intp], other: "Scores") -> None:
         for name in ("score", "gain", "complexity", "site", "chosen", "hashes"):
             getattr(self, name)[part] = getattr(other, name)
 

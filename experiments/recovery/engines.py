@@ -1,0 +1,99 @@
+"""The engines compared on a regression problem; each returns a predictor and, where it has one, an expression."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
+from gpmodel.program import Program
+from gpmodel.projection import regression
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What an engine returns: predictions at new points; the program and its coefficients, the last the intercept."""
+
+    predict: Callable[[dict[str, Array]], Array]
+    program: Program | None = None
+    coefficients: tuple[float, ...] = ()
+
+
+Engine = Callable[[dict[str, Array], Array, float, int], Found]
+
+LAWS = Settings(
+    operators="physics", constants=(1.0, 2.0), own_constants=0, outputs=4, registers=6, length=40,
+    parsimony=3.0, restart_after=25, polish_every=0, target=1.0 - 1e-10, threads=1,
+)  # fmt: skip
+
+
+def here(representation: str, outputs: int) -> Engine:
+    """Our search; with one output the program itself is the answer, scaled, as elsewhere."""
+
+    def search(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
+        from dataclasses import replace
+
+        population = 1024 if representation == "linear" else 256
+        settings = replace(LAWS, representation=representation, seconds=seconds, outputs=outputs, population=population)
+        problem = SlotProblem(Inputs(tuple(columns), np.array(list(columns.values()))), regression(response))
+        program = evolve(problem, settings, np.random.default_rng(seed)).best.program
+        table = np.vstack([program.evaluate(columns), np.ones_like(response)]).T
+        solved = np.linalg.lstsq(table, response, rcond=None)[0]
+
+        def predict(new: dict[str, Array]) -> Array:
+            return solved[:-1] @ program.evaluate(new) + solved[-1]
+
+        return Found(predict, program, tuple(solved.tolist()))
+
+    return search
+
+
+def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
+    """pyoperon with Levenberg-Marquardt, one thread."""
+    from pyoperon.sklearn import SymbolicRegressor
+
+    model = SymbolicRegressor(
+        allowed_symbols="add,sub,mul,div,square,sqrt,sin,cos,exp,log,constant,variable",
+        optimizer_iterations=5, population_size=1000, generations=1_000_000, max_evaluations=10**9,
+        time_limit=max(1, int(seconds)), n_threads=1, random_state=seed,
+    )  # fmt: skip
+    model.fit(np.column_stack(list(columns.values())), response)
+    return Found(lambda new: np.asarray(model.predict(np.column_stack(list(new.values()))), dtype=float))
+
+
+def gplearn(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
+    """gplearn's SymbolicRegressor, a generation at a time until the time is over."""
+    import time
+
+    from gplearn.genetic import SymbolicRegressor
+
+    functions = ("add", "sub", "mul", "div", "sqrt", "log", "sin", "cos", "inv")
+    table = np.column_stack(list(columns.values()))
+    model = SymbolicRegressor(
+        population_size=1000, generations=1, function_set=functions, warm_start=True, random_state=seed
+    )
+    begin = time.perf_counter()
+    while time.perf_counter() - begin < seconds:
+        model.fit(table, response)
+        model.set_params(generations=model.generations + 1)
+        if model._program.raw_fitness_ < 1e-9:
+            break
+    return Found(lambda new: model.predict(np.column_stack(list(new.values()))))
+
+
+def available() -> dict[str, Engine]:
+    """Our engines, and the peers that are installed."""
+    engines: dict[str, Engine] = {
+        "linear, 4 registers solved": here("linear", 4),
+        "linear, 1 register": here("linear", 1),
+        "tree, 4 roots solved": here("tree", 4),
+    }
+    if find_spec("pyoperon"):
+        engines["Operon"] = operon
+    if find_spec("gplearn"):
+        engines["gplearn"] = gplearn
+    return engines

@@ -1,0 +1,173 @@
+"""How fast the engines run thesis scale, beside peers, and where the time goes.
+
+From the root of the repository: python -m experiments.speed.run [--repeats 9] [--out FOLDER]
+gplearn is timed where it is installed. Wall times are medians and bests of one process, one engine after the other;
+CPU seconds (all threads) depend less on what else the machine does.
+"""
+
+import argparse
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
+from gpmodel import engine
+from gpmodel.evolve import CartesianProblem, Inputs, Run, Settings
+from gpmodel.layout import Layout
+from gpmodel.operators import BY_CODE, operator_set
+from gpmodel.parallel import cores, over_slices
+from gpmodel.tree import Individual, TreeBreeding, Trees
+
+START = """
+import numpy as np
+from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
+from gpmodel.projection import regression
+x = np.random.default_rng(0).normal(size=(3, 40))
+problem = SlotProblem(Inputs(("a", "b", "c"), x), regression(x[0] * x[1]))
+for kind in ("linear", "tree"):
+    evolve(problem, Settings(kind, population=64, generations=2, polish_every=1), np.random.default_rng(0))
+"""
+
+
+def timed(work: Callable[[], Any], repeats: int) -> dict[str, float]:
+    """Milliseconds of ``work`` after one call to warm up."""
+    work()
+    wall, cpu = [], []
+    for _ in range(repeats):
+        begin, used = time.perf_counter(), time.process_time()
+        work()
+        wall.append(1e3 * (time.perf_counter() - begin))
+        cpu.append(1e3 * (time.process_time() - used))
+    found = {"median_ms": np.median(wall), "best_ms": min(wall), "cpu_ms": np.median(cpu)}
+    return {name: round(float(value), 2) for name, value in found.items()}
+
+
+def thesis_scale(repeats: int) -> dict[str, Any]:
+    """65 536 sequences of 160 elements on 40 poses, maximum norm, at the start and after 30 generations."""
+    rng = np.random.default_rng(0)
+    points, joints = rng.normal(size=(3, 40)), rng.uniform(-1, 1, (6, 40))
+    inputs = Inputs(("x", "y", "z", *(f"J{k}" for k in range(1, 7))), np.vstack([points, joints]))
+    measured = points + 0.1 * np.stack([np.sin(joints[3]), 0.5 * points[1], np.zeros(40)])
+    run = Run(CartesianProblem(inputs, measured), Settings.thesis(), rng)
+    population = run.breeding.initial(65536, rng)
+    scores = run.scores(population)
+    rows = {"evaluation, random population": timed(lambda: run.scores(population), repeats)}
+    for _ in range(30):
+        population, scores = run._next(population, scores)
+    rows["evaluation, generation 30"] = timed(lambda: run.scores(population), repeats)
+    rows["one generation"] = timed(lambda: run._next(population, scores), repeats)
+    rows["of it: decoding"] = timed(
+        lambda: over_slices(
+            65536, run.threads, lambda part: engine.decode(population, part, run.layout) and None, 2048
+        ),
+        repeats,
+    )
+    code = engine.decode(population, slice(0, 2048), run.layout)
+    live = np.concatenate([words[:n] & 0xFFFF for words, n in zip(code.words, code.count, strict=True)])
+    poses = 32 * sum(np.count_nonzero(live == c) * seconds for c, seconds in operator_seconds().items())
+    return {
+        "rows": rows,
+        "live_instructions_a_program": round(float(code.count.mean()), 1),
+        "arithmetic_limit_cpu_ms": round(1e3 * 40 * float(poses), 2),
+        "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+    }
+
+
+def operator_seconds() -> dict[int, float]:
+    """Seconds a pose of each operator, alone, on long rows in the first cache."""
+    from gpmodel.kernels.execute import execute
+
+    rows = np.random.default_rng(0).uniform(0.5, 1.5, (12, 512))
+    found = {}
+    for code in BY_CODE:
+        words = np.array([code | (k << 16) | ((k + 1) << 32) for k in range(4)])
+        execute(words, 4, np.empty(0), rows, 8, 512)
+        begin = time.thread_time()
+        for _ in range(500):
+            execute(words, 4, np.empty(0), rows, 8, 512)
+        found[code] = (time.thread_time() - begin) / (500 * 4 * 512)
+    return found
+
+
+def trees(poses: int, repeats: int) -> dict[str, Any]:
+    """16 384 trees of 31 nodes; peers on 256 of them, scaled."""
+    names = tuple("abcdef")
+    layout = Layout(names, operator_set("add,subtract,multiply,max"), (), (None,), 1)
+    bred = full_trees(TreeBreeding(layout), 16384, 1)
+    columns = dict(zip(names, np.random.default_rng(0).normal(size=(6, poses)), strict=True))
+    fixed = layout.fixed_rows(np.stack(list(columns.values())))
+    population = Trees(tuple(Individual((tree,)) for tree in bred))
+    forest = population.forest
+    first = np.empty(16384)
+
+    def evaluate() -> None:
+        def work(part: slice) -> None:
+            first[part] = engine.values(engine.decode(forest, part, layout), fixed)[:, 0, 0]
+
+        over_slices(16384, cores(), work, 512)
+
+    rows = {
+        "here": timed(evaluate, repeats),
+        "here, DEAP trees to codes": timed(lambda: Trees(tuple(Individual((tree,)) for tree in bred)).forest, 3),
+    }
+    peers = {"DEAP compile and call": deap_evaluate}
+    if find_spec("gplearn"):
+        peers["gplearn execute"] = gplearn_evaluate
+    for name, peer in peers.items():
+        np.testing.assert_allclose(peer(bred[:256], columns), first[:256], rtol=1e-9)
+        sample = timed(lambda peer=peer: peer(bred[:256], columns), 3)
+        rows[name] = {kind: round(64 * value, 1) for kind, value in sample.items()}
+    return rows
+
+
+def cold_start() -> dict[str, float]:
+    """Seconds of a fresh process that runs both representations once, and of the command's help."""
+    found = {}
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        for name in ("compile cache empty", "compile cache warm"):
+            begin = time.perf_counter()
+            subprocess.run([sys.executable, "-c", START], check=True, env=environment)
+            found[name] = round(time.perf_counter() - begin, 2)
+    begin = time.perf_counter()
+    shown = [sys.executable, "-c", "from gpmodel.cli import main; main()", "evolve", "--help"]
+    subprocess.run(shown, check=True, stdout=subprocess.DEVNULL)
+    found["gpmodel evolve --help"] = round(time.perf_counter() - begin, 2)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    chosen = parser.parse_args()
+    results = {
+        "command": f"python -m experiments.speed.run --repeats {chosen.repeats}",
+        "machine": {
+            "cores": cores(),
+            "processor": platform.processor() or platform.machine(),
+            "load": os.getloadavg()[0],
+        },
+        "65536 sequences x 160 elements x 40 poses": thesis_scale(chosen.repeats),
+        "16384 trees x 31 nodes x 40 poses": trees(40, chosen.repeats),
+        "16384 trees x 31 nodes x 1000 poses": trees(1000, chosen.repeats),
+        "cold start, s": cold_start(),
+    }
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(results, indent=1))
+
+
+if __name__ == "__main__":
+    main()
