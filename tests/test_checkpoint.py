@@ -50,6 +50,8 @@ def test_numbers_that_are_not_finite_survive(tmp_path: Path) -> None:
     checkpoint.save(tmp_path, REQUEST, (), (replace(first, exploration=exploration),))
     _, _, (again,) = checkpoint.load(tmp_path)
     np.testing.assert_array_equal(again.exploration.null_nats, [-np.inf, np.inf, np.nan, 1.0])
+    text = (tmp_path / checkpoint.NAME).read_text()
+    assert not json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")).get("missing")
 
 
 def test_it_is_text_and_is_written_whole(tmp_path: Path) -> None:

@@ -33,8 +33,9 @@ def test_an_innocent_robot_is_placed_exactly(name: str, see: str) -> None:
         np.testing.assert_allclose(point, truth.placement.anchors[anchor], atol=1e-4)
 
 
-def test_several_setups_and_tools_are_placed_together() -> None:
-    truth = measure("irb6400r", (), (), 4, count=60, noise=0.0, geometry=0.0, setups=3, tools=2)
+@pytest.mark.parametrize("see", ["position", "pose"])
+def test_several_setups_and_tools_are_placed_together(see: str) -> None:
+    truth = measure("irb6400r", (), (), 4, count=60, noise=0.0, geometry=0.0, setups=3, tools=2, see=SEEN[see])
     start = start_placement(truth.poses)
     assert list(start.registration) == ["s0", "s1", "s2"]
     assert list(start.tool) == ["t0", "t1"]
