@@ -58,9 +58,16 @@ def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int
 
     model = SymbolicRegressor(
         allowed_symbols="add,sub,mul,div,square,sqrt,sin,cos,exp,log,constant,variable",
-        optimizer_iterations=5, population_size=1000, generations=1_000_000, max_evaluations=10**9,
-        time_limit=max(1, int(seconds)), n_threads=1, random_state=seed,
-    )  # fmt: skip
+        optimizer_iterations=5,
+        population_size=1000,
+        generations=1_000_000,
+        max_evaluations=10**9,
+        max_time=max(1, int(seconds)),
+        epsilon=1e-12,
+        model_selection_criterion="mean_squared_error",
+        n_threads=1,
+        random_state=seed,
+    )
     model.fit(np.column_stack(list(columns.values())), response)
     return Found(lambda new: np.asarray(model.predict(np.column_stack(list(new.values()))), dtype=float))
 

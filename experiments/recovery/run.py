@@ -4,6 +4,7 @@ From the root of the repository: python -m experiments.recovery.run [--seconds 6
 [--engines "linear, 4 registers solved;Operon"] [--out FOLDER]
 Seconds are of one processor core: a busy machine is measured first and given longer. Solved: normalised mean
 squared error below 1e-8 on 1000 points not trained on (with noise: below a hundredth of the noise's variance).
+Results of engines run before stay in the file beside the new ones.
 """
 
 import argparse
@@ -79,11 +80,8 @@ def main() -> None:
     chosen = parser.parse_args()
     engines = available()
     names = list(engines) if chosen.engines is None else chosen.engines.split(";")
-    results: dict[str, Any] = {
-        "command": f"python -m experiments.recovery.run --seconds {chosen.seconds:g} --seeds {chosen.seeds} "
-        f"--noise {chosen.noise:g}",
-        "engines": {},
-    }
+    file = chosen.out / ("results.json" if chosen.noise == 0 else f"results_noise_{chosen.noise:g}.json")
+    results: dict[str, Any] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     chosen.out.mkdir(parents=True, exist_ok=True)
     for name in names:
         rows = []
@@ -92,16 +90,17 @@ def main() -> None:
                 rows.append(attempt(engines[name], law, seed, chosen.seconds, chosen.noise))
                 print(name, rows[-1], flush=True)
         times = [row["cpu_seconds"] for row in rows if row["solved"]]
-        results["engines"][name] = {
+        results[name] = {
+            "command": f"python -m experiments.recovery.run --seconds {chosen.seconds:g} --seeds {chosen.seeds} "
+            f'--noise {chosen.noise:g} --engines "{name}"',
             "solved": len(times),
             "of": len(rows),
             "exact": sum(row["exact"] for row in rows),
             "median_cpu_seconds_to_solve": float(np.median(times)) if times else None,
             "runs": rows,
         }
-        file = "results.json" if chosen.noise == 0 else f"results_noise_{chosen.noise:g}.json"
-        (chosen.out / file).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        print(name, {k: v for k, v in results["engines"][name].items() if k != "runs"}, flush=True)
+        file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        print(name, {k: v for k, v in results[name].items() if k != "runs"}, flush=True)
 
 
 if __name__ == "__main__":
