@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolve import CartesianProblem, Inputs, Run, Settings, SlotProblem, evolve, survivors
+from gpmodel.evolve import CartesianProblem, Inputs, Settings, SlotProblem, evolve
+from gpmodel.generations import Generations, survivors
 from gpmodel.projection import Targets, regression
 from gpmodel.scoring import Scores
 
@@ -195,23 +196,23 @@ def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pyt
     problem = CartesianProblem(inputs, inputs.values[:3] + bent)
     settings = replace(Settings.thesis(), population=1000, generations=12, length=40)
     early = evolve(problem, settings, np.random.default_rng(1))
-    monkeypatch.setattr("gpmodel.evolve.BLOCK", 10**6)
+    monkeypatch.setattr("gpmodel.generations.BLOCK", 10**6)
     full = evolve(problem, settings, np.random.default_rng(1))
     np.testing.assert_array_equal(early.history["best"], full.history["best"])
     assert [str(c.program) for c in early.front] == [str(c.program) for c in full.front]
     monkeypatch.undo()
-    run = Run(problem, settings, np.random.default_rng(1))
+    run = Generations(problem, settings, np.random.default_rng(1))
     population = run.breeding.initial(1000, np.random.default_rng(2))
     whole = run.scores(population).score
     run.hopeless = float(np.partition(whole, 60)[60])
-    dropped = run._scores_of_selectable(population, 50).score
+    dropped = run.scores_of_selectable(population, 50).score
     assert np.count_nonzero(np.isinf(dropped)) > np.count_nonzero(np.isinf(whole)) + 20
     np.testing.assert_array_equal(np.sort(dropped)[:60], np.sort(whole)[:60])
 
 
 def test_known_code_keeps_its_score() -> None:
     inputs = joints(60)
-    run = Run(SlotProblem(inputs, regression(np.sin(inputs["J1"]))), QUICK["linear"], np.random.default_rng(0))
+    run = Generations(SlotProblem(inputs, regression(np.sin(inputs["J1"]))), QUICK["linear"], np.random.default_rng(0))
     population = run.breeding.initial(300, np.random.default_rng(1))
     known = run.scores(population)
     children = run.breeding.offspring(population, np.arange(300), np.arange(300)[::-1].copy(), np.random.default_rng(2))

@@ -23,7 +23,8 @@ import numpy as np
 
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
 from gpmodel import engine
-from gpmodel.evolve import CartesianProblem, Inputs, Run, Settings
+from gpmodel.evolve import CartesianProblem, Inputs, Settings
+from gpmodel.generations import Generations
 from gpmodel.layout import Layout
 from gpmodel.operators import BY_CODE, operator_set
 from gpmodel.parallel import cores, over_slices
@@ -59,14 +60,14 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
     points, joints = rng.normal(size=(3, 40)), rng.uniform(-1, 1, (6, 40))
     inputs = Inputs(("x", "y", "z", *(f"J{k}" for k in range(1, 7))), np.vstack([points, joints]))
     measured = points + 0.1 * np.stack([np.sin(joints[3]), 0.5 * points[1], np.zeros(40)])
-    run = Run(CartesianProblem(inputs, measured), Settings.thesis(), rng)
+    run = Generations(CartesianProblem(inputs, measured), Settings.thesis(), rng)
     population = run.breeding.initial(65536, rng)
     scores = run.scores(population)
     rows = {"evaluation, random population": timed(lambda: run.scores(population), repeats)}
     for _ in range(30):
-        population, scores = run._next(population, scores)
+        population, scores = run.following(population, scores)
     rows["evaluation, generation 30"] = timed(lambda: run.scores(population), repeats)
-    rows["one generation"] = timed(lambda: run._next(population, scores), repeats)
+    rows["one generation"] = timed(lambda: run.following(population, scores), repeats)
     rows["of it: decoding"] = timed(
         lambda: over_slices(
             65536, run.threads, lambda part: engine.decode(population, part, run.layout) and None, 2048
