@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from experiments.irb6400r_truth import Case
@@ -84,6 +85,6 @@ def save(chosen: argparse.Namespace, results: dict[str, Any], figures: dict[str,
         figure.savefig(chosen.out / "figures" / f"{name}.png", dpi=110)
 
 
-def rounded(values: Array, scale: float = 1e3) -> Any:
+def rounded(values: ArrayLike, scale: float = 1e3) -> Any:
     """Metres as millimetres with four decimals, for results.json."""
     return np.round(scale * np.asarray(values, dtype=float), 4).tolist()

@@ -16,7 +16,7 @@ from gpmodel.effect import Effect, geometric_effects
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.poses import spread_poses
-from robots import load_mechanism
+from robots.irb6400r import irb6400r
 
 POSES, TRAINING = 90, 40
 LOWEST_TIP = 0.3
@@ -47,7 +47,7 @@ def measured_robot(seed: int = 0, poses: int = POSES, training: int = TRAINING) 
     Pose choice, geometry, phases of the eccentricities, instrument place, split and noise differ with every seed.
     """
     rng = np.random.default_rng([6400, seed])
-    mechanism = load_mechanism("irb6400r", payload_com=PAYLOAD_CENTRE)
+    mechanism = replace(irb6400r(), payload_com=np.array(PAYLOAD_CENTRE))
     q = spread_poses(mechanism, poses, rng, LOWEST_TIP)
     blank = np.full((poses, 3), np.nan)
     joints = tuple(j.name for j in mechanism.joints)

@@ -76,7 +76,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         results["share linear in own coordinate"][name] = shares
         for k, axes in enumerate(row):
             c = POSITION[k]
-            text = "constant" if shares[c] is None else f"a line explains {100 * shares[c]:.0f} %"
+            share = shares[c]
+            text = "constant" if share is None else f"a line explains {100 * share:.0f} %"
             axes.plot(points[k], 1e3 * move[k], "o", markersize=4)
             axes.set(xlabel=f"{c}, m", ylabel=f"Δ{c}, mm")
             axes.set_title(f"{name}: {text}", fontsize=9)
