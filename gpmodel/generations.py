@@ -112,7 +112,7 @@ class Generations:
         winners = np.take_along_axis(entrants, scores.score[entrants].argmin(axis=2)[..., None], axis=2)[..., 0]
         children = self.breeding.offspring(population, winners[0], winners[1], rng)
         both = scores.join(self.scores(children, known=scores))
-        keep = survivors(both, count)
+        keep = survivors(both, count, settings.keep_distinct)
         return population.join(children).take(keep), both.take(keep)
 
     def scores_of_selectable(self, children: Any, few: int) -> Scores:
@@ -162,9 +162,11 @@ def distinct(hashes: NDArray[np.uint64]) -> int:
     return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
 
 
-def survivors(scores: Scores, count: int) -> NDArray[np.intp]:
-    """The best ``count`` rows, those of a score not seen before first."""
+def survivors(scores: Scores, count: int, keep_distinct: bool = True) -> NDArray[np.intp]:
+    """The best ``count`` rows; with ``keep_distinct`` those of a score not seen before come first."""
     order = np.argsort(scores.score, kind="stable")
+    if not keep_distinct:
+        return order[:count]
     behaviour = np.round(scores.score[order], 9)
     fresh = np.concatenate([[True], (behaviour[1:] != behaviour[:-1])])
     return np.concatenate([order[fresh], order[~fresh]])[:count]

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import chain
+from operator import attrgetter
 
 import numpy as np
 from deap import base, gp
@@ -44,6 +46,7 @@ def _standard_normal() -> float:
 
 _OwnConstant = gp.MetaEphemeral("constant", _standard_normal, object)
 _OwnConstant.code = OWN_CONSTANT
+_CODE = attrgetter("code")
 
 
 @contextmanager
@@ -64,13 +67,18 @@ class Individual:
 
     @cached_property
     def codes(self) -> NDArray[np.int16]:
-        codes = np.array([node.code for tree in self.trees for node in tree], dtype=np.int16)
+        """Prefix codes of all trees, own constants numbered in turn."""
+        codes = np.fromiter(map(_CODE, chain.from_iterable(self.trees)), np.int16)
         own = codes == OWN_CONSTANT
-        codes[own] += np.arange(np.count_nonzero(own), dtype=np.int16)
+        if own.any():
+            codes[own] += np.arange(np.count_nonzero(own), dtype=np.int16)
         return codes
 
     @cached_property
     def constants(self) -> list[float]:
+        """Values of the own constants, in the order of the codes."""
+        if self.codes.max() < OWN_CONSTANT:
+            return []
         return [node.value for tree in self.trees for node in tree if node.code == OWN_CONSTANT]
 
 

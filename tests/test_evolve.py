@@ -139,8 +139,9 @@ def test_progress_tells_of_every_generation() -> None:
 def test_survivors_are_the_best_of_each_score_first() -> None:
     score = np.array([3.0, 1.0, 1.0, 2.0, 1.0, 5.0])
     zero = np.zeros(6, np.int64)
-    kept = survivors(Scores(score, -score, zero, zero, zero, np.zeros(6, np.uint64)), 4)
-    assert kept.tolist() == [1, 3, 0, 5]
+    scores = Scores(score, -score, zero, zero, zero, np.zeros(6, np.uint64))
+    assert survivors(scores, 4).tolist() == [1, 3, 0, 5]
+    assert survivors(scores, 4, keep_distinct=False).tolist() == [1, 2, 4, 3]
 
 
 def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
