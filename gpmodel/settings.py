@@ -21,8 +21,8 @@ class Settings:
     start_inputs: registers start from the inputs in turn rather than from 0; direct: binary operators may
     name an element as well as a register.
     selection: "truncation" (thesis: parents drawn from the best ``selected`` share, the population replaced)
-    or "tournament" (of ``tournament``; the best of parents and children live on, with ``keep_distinct`` one of each behaviour
-    first).
+    or "tournament" (of ``tournament``; the best of parents and children live on, one of each score first with
+    ``keep_distinct``).
     crossover, mutation: per element for sequences; crossover is per child for trees.
     parsimony: cost of a node, in nats for a slot and in the unit of the norm for a compensator.
     target: stop once a program reaches this gain.
