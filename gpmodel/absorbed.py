@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpmodel import catalogue
-from gpmodel.calibration import Calibration, effect_columns, linearise
+from gpmodel.calibration import Calibration
 from gpmodel.effect import Effect
 from gpmodel.free_joints import free_joints
+from gpmodel.linearise import effect_columns, linearise
 from gpmodel.model import Poses
 
 

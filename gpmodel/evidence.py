@@ -9,19 +9,12 @@ from scipy import linalg, stats
 
 from gpmodel import identifiability as ident
 from gpmodel.basis import ONE, Basis
-from gpmodel.calibration import (
-    MANY_COLUMNS,
-    Calibration,
-    Linearised,
-    beliefs,
-    effect_columns,
-    factored,
-    linearise,
-    solve,
-)
+from gpmodel.calibration import Calibration, beliefs
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, Term
+from gpmodel.least_squares import MANY_COLUMNS, factored, solve
+from gpmodel.linearise import Linearised, effect_columns, linearise
 from gpmodel.mechanism import AXES, Array, Mask, Mechanism
 from gpmodel.model import Poses
 from gpmodel.projection import Targets

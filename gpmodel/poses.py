@@ -4,10 +4,10 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel import identifiability as ident
-from gpmodel.calibration import linearise
 from gpmodel.dataset import Dataset
 from gpmodel.effect import geometric_effects
 from gpmodel.errors import InputError
+from gpmodel.linearise import linearise
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Placement, prepare
 from gpmodel.se3 import chain

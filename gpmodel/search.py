@@ -9,13 +9,13 @@ import numpy as np
 from scipy import stats
 
 from gpmodel.basis import Expression
-from gpmodel.calibration import MANY_COLUMNS
 from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import axis_unit
 from gpmodel.errors import InputError
 from gpmodel.evidence import Evidence, Site, chance
 from gpmodel.evolve import Evolution, Inputs, Settings, SlotProblem, evolve
+from gpmodel.least_squares import MANY_COLUMNS
 from gpmodel.mechanism import Array
 from gpmodel.program import Program
 from gpmodel.states import States

@@ -3,9 +3,10 @@
 import numpy as np
 
 from gpmodel import identifiability as ident
-from gpmodel.calibration import ROTATION_LEVER, linearise
+from gpmodel.calibration import ROTATION_LEVER
 from gpmodel.dataset import Dataset, IntArray
 from gpmodel.effect import Effect
+from gpmodel.linearise import linearise
 from gpmodel.mechanism import Mechanism
 from gpmodel.model import ErrorModel, Placement, prepare
 from gpmodel.workspace import random_poses

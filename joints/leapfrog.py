@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.calibration import linearise, placement_after
 from gpmodel.free_joints import check_points, solve_joints
+from gpmodel.linearise import linearise, placement_after
 from gpmodel.model import ErrorModel, Poses
 from gpmodel.placement import start_placement
 from joints.kinematics import SphericalJoint

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel import identifiability as ident
-from gpmodel.calibration import effect_columns
 from gpmodel.dataset import Dataset
 from gpmodel.errors import InputError
 from gpmodel.free_joints import eliminate, joint_columns
+from gpmodel.linearise import effect_columns
 from gpmodel.mechanism import Array
 from gpmodel.model import ErrorModel, Placement, observe, prepare
 from gpmodel.poses import spread_poses

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.calibration import Linearised, pose_error
+from gpmodel.calibration import pose_error
+from gpmodel.linearise import Linearised
 from gpmodel.mechanism import Array
 from gpmodel.model import Placement, Poses, measured_minus
 

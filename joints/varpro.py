@@ -6,8 +6,8 @@ Source: Golub and Pereyra (1973).
 
 import numpy as np
 
-from gpmodel.calibration import linearise, placement_after
 from gpmodel.free_joints import check_points
+from gpmodel.linearise import linearise, placement_after
 from gpmodel.mechanism import Array
 from gpmodel.model import ErrorModel, Poses
 from gpmodel.placement import start_placement

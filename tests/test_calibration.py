@@ -7,9 +7,10 @@ import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, random_placement, residuals, true_tips
 
 from gpmodel.basis import Expression
-from gpmodel.calibration import calibrate, errors_on, linearise, placement_after, pose_error
+from gpmodel.calibration import calibrate, errors_on, pose_error
 from gpmodel.effect import Effect, drive_effect, effect_at, geometric_effects
 from gpmodel.errors import InputError
+from gpmodel.linearise import linearise, placement_after
 from gpmodel.model import ErrorModel, measured_minus, observe, prepare
 
 SEEN = {"position": ("position",), "pose": ("position", "rotation"), "distance": ("distance",)}

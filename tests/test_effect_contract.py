@@ -9,9 +9,9 @@ from effect_cases import MECHANISMS, bare, mechanism, random_placement
 
 from gpmodel import catalogue
 from gpmodel.basis import Expression
-from gpmodel.calibration import effect_columns
 from gpmodel.effect import Effect, Term, axis_unit, drive_effect, effect_at, geometric_effects
 from gpmodel.errors import InputError
+from gpmodel.linearise import effect_columns
 from gpmodel.mechanism import AXES, Array
 from gpmodel.model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 

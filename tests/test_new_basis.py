@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from effect_cases import bare, measure, mechanism
 
-from gpmodel.calibration import calibrate, effect_columns, errors_on
+from gpmodel.calibration import calibrate, errors_on
 from gpmodel.catalogue import Candidate
 from gpmodel.effect import Effect, Term, effect_at, geometric_effects
 from gpmodel.evidence import gather
+from gpmodel.linearise import effect_columns
 from gpmodel.mechanism import Array
 from gpmodel.model import ErrorModel, observe
 from gpmodel.states import States
