@@ -131,8 +131,22 @@ class Targets:
         return float((2.0 * (shape @ self.pull[site]) - column) / self.energy)
 
     def shuffled(self, rng: np.random.Generator) -> "Targets":
-        """The same sites with ``pull`` permuted over the poses: what the search finds where nothing is."""
-        return replace(self, pull=self.pull[:, rng.permutation(self.poses)])
+        """The same sites with the residual permuted over the poses: what the search finds where nothing is.
+
+        White noise projected out of the enabled columns gives a pull of covariance G at a site, not D. So each
+        pull is whitened by G, permuted (all sites alike), and coloured by G again: no part of it lies where
+        the enabled columns leave nothing.
+        """
+        order = rng.permutation(self.poses)
+        pull = np.empty_like(self.pull)
+        for site in range(self.sites):
+            gram = np.diag(self.weight[site]) - self.cross[site].T @ self.cross[site]
+            values, vectors = np.linalg.eigh(gram)
+            present = values > 1e-9 * max(values[-1], 0.0)
+            values, vectors = np.sqrt(values[present]), vectors[:, present]
+            white = vectors @ ((vectors.T @ self.pull[site]) / values)
+            pull[site] = vectors @ (values * (vectors.T @ white[order]))
+        return replace(self, pull=pull)
 
 
 def regression(response: Array, name: str = "response") -> Targets:

@@ -87,11 +87,33 @@ def test_regression_is_the_coefficient_of_determination() -> None:
     assert coefficients[0] == pytest.approx(np.polyfit(x, y, 1)[0])
 
 
-def test_shuffling_keeps_what_was_pulled() -> None:
-    targets, *_ = planted()
+def test_shuffling_a_regression_permutes_its_residual() -> None:
+    targets = regression(np.random.default_rng(8).normal(size=30))
     shuffled = targets.shuffled(np.random.default_rng(8))
-    np.testing.assert_allclose(np.sort(shuffled.pull), np.sort(targets.pull))
-    assert not np.array_equal(shuffled.pull, targets.pull)
+    np.testing.assert_allclose(np.sort(shuffled.pull), np.sort(targets.pull), atol=1e-12)
+    assert not np.allclose(shuffled.pull, targets.pull)
+
+
+def test_shuffled_gains_are_those_of_noise_even_close_to_the_enabled_columns() -> None:
+    targets, sensitivity, columns, residual = planted()
+    rng = np.random.default_rng(9)
+    site, other = 2, rng.normal(size=(400, POSES))
+    close = 1.0 + 0.05 * other
+    enabled, _ = np.linalg.qr(np.column_stack([columns, sensitivity[site].ravel()]))
+    residual = residual - enabled @ (enabled.T @ residual)
+    near = Targets(
+        targets.weight[[site]],
+        np.einsum("nc,nck->kn", sensitivity[site], enabled.reshape(POSES, 3, -1))[None],
+        np.einsum("nc,nc->n", sensitivity[site], residual.reshape(POSES, 3))[None],
+        float(residual @ residual),
+        ("elbow",),
+    )
+    gram = np.diag(near.weight[0]) - near.cross[0].T @ near.cross[0]
+    everything = near.pull[0] @ np.linalg.pinv(gram, rcond=1e-9) @ near.pull[0] / near.energy
+    expected = everything / POSES
+    for values in (other, close):
+        mean = np.mean([near.shuffled(np.random.default_rng(k)).gains(values).mean() for k in range(30)])
+        assert mean == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize("response", [np.ones(5), np.array([1.0, np.nan, 2.0]), np.ones(2)])
