@@ -1,7 +1,8 @@
 """The engines compared on a regression problem; each returns a predictor and, where it has one, an expression."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -35,8 +36,6 @@ def here(representation: str, outputs: int) -> Engine:
     """Our search; with one output the program itself is the answer, scaled, as elsewhere."""
 
     def search(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
-        from dataclasses import replace
-
         population = 1024 if representation == "linear" else 256
         settings = replace(LAWS, representation=representation, seconds=seconds, outputs=outputs, population=population)
         problem = SlotProblem(Inputs(tuple(columns), np.array(list(columns.values()))), regression(response))
@@ -52,8 +51,8 @@ def here(representation: str, outputs: int) -> Engine:
     return search
 
 
-def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
-    """pyoperon with Levenberg-Marquardt, one thread."""
+def operon(criterion: str, columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
+    """pyoperon with Levenberg-Marquardt, one thread; ``criterion`` picks the model of its front."""
     from pyoperon.sklearn import SymbolicRegressor
 
     model = SymbolicRegressor(
@@ -64,7 +63,7 @@ def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int
         max_evaluations=10**9,
         max_time=max(1, int(seconds)),
         epsilon=1e-12,
-        model_selection_criterion="mean_squared_error",
+        model_selection_criterion=criterion,
         n_threads=1,
         random_state=seed,
     )
@@ -92,15 +91,15 @@ def gplearn(columns: dict[str, Array], response: Array, seconds: float, seed: in
     return Found(lambda new: model.predict(np.column_stack(list(new.values()))))
 
 
-def available() -> dict[str, Engine]:
-    """Our engines, and the peers that are installed."""
+def available(noisy: bool = False) -> dict[str, Engine]:
+    """Our engines, and the peers that are installed; ``noisy`` data let Operon weigh length against error."""
     engines: dict[str, Engine] = {
         "linear, 4 registers solved": here("linear", 4),
         "linear, 1 register": here("linear", 1),
         "tree, 4 roots solved": here("tree", 4),
     }
     if find_spec("pyoperon"):
-        engines["Operon"] = operon
+        engines["Operon"] = partial(operon, "minimum_description_length" if noisy else "mean_squared_error")
     if find_spec("gplearn"):
         engines["gplearn"] = gplearn
     return engines
