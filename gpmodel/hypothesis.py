@@ -19,6 +19,7 @@ MINIMUM_CV_T = 2.0
 MINIMUM_NATS = 5.0
 NAMING_MARGIN = 8.0
 SHORTLIST = 8
+MOST_RIVALS = 6
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,16 @@ def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidat
     return leader, replace(best, found_by="evolved" if evolved else "catalogue")
 
 
+def _restates(rival: Candidate, other: Candidate) -> bool:
+    """Whether an evolved rival says the same with more words: same place, nothing read less than `other` reads."""
+    if rival.name == other.name:
+        return True
+    first, second = rival.effects[0], other.effects[0]
+    reads = {x for e in rival.effects for x in e.inputs}
+    same_place = set(first.slots) & set(second.slots) and first.terms[0].axis == second.terms[0].axis
+    return rival.found_by == "evolved" and bool(same_place) and reads >= {x for e in other.effects for x in e.inputs}
+
+
 def _verdict(
     evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float, per_pose: Array
 ) -> Hypothesis:
@@ -113,9 +124,12 @@ def _verdict(
     sigmas = 0.0 if believed else _sigmas(evidence, candidate)
     stable = believed or _stable(coefficients)
     rivals: list[tuple[str, float]] = []
-    for i in [leader, *alike]:
-        if i != chosen and pool.candidates[i].name != candidate.name and len(rivals) < 6:
-            rivals.append((pool.candidates[i].name, evidence.cross_validated(pool.candidates[i].effects)[0]))
+    shown = [candidate]
+    for i in sorted([leader, *alike], key=lambda k: (pool.candidates[k].found_by, -pool.scores[k].nats)):
+        rival = pool.candidates[i]
+        if len(rivals) < MOST_RIVALS and not any(_restates(rival, other) for other in shown):
+            shown.append(rival)
+            rivals.append((rival.name, evidence.cross_validated(rival.effects)[0]))
     tests = (
         (p_value < SIGNIFICANCE, f"chance of it on shuffled residuals {wording.chance(p_value)}, limit {SIGNIFICANCE}"),
         (score.nats > MINIMUM_NATS, f"description length saved {score.nats:.1f} nats, limit {MINIMUM_NATS}"),

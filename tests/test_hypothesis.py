@@ -85,7 +85,7 @@ def test_what_gp_found_takes_the_catalogues_word_and_keeps_how_it_was_found() ->
     first = judged(NAMES[2], (evolved,))[0]
     assert first.candidate.name == NAMES[2]
     assert first.candidate.found_by == "evolved"
-    assert evolved.name in [name for name, _ in first.rivals]
+    assert evolved.name not in [name for name, _ in first.rivals], "the same place and input is no rival"
 
 
 def test_what_matches_no_family_keeps_its_expression() -> None:
