@@ -1,6 +1,5 @@
 """The loop: finds what is there, adds nothing where nothing is, and never looks at what it holds out."""
 
-import re
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -230,6 +229,5 @@ def test_nothing_is_added_with_the_search_of_the_program(seed: int) -> None:
 def test_effects_are_found_with_the_search_of_the_program(case: str, seed: int) -> None:
     answer = found(case, seed, Options(runs=4, workers=2), small=False)
     inputs = {i for f in answer.findings for e in f.candidate.effects for i in e.inputs}
-    rivals = {word for f in answer.findings for name, _ in f.hypothesis.rivals for word in re.findall(r"\w+", name)}
-    assert inputs | rivals >= CASES[case].inputs, "torque_J2 is nearly a function of J2: named, or shown as a rival"
+    assert inputs >= CASES[case].inputs
     assert against_the_oracle(case, seed, answer) < 1.25
