@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from gpmodel import identifiability as ident
@@ -278,8 +277,3 @@ def _summarise(
 def without_outlier_marks(calibration: Calibration) -> Calibration:
     """The same fit, ready to judge every pose anew."""
     return replace(calibration, outliers=np.zeros(0, dtype=np.int64))
-
-
-def critical_error(sigma: float, probability: float = 0.999) -> float:
-    """3-D error that Gaussian noise of `sigma` a component exceeds with 1 - probability."""
-    return float(sigma * stats.chi(3).ppf(probability))

@@ -15,14 +15,6 @@ BLOCK = 128
 """Poses run at a time: the rows of one program then stay in the first cache."""
 
 
-def aligned(shape: tuple[int, ...]) -> Array:
-    """An uninitialised float64 array that starts on a 64-byte boundary."""
-    size = int(np.prod(shape)) * 8
-    buffer = np.empty(size + 64, dtype=np.uint8)
-    offset = -buffer.ctypes.data % 64
-    return buffer[offset : offset + size].view(np.float64).reshape(shape)
-
-
 @dataclass(frozen=True)
 class Code:
     """Effective code of a slice of programs, one row each: what the kernels execute.
