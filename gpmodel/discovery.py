@@ -12,6 +12,7 @@ from gpmodel.catalogue import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, geometric_effects
 from gpmodel.evidence import Evidence, gather, sites_of
+from gpmodel.exchange import better
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Poses
@@ -188,6 +189,7 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
     known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
     pool = [c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known]
+    named = tuple(pool)
     null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))[1]
     exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
     pool += [c for c in exploration.candidates if c.name not in known]
@@ -199,12 +201,13 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
         hypotheses = judge(cleared, Pool(tuple(pool), tuple(cleared.scores(pool)[0]), nulls))
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
+    added: tuple[Hypothesis, ...] = ()
     if best is not None:
         loop.say(f"round {number}: added {best.candidate.name}")
         loop.findings.append(Finding(best, number))
         calibration = loop.fit(loop.model(loop.findings), standard_fit)
-        dropped, calibration = _prune(loop, calibration, standard_fit)
-    loop.rounds.append(Round(number, hypotheses, exploration, dropped))
+        dropped, added, calibration = _revised(loop, calibration, standard_fit, named, nulls)
+    loop.rounds.append(Round(number, (*hypotheses, *added), exploration, dropped))
     return calibration
 
 
@@ -225,16 +228,27 @@ def _cleared(
     return gather(evidence.calibration, evidence.poses, loop.options.seed, trusted=explained)
 
 
-def _prune(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> tuple[tuple[str, ...], Calibration]:
-    """Take out earlier findings that the newest one has made superfluous: description length without them is less."""
+def _revised(
+    loop: _Loop, calibration: Calibration, standard_fit: Calibration, pool: Sequence[Candidate], nulls: dict[str, Array]
+) -> tuple[tuple[str, ...], tuple[Hypothesis, ...], Calibration]:
+    """Look at every finding again beside the newest: taken out where the others explain it (description length is less
+    without it), replaced where named effects say it better. What was dropped, what came in, the fit after it."""
     dropped: list[str] = []
+    added: list[Hypothesis] = []
+    newest = loop.findings[-1]
     train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
-    for finding in list(loop.findings[:-1]):
-        effects = finding.candidate.effects
-        score = gather(calibration, train, loop.options.seed, effects).scores([finding.candidate])[0][0]
-        if score.nats < 0:
-            dropped.append(finding.candidate.name)
+    for finding in list(loop.findings):
+        old = finding.candidate
+        without = gather(calibration, train, loop.options.seed, old.effects)
+        superfluous = finding is not newest and without.scores([old])[0][0].nats < 0
+        taken = {f.candidate.name for f in loop.findings}
+        instead = () if superfluous else better(without, old, [c for c in pool if c.name not in taken], nulls)
+        if superfluous or instead:
             loop.findings.remove(finding)
-            loop.say(f"dropped {finding.candidate.name}: the others explain it")
+            loop.findings += [Finding(h, newest.round) for h in instead]
             calibration = loop.fit(loop.model(loop.findings), standard_fit)
-    return tuple(dropped), calibration
+            dropped.append(old.name)
+            added += instead
+            explained_by = " and ".join(h.candidate.name for h in instead) or "the others"
+            loop.say(f"dropped {old.name}, explained by {explained_by}")
+    return tuple(dropped), tuple(added), calibration

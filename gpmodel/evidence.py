@@ -122,6 +122,17 @@ class Evidence:
         left = ident.remove(self.enabled, padded) * alive
         return left, np.linalg.norm(left, axis=0)
 
+    def beside(self, effects: Sequence[Effect]) -> "Evidence":
+        """The evidence when these effects, without priors, are in the model as well."""
+        left, _ = self.projected(effects)
+        span = ident.orthonormal(left)
+        extra = np.zeros((len(self.target), len(effects)))
+        extra[: self.measured] = self.columns(effects)
+        scale = np.linalg.norm(extra, axis=0)
+        system = np.hstack([self.system, extra / np.where(scale > 0, scale, 1.0)])
+        residual = ident.remove(span, self.residual)
+        return replace(self, system=system, enabled=np.hstack([self.enabled, span]), residual=residual)
+
     def nats(self, gain: float | Array, unknowns: int, cost: float) -> float | Array:
         """Description length saved: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
         saved = -0.5 * self.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
