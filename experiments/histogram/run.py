@@ -2,7 +2,7 @@
 
 Two searches, each repeated on shuffled errors: the thesis' Cartesian one, and programs at the slots of the chain (all
 sites at once, coefficients by projection). Both read the thesis' inputs: x, y, z, J1 to J6.
-From the root of the repository: python -m experiments.histogram.run [--seeds 20] [--cartesian 3] [--runs 8] (and -h)
+From the root of the repository: python -m experiments.histogram.run [--seeds 20] [--cartesian 3] [--runs 16] (and -h)
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
 from gpmodel.problems import Problem
 
 BOTH = ("base_compliance", "joint_compliance J5")
-MODELS = {"standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH}
+MODELS = {
+    "standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH, "+ eccentricity": (*BOTH, "eccentricity J1")
+}  # fmt: skip
 Search = tuple[Problem, Settings]
 POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("J5",), "J4": ("J4",)}
 
@@ -68,8 +70,8 @@ def pooled(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def draw(rows: list[dict[str, Any]]) -> Figure:
-    figure = Figure(figsize=(11, 5.5), layout="constrained")
-    for axes, row in zip(figure.subplots(2, 3).flat, rows, strict=False):
+    figure = Figure(figsize=(14, 5.5), layout="constrained")
+    for axes, row in zip(figure.subplots(2, 4).flat, rows, strict=False):
         for shift, key, shade in ((-0.2, "real", "tab:blue"), (0.2, "shuffled", "0.7")):
             axes.bar(np.arange(len(THESIS_INPUTS)) + shift, row[key], 0.4, color=shade, label=f"{key} errors")
         axes.set_xticks(range(len(THESIS_INPUTS)), [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
@@ -80,8 +82,8 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    sizes = {"population": 2048, "generations": 100, "slot_population": 256, "slot_generations": 30}
-    chosen = options(__doc__, "histogram", arguments, seeds=20, cartesian=3, runs=8, **sizes)
+    sizes = {"population": 65536, "generations": 50, "slot_population": 1024, "slot_generations": 40}
+    chosen = options(__doc__, "histogram", arguments, seeds=20, cartesian=3, runs=16, **sizes)
     results: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     for seed in range(chosen.seeds):
