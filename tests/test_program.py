@@ -88,6 +88,28 @@ def test_simplification_shortens() -> None:
     assert Program.parse("J1*J1*J1/(1/J1)").simplify().complexity == 3
 
 
+def test_simplification_works_numbers_out_and_leaves_neutral_elements_out() -> None:
+    text = "v1 = J1 + 0; v2 = square(0.5)*4; v1*v2, v1 + (0.25*v1 + 0), sin(v1*v1) - 0"
+    assert str(Program.parse(text).simplify()) == "J1, 1.25*J1, sin(square(J1))"
+
+
+def nested(levels: int) -> Program:
+    """Every level uses the one before twice: written out in full it has 2**levels leaves."""
+    steps = [f"v{k} = sin(v{k - 1} + 0.1)*atan(v{k - 1}*J2 + 0)" for k in range(2, levels + 1)]
+    return Program.parse("; ".join(["v1 = J1*J2", *steps, f"v{levels}, J2 + v{levels}*0"]))
+
+
+@pytest.mark.parametrize("levels", [1, 8, 60])
+def test_algebra_on_a_long_program_ends_and_keeps_its_values(levels: int) -> None:
+    program = nested(levels)
+    simpler = program.simplify()
+    assert simpler.complexity < program.complexity
+    np.testing.assert_allclose(simpler.evaluate(INPUTS), program.evaluate(INPUTS), rtol=1e-9, atol=1e-300)
+    written = program.latex()
+    assert len(written) < 200 * levels
+    assert ("v_{2} = " in written) == (levels > 1)
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
