@@ -1,5 +1,6 @@
 """The best program seen at every complexity, over a whole run: the Pareto front."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from gpmodel.layout import Layout
 from gpmodel.population import Sequences
-from gpmodel.problems import CartesianProblem, Problem
+from gpmodel.problems import CartesianProblem, Problem, SlotProblem
 from gpmodel.program import Program
 from gpmodel.scoring import Scores
 
@@ -70,24 +71,14 @@ class Archive:
 
     def front(self) -> tuple[Candidate, ...]:
         """Candidates that no simpler one equals in gain, simplest first."""
-        found: list[Candidate] = []
-        for size in sorted(self._kept):
-            candidate = self._candidate(*self._kept[size])
-            if not found or candidate.gain > found[-1].gain + 1e-12:
-                found.append(candidate)
-        return tuple(found) or (self._nothing(),)
+        return pareto([self._candidate(*self._kept[size]) for size in sorted(self._kept)]) or (self._nothing(),)
 
     def best(self, front: tuple[Candidate, ...], parsimony: float) -> Candidate:
         """The candidate of least description length (slot) or of largest gain (compensator)."""
         if isinstance(self.problem, CartesianProblem):
             return max(front, key=lambda candidate: candidate.gain)
-        half = 0.5 * self.problem.targets.components
-
-        def length(candidate: Candidate) -> float:
-            cost = parsimony * (candidate.complexity + len(candidate.coefficients))
-            return half * float(np.log(max(1.0 - candidate.gain, 1e-16))) + cost
-
-        return min(front, key=length)
+        problem = self.problem
+        return min(front, key=lambda candidate: description_length(candidate, problem, parsimony))
 
     def _candidate(self, population: Population, chosen: int) -> Candidate:
         return scored(program_at(population, 0, chosen, self.layout), self.problem)
@@ -95,6 +86,22 @@ class Archive:
     def _nothing(self) -> Candidate:
         nothing = "x, y, z" if isinstance(self.problem, CartesianProblem) else "0"
         return scored(Program.parse(nothing), self.problem)
+
+
+def pareto(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Those that no simpler one equals in gain, simplest first."""
+    found: list[Candidate] = []
+    for candidate in sorted(candidates, key=lambda c: (c.complexity, -c.gain)):
+        if not found or candidate.gain > found[-1].gain + 1e-12:
+            found.append(candidate)
+    return tuple(found)
+
+
+def description_length(candidate: Candidate, problem: SlotProblem, parsimony: float) -> float:
+    """Nats of a candidate of a slot: components/2 · ln(1 - gain) and the price of its nodes and coefficients."""
+    half = 0.5 * problem.targets.components
+    cost = parsimony * (candidate.complexity + len(candidate.coefficients))
+    return half * float(np.log(max(1.0 - candidate.gain, 1e-16))) + cost
 
 
 def program_at(population: Any, row: int, chosen: int, layout: Layout) -> Program:

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.archive import Archive, Candidate
+from gpmodel.archive import Archive, Candidate, description_length, pareto, scored
 from gpmodel.errors import InputError
 from gpmodel.generations import Generations, distinct
+from gpmodel.neighbours import climbed
+from gpmodel.operators import Operator
 from gpmodel.problems import CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.settings import Settings
+from gpmodel.vocabulary import Vocabulary, promising
 
 __all__ = ["Candidate", "CartesianProblem", "Evolution", "Inputs", "Progress", "Settings", "SlotProblem", "evolve"]
 
@@ -111,6 +114,8 @@ def _search(run: Generations, progress: Callable[[Progress], None] | None) -> Ev
         if settings.polish_every and generation % settings.polish_every == 0:
             population, scores = run.polished(population, scores)
     front = archive.front()
+    if settings.climb and isinstance(run.problem, SlotProblem):
+        front = _finished(front, run.problem, run.layout.operators, settings)
     chosen = archive.best(front, settings.parsimony)
     history = {
         name: np.array([getattr(row, name) for row in rows])
@@ -120,3 +125,15 @@ def _search(run: Generations, progress: Callable[[Progress], None] | None) -> Ev
         front, chosen, history, chosen.program.input_counts, chosen.program.operator_counts,
         evaluations, time.perf_counter() - began, settings,
     )  # fmt: skip
+
+
+def _finished(
+    front: tuple[Candidate, ...], problem: SlotProblem, operators: tuple[Operator, ...], settings: Settings
+) -> tuple[Candidate, ...]:
+    """The front after its best programs, and the best pairs of elements, were climbed from by single edits."""
+    words = Vocabulary(problem.inputs, operators)
+    best = sorted(front, key=lambda c: description_length(c, problem, settings.parsimony))[: settings.climb]
+    starts = [(c.program, c.site) for c in best]
+    starts += promising(problem, words, settings.parsimony, settings.climb)
+    tops = [climbed(program, problem, site, words, settings.parsimony) for program, site in starts]
+    return pareto([*front, *(scored(top, problem) for top in tops)])

@@ -25,6 +25,7 @@ GP_POSES = 300
 SIGNIFICANCE = 0.05
 POPULATION = 1024
 GENERATIONS = 40
+CLIMB = 2
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def explore(
     for representation in effort.representations:
         settings = Settings(
             representation=representation, population=POPULATION, generations=GENERATIONS, seconds=1e9,
-            parsimony=NATS_PER_NODE, threads=effort.workers, depth=5,
+            parsimony=NATS_PER_NODE, threads=effort.workers, depth=5, climb=CLIMB,
         )  # fmt: skip
         for run in range(effort.runs):
             tasks.append(Task(False, SlotProblem(inputs, targets), settings, rng.spawn(1)[0]))

@@ -26,6 +26,7 @@ class Settings:
     crossover, mutation: per element for sequences; crossover is per child for trees.
     parsimony: cost of a node, in nats for a slot and in the unit of the norm for a compensator.
     target: stop once a program reaches this gain.
+    climb: the best programs of a slot search, so many, are finished by single edits (0: none).
     restart_after: generations without progress before a fresh population (0: never).
     breeding: "koza" or "thesis" for trees. threads: 0 for all cores; never changes a result.
     Raises InputError for a choice out of range.
@@ -55,6 +56,7 @@ class Settings:
     polish_every: int = 10
     restart_after: int = 60
     target: float = 1.0
+    climb: int = 0
     threads: int = 0
 
     def __post_init__(self) -> None:
