@@ -11,6 +11,7 @@ from gpmodel.program import Builder, Node, Program
 
 _LARGEST_POWER = 64
 _LARGEST_PIECE = 30
+_ONE_OPERATOR = 2
 
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
@@ -89,17 +90,25 @@ def from_sympy(expressions: Sequence[Any], pieces: Mapping[Any, Any] | None = No
 
 
 def simplify(program: Program) -> Program:
-    """The shortest of the program, the same with numbers and neutral elements worked out, and its simplification."""
+    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter."""
     best = program
-    for change in (lambda expression: expression, sympy.simplify):
+    for largest, change in (
+        (_ONE_OPERATOR, _unchanged),
+        (_LARGEST_PIECE, _unchanged),
+        (_LARGEST_PIECE, sympy.simplify),
+    ):
         try:
-            pieces, outputs = _in_pieces(program, _LARGEST_PIECE)
+            pieces, outputs = _in_pieces(best, largest)
             changed = {symbol: change(expression) for symbol, expression in pieces.items()}
             candidate = from_sympy([change(expression) for expression in outputs], changed)
         except (ValueError, TypeError, RecursionError):
             continue
         best = min(best, candidate, key=lambda p: p.complexity)
     return best
+
+
+def _unchanged(expression: Any) -> Any:
+    return expression
 
 
 def latex(program: Program) -> str:

@@ -91,6 +91,9 @@ def test_simplification_shortens() -> None:
 def test_simplification_works_numbers_out_and_leaves_neutral_elements_out() -> None:
     text = "v1 = J1 + 0; v2 = square(0.5)*4; v1*v2, v1 + (0.25*v1 + 0), sin(v1*v1) - 0"
     assert str(Program.parse(text).simplify()) == "J1, 1.25*J1, sin(square(J1))"
+    longer_by_algebra = "v1 = 0 + J1; v2 = atan(0.5)*2; v1*v2*sin(atan(J2)*v2 + v1)"
+    assert "0 + J1" not in str(Program.parse(longer_by_algebra).simplify())
+    assert "atan(0.5)" not in str(Program.parse(longer_by_algebra).simplify())
 
 
 def nested(levels: int) -> Program:
