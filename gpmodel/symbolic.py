@@ -103,8 +103,12 @@ def simplify(program: Program) -> Program:
             candidate = from_sympy([change(expression) for expression in outputs], changed)
         except (ValueError, TypeError, RecursionError):
             continue
-        best = min(best, candidate, key=lambda p: p.complexity)
+        best = min(best, candidate, key=_operators_then_size)
     return best
+
+
+def _operators_then_size(program: Program) -> tuple[int, int]:
+    return sum(program.operator_counts.values()), program.complexity
 
 
 def _unchanged(expression: Any) -> Any:
@@ -112,7 +116,10 @@ def _unchanged(expression: Any) -> Any:
 
 
 def latex(program: Program) -> str:
-    """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long."""
+    """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long.
+
+    Numbers are rounded to six digits.
+    """
     written = {
         sympy.Symbol(name, real=True): "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
         for name in program.inputs
@@ -120,7 +127,8 @@ def latex(program: Program) -> str:
     }
 
     def line(expression: Any) -> str:
-        return str(sympy.latex(expression, symbol_names=written))
+        rounded = {number: sympy.Float(number, 6) for number in expression.atoms(sympy.Float)}
+        return str(sympy.latex(expression.xreplace(rounded), symbol_names=written))
 
     pieces, outputs = _in_pieces(program, _LARGEST_PIECE)
     parts = [f"{line(symbol)} = {line(expression)}" for symbol, expression in pieces.items()]
