@@ -2,8 +2,8 @@
 
 Both searches read x, y, z and J1 to J6 at 40 poses of the standard model. The Cartesian one changes the tip; the slot
 one bends the chain at whichever slot a program fits best, one program a round, everything refitted after each.
-From the root of the repository: python -m experiments.extrapolation.run [--seeds 5] [--population 8192]
-[--generations 150] [--slot_population 512] [--slot_generations 40] [--rounds 4] [--out FOLDER]
+From the root of the repository: python -m experiments.extrapolation.run [--seeds 10] [--population 8192]
+[--generations 150] [--slot_population 1024] [--slot_generations 40] [--rounds 4] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -43,9 +43,8 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     """Errors after each round on training and held-out poses, and the programs with where they act."""
     train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
-    how = Settings(
-        population=chosen.slot_population, generations=chosen.slot_generations, seconds=1e9, parsimony=2.0
-    )  # fmt: skip
+    size = {"population": chosen.slot_population, "generations": chosen.slot_generations}
+    how = Settings(**size, seconds=1e9, parsimony=2.0, climb=2)
     for number in range(1, chosen.rounds + 1):
         targets = gather(model, train, 0).targets(sites, np.arange(len(train)))
         best = evolve(SlotProblem(inputs, targets), how, rng).best
@@ -73,8 +72,8 @@ def draw(before: list[Array], tip: list[Array], slot: list[Array]) -> Figure:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    sizes = {"population": 8192, "generations": 150, "slot_population": 512, "slot_generations": 40}
-    chosen = options(__doc__, "extrapolation", arguments, seeds=5, rounds=4, **sizes)
+    sizes = {"population": 8192, "generations": 150, "slot_population": 1024, "slot_generations": 40}
+    chosen = options(__doc__, "extrapolation", arguments, seeds=10, rounds=4, **sizes)
     robots: list[dict[str, Any]] = []
     pictures: dict[str, Figure] = {}
     results: dict[str, Any] = {}

@@ -1,8 +1,8 @@
 """Best fitness against generation, linear sequence and binary tree (thesis Fig 5.7).
 
 Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
-From the root of the repository: python -m experiments.fitness.run [--seeds 3] [--generations 50] [--population 65536]
-[--tree_population 4096] [--out FOLDER]
+From the root of the repository: python -m experiments.fitness.run [--seeds 5] [--generations 100] [--population 65536]
+[--tree_population 65536] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def engines(population: int, tree_population: int, generations: int) -> dict[str
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    chosen = options(__doc__, "fitness", arguments, seeds=3, generations=50, population=65536, tree_population=4096)
+    chosen = options(__doc__, "fitness", arguments, seeds=5, generations=100, population=65536, tree_population=65536)
     case = measured_robot(0)
     problem = cartesian(fit(case), case.poses.subset(case.train))
     figure = Figure(figsize=(7, 4.5), layout="constrained")
