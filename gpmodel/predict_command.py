@@ -68,7 +68,11 @@ def predict(model: Path, poses: Path, seed: int, out: Path | None, quiet: bool) 
     dataset = dataset_from(frame, poses, saved.mechanism, need_measurement=False)
     columns = predicted_columns(saved, dataset)
     path = write_frame(with_prediction(frame, columns), out, "predicted.csv")
-    if quiet or path is None:
+    if quiet:
+        return
+    if any("row" in effect.inputs for effect in saved.model.effects):
+        click.echo(f"{poses}: the model reads row; row k is taken for row k of the session it was fitted to", err=True)
+    if path is None:
         return
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
     error = np.linalg.norm(1e3 * dataset.position - tip, axis=1)

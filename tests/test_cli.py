@@ -182,6 +182,15 @@ def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     assert report["parameters"] == []
 
 
+def test_predict_says_that_a_model_reads_the_rows(tmp_path: Path) -> None:
+    path = write(table(60), tmp_path / "t.csv")
+    for effect, said in (("drift", 1), ("gear_ratio J3", 0)):
+        out = tmp_path / effect.replace(" ", "_")
+        run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out)
+        assert run("predict", out / "model.json", path).stderr.count("the model reads row") == said
+        assert run("predict", out / "model.json", path, "--quiet").stderr == ""
+
+
 def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None:
     frame = table(30)
     path = write(frame.assign(note="as found"), tmp_path / "measured.csv")
