@@ -67,6 +67,11 @@ class Expression:
         names = [n.id for n in ast.walk(self._tree) if isinstance(n, ast.Name) and n.id not in _FUNCTIONS]
         return tuple(dict.fromkeys(names))
 
+    @cached_property
+    def operators(self) -> int:
+        """How many operators and functions it is written with."""
+        return sum(isinstance(n, ast.BinOp | ast.UnaryOp | ast.Call) for n in ast.walk(self._tree))
+
     def __call__(self, states: States) -> Array:
         with np.errstate(all="ignore"):
             value = _evaluate(self._tree.body, states)

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.catalogue import Candidate
 from gpmodel.evidence import Evidence
-from gpmodel.hypothesis import MINIMUM_CV_T, MINIMUM_NATS, Hypothesis, Pool, judge
+from gpmodel.hypothesis import MINIMUM_CV_T, MINIMUM_NATS, Hypothesis, Pool, judge, worth
 from gpmodel.mechanism import Array
 
 MOST_PROMISING = 64
@@ -20,8 +20,8 @@ def better(
     """The one or two candidates that should replace a finding; none where it should stay.
 
     Forward selection takes the best single effect first; where two act, that may be a third that resembles both.
-    Beside the finding alone, and the finding with the best of the pool beside it, they must save 5 nats more and not
-    predict worse in cross-validation; and each must pass every test of a finding (beside the other).
+    Beside the finding alone, and the finding with the best of the pool beside it, they must save 5 nats more (named
+    effects have a head start) and not predict worse in cross-validation; and each must pass every test of a finding.
     Source: floating search, Pudil, Novovičová and Kittler (1994).
 
     without: the evidence with the finding's part given back to the residual. nulls: as of `Pool`.
@@ -34,14 +34,14 @@ def better(
     if not promising:
         return ()
     beside = _best(without.beside(finding.effects), promising)
-    kept = (finding, _both(finding, beside))
+    kept = ((finding,), (finding, beside))
     pairs = [_settled(without, first, promising) for first in promising[:STARTS]]
-    first, second = pairs[int(np.argmax(_nats(without, [_both(*pair) for pair in pairs])))]
-    if all(_outdoes(without, _both(first, second), holder) for holder in kept):
+    first, second = pairs[int(np.argmax(_nats(without, [_together(pair) for pair in pairs])))]
+    if all(_outdoes(without, (first, second), holder) for holder in kept):
         found = tuple(_best_judged(without.beside(other.effects), promising, nulls) for other in (second, first))
         if all(h.accepted for h in found):
             return found
-    if all(_outdoes(without, promising[0], holder) for holder in kept):
+    if all(_outdoes(without, promising[:1], holder) for holder in kept):
         single = _best_judged(without, promising, nulls)
         return (single,) if single.accepted else ()
     return ()
@@ -59,17 +59,18 @@ def _best_judged(evidence: Evidence, pool: Sequence[Candidate], nulls: Mapping[s
     return judge(evidence, Pool(tuple(pool), tuple(evidence.scores(pool)[0]), dict(nulls)))[0]
 
 
-def _both(first: Candidate, second: Candidate) -> Candidate:
-    return Candidate("", (*first.effects, *second.effects), "", first.cost + second.cost)
+def _together(members: Sequence[Candidate]) -> Candidate:
+    return Candidate("", tuple(e for c in members for e in c.effects), "", sum(c.cost for c in members))
 
 
-def _outdoes(evidence: Evidence, challenger: Candidate, holder: Candidate) -> bool:
-    """Whether it saves 5 nats more and does not predict worse by 2 standard deviations, pose by pose."""
-    new, old = _nats(evidence, [challenger, holder])
-    if new < old + MINIMUM_NATS:
+def _outdoes(evidence: Evidence, challengers: Sequence[Candidate], holders: Sequence[Candidate]) -> bool:
+    """Whether they save 5 nats more, named effects ahead, and do not predict worse by 2 deviations, pose by pose."""
+    new, old = _together(challengers), _together(holders)
+    new_nats, old_nats = _nats(evidence, [new, old])
+    if worth(new_nats, *challengers) < worth(old_nats, *holders) + MINIMUM_NATS:
         return False
-    worse = evidence.cross_validated(challenger.effects)[1] - evidence.cross_validated(holder.effects)[1]
-    return bool(worse.mean() < MINIMUM_CV_T * worse.std(ddof=1) / np.sqrt(len(worse)))
+    harm = evidence.cross_validated(new.effects)[1] - evidence.cross_validated(old.effects)[1]
+    return bool(harm.mean() < MINIMUM_CV_T * harm.std(ddof=1) / np.sqrt(len(harm)))
 
 
 def _settled(evidence: Evidence, first: Candidate, pool: Sequence[Candidate]) -> tuple[Candidate, Candidate]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from gpmodel import identifiability as ident
 from gpmodel import wording
+from gpmodel.basis import Expression
 from gpmodel.catalogue import Candidate
 from gpmodel.evidence import Evidence, Score, canonical_correlation, chance
 from gpmodel.mechanism import Array
@@ -18,6 +19,8 @@ MINIMUM_SHARE = 0.03
 MINIMUM_CV_T = 2.0
 MINIMUM_NATS = 5.0
 NAMING_MARGIN = 8.0
+HEAD_START = 5.0
+TIE = 1.0
 SHORTLIST = 8
 MOST_RIVALS = 6
 
@@ -60,9 +63,10 @@ class Pool:
 def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
     """The distinct best candidates, best first, each with its verdict; naming and rivals included.
 
-    Candidates whose projected columns correlate above 0.95 are one finding with several possible places.
+    Candidates whose projected columns correlate above 0.95 are one finding with several possible places. An expression
+    that nobody named has to save 5 nats more than a named effect to come before it.
     """
-    order = sorted(range(len(pool.scores)), key=lambda i: -pool.scores[i].nats)
+    order = sorted(range(len(pool.scores)), key=lambda i: -worth(pool.scores[i].nats, pool.candidates[i]))
     order = [i for i in order if np.isfinite(pool.scores[i].nats)][: 6 * SHORTLIST]
     spans = {i: ident.orthonormal(evidence.projected(pool.candidates[i].effects)[0]) for i in order}
     leaders: list[int] = []
@@ -83,12 +87,20 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
     )
 
 
+def worth(nats: float, *candidates: Candidate) -> float:
+    """Description length saved, less the head start of named effects for every one of the candidates without a name."""
+    return nats - HEAD_START * sum(not candidate.family for candidate in candidates)
+
+
 def _alike(first: Array, second: Array) -> bool:
     return canonical_correlation(first, second) > LIKENESS
 
 
 def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidate]:
-    """The catalogue's word for an evolved finding where one fits as well; and where GP found it too, that it did."""
+    """The catalogue's word for an evolved finding where one fits as well; and where GP found it too, that it did.
+
+    Of expressions that save as much, within a nat, the one with the fewest operators speaks for them.
+    """
     best = pool.candidates[leader]
     group = [leader, *alike]
     if best.found_by == "evolved":
@@ -96,9 +108,17 @@ def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidat
         for i in named:
             if pool.scores[i].nats > pool.scores[leader].nats - NAMING_MARGIN:
                 return i, replace(pool.candidates[i], found_by="evolved")
-        return leader, best
+        ties = [
+            i for i in group if pool.scores[i].nats > pool.scores[leader].nats - TIE and not pool.candidates[i].family
+        ]
+        plainest = min(ties, key=lambda i: _operators(pool.candidates[i]))
+        return plainest, pool.candidates[plainest]
     evolved = any(pool.candidates[i].found_by == "evolved" for i in group)
     return leader, replace(best, found_by="evolved" if evolved else "catalogue")
+
+
+def _operators(candidate: Candidate) -> int:
+    return sum(Expression(str(effect.terms[0].basis)).operators for effect in candidate.effects)
 
 
 def _restates(rival: Candidate, other: Candidate) -> bool:

@@ -124,3 +124,32 @@ def test_p_values_pay_for_the_number_of_searches() -> None:
     two = Pool(candidates, scores, {"catalogue": null, "evolved": null}).p_value(best)
     assert two == pytest.approx(min(1.0, 2 * one))
     assert 0.2 < one <= 1.0
+
+
+def expression(text: str, cost: float) -> Candidate:
+    joint = seen(NAMES[1]).calibration.model.mechanism.joints[3]
+    return Candidate(text, (drive_effect(text, joint, Expression(text)),), "", cost, "evolved")
+
+
+@pytest.mark.parametrize(("ahead", "named"), [(4.0, True), (6.0, False)])
+def test_a_named_effect_comes_before_an_expression_that_saves_little_more(ahead: float, named: bool) -> None:
+    """The planted gear error without one of its two harmonics, and an expression of another joint made as good."""
+    there = seen(NAMES[1])
+    gear = next(c for c in pool() if c.name == NAMES[1])
+    other = expression("J5 * J6", 1.0)
+    (best,), _ = there.scores([gear])
+    scores = (best, replace(best, nats=best.nats + ahead))
+    first = judge(there, Pool((gear, other), scores, {"catalogue": LOW, "evolved": LOW}))[0]
+    assert (first.candidate.name == gear.name) is named
+
+
+def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
+    there = seen(NAMES[1])
+    plain, long, worse = (
+        expression(t, 1.0) for t in ("sin(2*J4)", "sin(2*sin(J4) + 2*(J4 - sin(J4)))", "2*sin(J4)*cos(J4)")
+    )
+    (score,), _ = there.scores([plain])
+    scores = (replace(score, nats=score.nats + 0.5), score, replace(score, nats=score.nats - 3.0))
+    found = judge(there, Pool((long, plain, worse), scores, {"catalogue": LOW, "evolved": LOW}))
+    assert found[0].candidate == plain
+    assert found[0].score.nats == score.nats
