@@ -26,6 +26,7 @@ SIGNIFICANCE = 0.05
 POPULATION = 1024
 GENERATIONS = 40
 CLIMB = 2
+MOST_BETWEEN = 4.0
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ def explore(
             if run < chances:
                 shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
                 tasks.append(Task(True, SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0]))
+    between = evidence.poses.states.between()
     candidates: dict[str, Candidate] = {}
     tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
     by_chance: list[Evolution] = []
@@ -122,8 +124,8 @@ def explore(
             continue
         tried[task.settings.representation].append(found)
         for item in found.front:
-            candidate = _candidate(item.program, sites[item.site], names, item.complexity, len(sites))
-            if candidate is not None:
+            candidate = as_candidate(item.program, sites[item.site], names, item.complexity, len(sites))
+            if candidate is not None and steady(candidate, evidence.poses.states, between):
                 candidates.setdefault(candidate.name, candidate)
     null = [_best_nats(evidence, run, len(sites)) for run in by_chance]
     histogram = referenced(inputs.names, tried, by_chance, lambda run: _best_nats(evidence, run, len(sites)), null)
@@ -166,7 +168,9 @@ def _cost(complexity: int, sites: int) -> float:
     return NATS_PER_NODE * complexity + float(np.log(sites))
 
 
-def _candidate(program: Program, site: Site, names: Mapping[str, str], complexity: int, sites: int) -> Candidate | None:
+def as_candidate(
+    program: Program, site: Site, names: Mapping[str, str], complexity: int, sites: int
+) -> Candidate | None:
     """A program as effects at its site, one an output; None where it is no function of any input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     texts = [t for t in dict.fromkeys(texts)]
@@ -182,6 +186,16 @@ def _candidate(program: Program, site: Site, names: Mapping[str, str], complexit
     unit = axis_unit(site.axis)
     effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
     return Candidate(name, effects, "", _cost(complexity, sites), "evolved")
+
+
+def steady(candidate: Candidate, measured: States, between: States) -> bool:
+    """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
+    for effect in candidate.effects:
+        basis = effect.terms[0].basis
+        largest = float(np.max(np.abs(basis(between))))
+        if not largest <= MOST_BETWEEN * float(np.max(np.abs(basis(measured)))):
+            return False
+    return True
 
 
 def expression_text(program: Program, names: Mapping[str, str]) -> str:

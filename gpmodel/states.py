@@ -40,6 +40,14 @@ class States:
         """The same columns at some poses only."""
         return States(MappingProxyType({k: v[rows] for k, v in self.columns.items()}), self.units)
 
+    def between(self, count: int = 2000) -> "States":
+        """Columns (count,) at random places on straight lines between pairs of poses: where nobody measured."""
+        rng = np.random.default_rng(0)
+        first, second = rng.integers(0, len(self), (2, count))
+        part = rng.random(count)
+        mixed = {k: v[first] + part * (v[second] - v[first]) for k, v in self.columns.items()}
+        return States(MappingProxyType(mixed), self.units)
+
 
 def load_unit(name: str) -> str:
     """The unit of a load by the prefix of its name: N for forces, Nm for torques and moments."""

@@ -133,7 +133,7 @@ def expression(text: str, cost: float) -> Candidate:
 
 @pytest.mark.parametrize(("ahead", "named"), [(4.0, True), (6.0, False)])
 def test_a_named_effect_comes_before_an_expression_that_saves_little_more(ahead: float, named: bool) -> None:
-    """The planted gear error without one of its two harmonics, and an expression of another joint made as good."""
+    """The planted effect and an expression at another place, with description lengths set by hand."""
     there = seen(NAMES[1])
     gear = next(c for c in pool() if c.name == NAMES[1])
     other = expression("J5 * J6", 1.0)

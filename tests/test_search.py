@@ -8,9 +8,11 @@ from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
 from gpmodel.basis import Expression
+from gpmodel.catalogue import Candidate
+from gpmodel.effect import drive_effect
 from gpmodel.model import prepare
 from gpmodel.program import Builder, Program
-from gpmodel.search import expression_text, readable_inputs, referenced
+from gpmodel.search import expression_text, readable_inputs, referenced, steady
 from gpmodel.states import states_of
 
 STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 40))
@@ -119,3 +121,21 @@ def test_every_round_has_its_own_null() -> None:
     for entry in quick().rounds:
         assert len(entry.exploration.null_nats) >= 2
         assert np.isfinite(entry.exploration.null_nats).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "steadies"),
+    [
+        ("J4*J5", True),
+        ("sin(2*J2)*cos(J4)", True),
+        ("exp(-(J3 - 0.5)**2/0.1)", True),
+        ("max(torque_J2 - 500, 0)", True),
+        ("abs(J2 - J3)", True),
+        ("J1/x", False),
+        ("1/sin(J5)", False),
+        ("exp(1/J3)", False),
+    ],
+)
+def test_a_shape_with_a_pole_between_the_poses_is_no_candidate(text: str, steadies: bool) -> None:
+    candidate = Candidate(text, (drive_effect(text, mechanism("irb6400r").joints[0], Expression(text)),), "", 1.0)
+    assert steady(candidate, STATES, STATES.between()) is steadies

@@ -16,14 +16,12 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import ANGLES, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
-from gpmodel.basis import Expression
 from gpmodel.calibration import Calibration, calibrate, errors_on
-from gpmodel.effect import axis_unit
 from gpmodel.evidence import gather, sites_of
 from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
 from gpmodel.mechanism import Array
 from gpmodel.model import ErrorModel
-from gpmodel.search import expression_text
+from gpmodel.search import as_candidate, steady
 
 
 def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:
@@ -44,18 +42,17 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
     size = {"population": chosen.slot_population, "generations": chosen.slot_generations}
+    plain = {name: name for name in THESIS_INPUTS}
     how = Settings(**size, seconds=1e9, parsimony=2.0, climb=2)
-    for number in range(1, chosen.rounds + 1):
-        targets = gather(model, train, 0).targets(sites, np.arange(len(train)))
-        best = evolve(SlotProblem(inputs, targets), how, rng).best
-        effects = list(model.model.effects)
-        for k in range(len(best.program.outputs)):
-            text = expression_text(best.program.select([k]), {n: n for n in THESIS_INPUTS})
-            texts.append(f"{text} on {best.site_name}")
-            if Expression(text).inputs:
-                site = sites[best.site]
-                effects.append(site.effect(f"round {number} output {k}", Expression(text), axis_unit(site.axis)))
-        model = calibrate(ErrorModel(case.mechanism, tuple(effects)), train, condition_limit=model.condition_limit)
+    for _ in range(chosen.rounds):
+        evidence = gather(model, train, 0)
+        found = evolve(SlotProblem(inputs, evidence.targets(sites, np.arange(len(train)))), how, rng)
+        offered = [as_candidate(f.program, sites[f.site], plain, f.complexity, len(sites)) for f in found.front]
+        usable = [c for c in offered if c is not None and steady(c, train.states, train.states.between())]
+        best = max(zip(evidence.scores(usable)[0], usable, strict=True), key=lambda pair: pair[0].nats)[1]
+        texts.append(best.name)
+        effects = (*model.model.effects, *best.effects)
+        model = calibrate(ErrorModel(case.mechanism, effects), train, condition_limit=model.condition_limit)
     return [model.error, errors_on(model, case.poses.subset(case.heldout))], texts
 
 

@@ -7,6 +7,7 @@ From the root of the repository: python -m experiments.fitness.run [--seeds 5] [
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,19 +20,20 @@ from gpmodel.evolve import Settings, evolve
 
 def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:
     """The thesis' settings at both ends of its 1 to 5 % for crossover and mutation, its trees, and ours."""
-    few = max(population // 4, 40)
+    ours = Settings(
+        population=max(population // 4, 40), generations=generations, seconds=1e9, operators="thesis", length=160,
+        own_constants=4, constants=Settings.thesis().constants, registers=8, parsimony=0.0, tournament=2,
+        crossover=0.05, mutation=0.03, restart_after=0,
+    )  # fmt: skip
     return {
         "linear, thesis, 1 %": Settings.thesis("linear", population=population, generations=generations),
         "linear, thesis, 5 %": Settings.thesis(
             "linear", population=population, generations=generations, crossover=0.05, mutation=0.05
         ),
         "tree, thesis": Settings.thesis("tree", population=tree_population, generations=generations),
-        "linear, ours": Settings(
-            population=few, generations=generations, seconds=1e9, operators="thesis", length=160, own_constants=4,
-            constants=Settings.thesis().constants,
-            registers=8, parsimony=0.0, tournament=2, crossover=0.05, mutation=0.03, restart_after=0,
-        ),
-    }  # fmt: skip
+        "linear, ours": ours,
+        "linear, ours, longer": replace(ours, generations=10 * generations),
+    }
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
@@ -46,7 +48,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     ):
         runs = [evolve(problem, settings, np.random.default_rng([57, seed])) for seed in range(chosen.seeds)]
         best = np.minimum.accumulate([run.history["best"] for run in runs], axis=1) * 1e3
-        generation = runs[0].history["generation"]
+        generation = 1 + runs[0].history["generation"]
         axes.plot(generation, np.median(best, axis=0), color=f"C{colour}", label=name)
         axes.fill_between(generation, best.min(axis=0), best.max(axis=0), color=f"C{colour}", alpha=0.2, linewidth=0)
         rows[name] = {
@@ -60,6 +62,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         print(name, rows[name], flush=True)
     start = round(1e3 * problem.initial_norm(), 4)
     axes.axhline(start, color="0.6", linestyle="--", linewidth=1, label="standard model")
+    axes.set_xscale("log")
     axes.set(xlabel="generation", ylabel="largest error on 40 training poses, mm", ylim=(0, 1.3 * start))
     axes.legend(fontsize=8, frameon=False)
     results = {"standard_model_mm": start, "engines": rows}
