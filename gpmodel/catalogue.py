@@ -243,35 +243,41 @@ def _thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    for axis in AXES:
-        name = f"drift of the set-up, {axis}"
-        yield _one(name, effect_at(name, "base", axis, Expression("row"), f"{axis_unit(axis)}/row", "drift"), 4.5)
+    name, row = "drift of the set-up", Expression("row")
+    along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
+    yield Candidate(name, tuple(along[:3]), "drift", 4.5)
+    for effect in along:
+        yield _one(effect.name, effect, 4.5)
+
+
+MOST_STEPS = 200
 
 
 def _steps(states: States) -> list[int]:
     rows = np.sort(states["row"])
     if len(rows) < 10:
         return []
-    stride = max(1, len(rows) // 60)
+    stride = max(1, len(rows) // MOST_STEPS)
     return [int(r) for r in rows[4:-4:stride]]
 
 
 def _setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    rows = _steps(states)
-    for axis in AXES:
-        for row in rows:
-            name = f"set-up moved after row {row}, {axis}"
-            effect = effect_at(name, "base", axis, Expression(f"step(row - {row}.5)"), family="set_up_step")
-            yield _one(name, effect, 3.0 + np.log(6 * len(rows)))
+    yield from _moved_once("set-up moved", "base", AXES, "set_up_step", states)
 
 
 def _tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
+
+
+def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
+    """A step after a row, along each axis and along all of them together."""
     rows = _steps(states)
-    for axis in AXES[:3]:
-        for row in rows:
-            name = f"tool slipped after row {row}, {axis}"
-            effect = effect_at(name, "tool", axis, Expression(f"step(row - {row}.5)"), family="tool_slip")
-            yield _one(name, effect, 3.0 + np.log(3 * len(rows)))
+    for row in rows:
+        name, basis = f"{what} after row {row}", Expression(f"step(row - {row}.5)")
+        effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
+        yield Candidate(name, effects, family, 3.0 + np.log(len(rows)))
+        for effect in effects:
+            yield _one(effect.name, effect, 3.0 + np.log(len(axes) * len(rows)))
 
 
 def _warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -34,8 +34,9 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
     """One number for a finding.
 
-    A single effect: its unknown. A sine and cosine pair: amplitude A and phase p of A sin(x + p). A larger set: the RMS
-    over the poses of its sum, with the deviation propagated through the covariance.
+    A single effect: its unknown. A sine and cosine pair: amplitude A and phase p of A sin(x + p). One basis along
+    several axes: the length of the vector of those in the first one's unit. A larger set: the RMS over the poses of its
+    sum. With the deviation propagated through the covariance.
     """
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
@@ -53,6 +54,11 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States) -> 
         return Quantity(
             amplitude, float(np.sqrt(slope @ covariance @ slope)), f"{bases[0][:-1]} {phase:+.3f})", unit, share
         )
+    if len(set(bases)) == 1:
+        along = np.where([e.unit == unit for e in candidate.effects], theta, 0.0)
+        length = float(np.linalg.norm(along))
+        slope = along / length if length else np.ones(len(at))
+        return Quantity(length, float(np.sqrt(slope @ covariance @ slope)), bases[0], unit, share)
     shapes = np.array([e.terms[0].basis(states) for e in candidate.effects])
     total = theta @ shapes
     rms = float(np.sqrt(np.mean(total**2)))
@@ -64,7 +70,11 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States) -> 
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Σ θ φ (N,) of a finding over the poses of `states`, along its first term."""
+    """Σ θ φ (N,) of a finding over the poses of `states`, along its first term; of one basis along several axes, φ
+    times the length of their vector."""
+    if len({str(e.terms[0].basis) for e in candidate.effects}) == 1:
+        term = candidate.effects[0].terms[0]
+        return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
     theta = calibration.theta[indices(calibration, candidate)]
     return np.array([e.terms[0].basis(states) * e.terms[0].weight for e in candidate.effects]).T @ theta
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gpmodel.basis import Expression
 from gpmodel.calibration import calibrate
 from gpmodel.catalogue import Candidate
-from gpmodel.effect import drive_effect
+from gpmodel.effect import drive_effect, effect_at
 from gpmodel.summary import quantity, read_columns, shape, table_names, translate
 
 JOINT = mechanism("ur5").joints[3]
@@ -59,6 +59,20 @@ def test_a_larger_set_is_the_rms_of_its_sum() -> None:
     true = np.sqrt(np.mean((theta @ [e.terms[0].basis(truth.poses.states) for e in CURVE]) ** 2))
     assert abs(found.value - true) < 4 * found.stderr
     assert found.basis == f"curve of {J}, 4 harmonics"
+
+
+def test_one_basis_along_several_axes_is_the_length_of_its_vector() -> None:
+    step = Expression("step(row - 20.5)")
+    effects = tuple(effect_at(f"moved, {a}", "base", a, step) for a in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"))
+    theta = np.array([3e-4, -4e-4, 0.0, 2e-4, 0.0, -1e-4])
+    truth = measure("ur5", effects, theta, 4, count=60, geometry=0.0)
+    fit = calibrate(truth.model, truth.poses)
+    candidate = Candidate("moved", effects, "set_up_step", 4.0)
+    found = quantity(fit, candidate, truth.poses.states)
+    assert (found.basis, found.unit) == ("step(row - 20.5)", "m")
+    assert abs(found.value - 5e-4) < 3 * found.stderr < 1e-4
+    after = truth.poses.states["row"] > 20.5
+    np.testing.assert_allclose(shape(fit, candidate, truth.poses.states), found.value * after)
 
 
 NAMES = table_names(("J1", "J10", "elbow"), ("axis_1", "axis_10", "J3"))
