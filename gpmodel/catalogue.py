@@ -104,6 +104,9 @@ def _joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             terms = tuple(Term(f"{j.name}.moving", f"R{a}", Expression(f"moment_{j.name}_{a}")) for a in axes)
             effect = Effect(f"joint bending, {j.name}", terms, "rad/Nm", "joint_bending")
             yield _one(effect.name, effect, 5.0)
+            for term in terms:
+                name = f"{effect.name} about {term.axis[1]} only"
+                yield _one(name, Effect(name, (term,), "rad/Nm", "joint_bending"), 5.5)
 
 
 def _eccentricity(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
