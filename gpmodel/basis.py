@@ -69,8 +69,9 @@ class Expression:
 
     @cached_property
     def operators(self) -> int:
-        """How many operators and functions it is written with."""
-        return sum(isinstance(n, ast.BinOp | ast.UnaryOp | ast.Call) for n in ast.walk(self._tree))
+        """How many operators and functions it is written with, besides shift and scale of an input."""
+        found = [n for n in ast.walk(self._tree) if isinstance(n, ast.BinOp | ast.UnaryOp | ast.Call)]
+        return sum(not _scaled_input(n) for n in found)
 
     def __call__(self, states: States) -> Array:
         with np.errstate(all="ignore"):
@@ -82,6 +83,15 @@ class Expression:
 
 
 ONE = Expression("1")
+
+
+def _scaled_input(node: ast.AST) -> bool:
+    """Whether it is an input less a number, over a number, or both."""
+    if not isinstance(node, ast.BinOp) or not isinstance(node.right, ast.Constant):
+        return False
+    if isinstance(node.op, ast.Div) and _scaled_input(node.left):
+        return True
+    return isinstance(node.op, ast.Div | ast.Sub) and isinstance(node.left, ast.Name)
 
 
 def _evaluate(node: ast.AST, states: States) -> Any:

@@ -23,6 +23,7 @@ from gpmodel.split import folds
 OUTLIER_SIGMAS = 6.0
 MINIMUM_UNIQUE = 0.02
 CHUNK = 256
+LARGEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -111,16 +112,26 @@ class Evidence:
         return self.problem.weigh(blocks)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Columns (M + B, E) less what is enabled, and the share (E,) of each left; non-finite columns are zero."""
+        """Columns (M + B, E) less what is enabled, and the share (E,) of each left; zero where past numbers."""
         with np.errstate(all="ignore"):
             columns = self.columns(effects)
-        columns[:, ~np.isfinite(columns).all(axis=0)] = 0.0
+        columns[:, ~(np.abs(columns) < LARGEST).all(axis=0)] = 0.0
         norms = np.linalg.norm(columns, axis=0)
         alive = norms > ident.NEGLIGIBLE * 1e-3
         padded = np.zeros((len(self.residual), len(norms)))
         padded[: self.measured] = columns / np.where(alive, norms, 1.0)
         left = ident.remove(self.enabled, padded) * alive
         return left, np.linalg.norm(left, axis=0)
+
+    def poses_at_work(self, effects: Sequence[Effect]) -> Array:
+        """At how many poses each effect (E,) says what nothing enabled says: (Σ e)² / Σ e², e its energy per pose.
+
+        One where all of it sits at a single pose, N where all poses share alike.
+        """
+        left = self.projected(effects)[0][: self.measured] ** 2
+        energy = np.zeros((len(self.poses), left.shape[1]))
+        np.add.at(energy, self.problem.pose_of_row, left)
+        return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
     def beside(self, effects: Sequence[Effect]) -> "Evidence":
         """The evidence when these effects, without priors, are in the model as well."""
@@ -261,6 +272,12 @@ class Evidence:
             np.add.at(per_pose, self.problem.pose_of_row[test], miss**2)
             coefficients.append(new / scale)
         return float(np.sqrt(per_pose.mean())), per_pose, np.array(coefficients)
+
+    def better_by(self, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
+        """Standard deviations by which effects predict better than others, pose by pose in cross-validation."""
+        gain = self.cross_validated(others)[1] - self.cross_validated(effects)[1]
+        spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+        return float(gain.mean()) / spread if spread > 0 else 0.0
 
     def _refitted(self, k: int, test: Mask, extra: Array, belief: Array) -> tuple[Array, Array]:
         """Coefficients of the system and of the extra columns, solved together without the tested rows."""

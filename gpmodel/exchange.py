@@ -69,8 +69,7 @@ def _outdoes(evidence: Evidence, challengers: Sequence[Candidate], holders: Sequ
     new_nats, old_nats = _nats(evidence, [new, old])
     if worth(new_nats, *challengers) < worth(old_nats, *holders) + MINIMUM_NATS:
         return False
-    harm = evidence.cross_validated(new.effects)[1] - evidence.cross_validated(old.effects)[1]
-    return bool(harm.mean() < MINIMUM_CV_T * harm.std(ddof=1) / np.sqrt(len(harm)))
+    return evidence.better_by(new.effects, old.effects) > -MINIMUM_CV_T
 
 
 def _settled(evidence: Evidence, first: Candidate, pool: Sequence[Candidate]) -> tuple[Candidate, Candidate]:

@@ -21,7 +21,11 @@ MINIMUM_NATS = 5.0
 NAMING_MARGIN = 8.0
 HEAD_START = 5.0
 TIE = 1.0
-SHORTLIST = 8
+FEWEST_POSES = 5.0
+FEWEST_SHARE = 0.05
+SHORTLIST = 4
+LOOKED_AT = 48
+WAITS = "passes, but another was preferred: judged again in the next round"
 MOST_RIVALS = 6
 
 
@@ -67,29 +71,63 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
     that nobody named has to save 5 nats more than a named effect to come before it.
     """
     order = sorted(range(len(pool.scores)), key=lambda i: -worth(pool.scores[i].nats, pool.candidates[i]))
-    order = [i for i in order if np.isfinite(pool.scores[i].nats)][: 6 * SHORTLIST]
+    order = [i for i in order if np.isfinite(pool.scores[i].nats)]
+    named = [i for i in order if pool.candidates[i].family][:LOOKED_AT]
+    unnamed = [i for i in order if not pool.candidates[i].family][:LOOKED_AT]
+    order = [i for i in order if i in {*named, *unnamed}]
     spans = {i: ident.orthonormal(evidence.projected(pool.candidates[i].effects)[0]) for i in order}
     leaders: list[int] = []
     followers: dict[int, list[int]] = {}
     for i in order:
         leader = next((k for k in leaders if _alike(spans[i], spans[k])), None)
+        of_its_kind = sum((k in named) is (i in named) for k in leaders)
+        if leader is None and (of_its_kind >= SHORTLIST or not sound(evidence, pool.candidates[i])):
+            continue
         if leader is None:
             leaders.append(i)
             followers[i] = []
         else:
             followers[leader].append(i)
-    before, per_pose, _ = evidence.cross_validated(())
-    judged = [_verdict(evidence, pool, i, followers[i], before, per_pose) for i in leaders[:SHORTLIST]]
-    first = next((k for k, h in enumerate(judged) if h.accepted), len(judged))
-    waits = "passes, but explains less than the one accepted: judged again in the next round"
-    return tuple(
-        replace(h, accepted=False, why=waits) if h.accepted and k != first else h for k, h in enumerate(judged)
-    )
+    before = evidence.cross_validated(())[0]
+    judged = [_verdict(evidence, pool, i, followers[i], before) for i in leaders]
+    best = _preferred(evidence, judged)
+    return tuple(replace(h, accepted=False, why=WAITS) if h.accepted and h is not best else h for h in judged)
+
+
+def _preferred(evidence: Evidence, judged: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The first that passed; a named one that passed before an expression that does not predict better by 2 deviations.
+
+    What an expression explains beyond a named effect may be a few bad poses, which it has more ways to meet.
+    """
+    passed = [h for h in judged if h.accepted]
+    first = next(iter(passed), None)
+    named = next((h for h in passed if h.candidate.family), None)
+    if first is None or named is None or first is named:
+        return first
+    better = evidence.better_by(first.candidate.effects, named.candidate.effects) > MINIMUM_CV_T
+    return first if better else named
 
 
 def worth(nats: float, *candidates: Candidate) -> float:
     """Description length saved, less the head start of named effects for every one of the candidates without a name."""
     return nats - HEAD_START * sum(not candidate.family for candidate in candidates)
+
+
+def sound(evidence: Evidence, candidate: Candidate) -> bool:
+    """Whether every part of an expression without a name speaks for more than a few poses.
+
+    Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost 2 deviations in
+    cross-validation: else a spike at the worst poses rides along with a shape that is there.
+    """
+    if candidate.family:
+        return True
+    effects = candidate.effects
+    if evidence.poses_at_work(effects).min() < max(FEWEST_POSES, FEWEST_SHARE * len(evidence.poses)):
+        return False
+    if len(effects) == 1:
+        return True
+    rest = (effects[:k] + effects[k + 1 :] for k in range(len(effects)))
+    return all(evidence.better_by(effects, fewer) > MINIMUM_CV_T for fewer in rest)
 
 
 def _alike(first: Array, second: Array) -> bool:
@@ -111,7 +149,7 @@ def _named(pool: Pool, leader: int, alike: Sequence[int]) -> tuple[int, Candidat
         ties = [
             i for i in group if pool.scores[i].nats > pool.scores[leader].nats - TIE and not pool.candidates[i].family
         ]
-        plainest = min(ties, key=lambda i: _operators(pool.candidates[i]))
+        plainest = min(ties, key=lambda i: (_operators(pool.candidates[i]), -pool.scores[i].nats))
         return plainest, pool.candidates[plainest]
     evolved = any(pool.candidates[i].found_by == "evolved" for i in group)
     return leader, replace(best, found_by="evolved" if evolved else "catalogue")
@@ -131,15 +169,11 @@ def _restates(rival: Candidate, other: Candidate) -> bool:
     return rival.found_by == "evolved" and bool(same_place) and reads >= {x for e in other.effects for x in e.inputs}
 
 
-def _verdict(
-    evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float, per_pose: Array
-) -> Hypothesis:
+def _verdict(evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float) -> Hypothesis:
     chosen, candidate = _named(pool, leader, alike)
     score, p_value = pool.scores[chosen], pool.p_value(leader)
-    cv_rms, after, coefficients = evidence.cross_validated(candidate.effects)
-    gain = per_pose - after
-    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-    cv_t = float(gain.mean() / spread) if spread > 0 else 0.0
+    cv_rms, _, coefficients = evidence.cross_validated(candidate.effects)
+    cv_t = evidence.better_by(candidate.effects)
     believed = bool(np.isfinite(candidate.effects[0].prior))
     sigmas = 0.0 if believed else _sigmas(evidence, candidate)
     stable = believed or _stable(coefficients)

@@ -11,6 +11,9 @@ from gpmodel.projection import Targets
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e100
+"""A value whose square is still a number."""
+
 
 def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Values (m, N) and their derivatives (constants, m, N) with respect to ``program.constants``.
@@ -107,9 +110,10 @@ def _step(
 ) -> tuple[Array, Array] | None:
     """Normal equations of one Gauss-Newton step in coefficients and free constants, scaled; None if singular."""
     values, tangents = derivatives(program, inputs)
-    columns = np.vstack([values, np.tensordot(coefficients, tangents[free], axes=(0, 1))])
-    shape = coefficients @ values
-    if not np.all(np.isfinite(columns)):
+    with np.errstate(all="ignore"):
+        columns = np.vstack([values, np.tensordot(coefficients, tangents[free], axes=(0, 1))])
+        shape = coefficients @ values
+    if not np.all(np.abs(columns) < LARGEST):
         return None
     seen = columns @ place.cross[0].T
     normal = (columns * place.weight[0]) @ columns.T - seen @ seen.T

@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, combinations
 from typing import Protocol
 
 import numpy as np
@@ -124,9 +125,10 @@ def explore(
             continue
         tried[task.settings.representation].append(found)
         for item in found.front:
-            candidate = as_candidate(item.program, sites[item.site], names, item.complexity, len(sites))
-            if candidate is not None and steady(candidate, evidence.poses.states, between):
-                candidates.setdefault(candidate.name, candidate)
+            for program in parts(item.program):
+                candidate = as_candidate(program, sites[item.site], names, program.complexity, len(sites))
+                if candidate is not None and steady(candidate, evidence.poses.states, between):
+                    candidates.setdefault(candidate.name, candidate)
     null = [_best_nats(evidence, run, len(sites)) for run in by_chance]
     histogram = referenced(inputs.names, tried, by_chance, lambda run: _best_nats(evidence, run, len(sites)), null)
     return Exploration(tuple(candidates.values()), np.array(null), histogram)
@@ -186,6 +188,13 @@ def as_candidate(
     unit = axis_unit(site.axis)
     effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
     return Candidate(name, effects, "", _cost(complexity, sites), "evolved")
+
+
+def parts(program: Program) -> list[Program]:
+    """The program, each of its outputs alone, and all but one of three."""
+    count = len(program.outputs)
+    fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
+    return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
 
 
 def steady(candidate: Candidate, measured: States, between: States) -> bool:

@@ -77,3 +77,12 @@ def test_a_name_is_matched_whole() -> None:
 
 def test_a_column_may_carry_the_name_of_no_function() -> None:
     assert Expression("sin(sine)").inputs == ("sine",)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [("J2", 0), ("torque_J2/3030.0", 0), ("(row - 43.9)/27.1", 0), ("tanh(2*J2)", 2), ("tanh(2*(torque_J2/3030.0))", 2),
+     ("J1 - J2", 1), ("sin(J1)/2 - 1", 3)],
+)  # fmt: skip
+def test_operators_are_counted_besides_shift_and_scale_of_an_input(text: str, count: int) -> None:
+    assert Expression(text).operators == count

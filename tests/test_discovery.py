@@ -60,7 +60,7 @@ def test_a_named_effect_gets_its_name_and_its_size() -> None:
 def test_what_no_family_describes_is_an_expression_that_was_evolved() -> None:
     first = found("windup", 0).findings[0].candidate
     assert (first.family, first.found_by) == ("", "evolved")
-    assert "torque_J2" in first.name
+    assert "torque_J3" in first.name
 
 
 def test_shuffled_residuals_hold_nothing() -> None:
