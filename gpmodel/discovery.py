@@ -187,18 +187,11 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
         rows = np.sort(rng.permutation(len(train))[:SEARCH_POSES])
     evidence = gather(calibration, train.subset(rows), loop.options.seed)
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
-    known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
-    pool = [c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known]
-    named = tuple(pool)
-    null = evidence.scores(pool, evidence.shuffled(rng, SHUFFLES))[1]
-    exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
-    pool += [c for c in exploration.candidates if c.name not in known]
-    earlier = [r.exploration.null_nats for r in loop.rounds]
-    nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
-    hypotheses = judge(evidence, Pool(tuple(pool), tuple(evidence.scores(pool)[0]), nulls))
+    hypotheses, exploration, named, nulls = _look(loop, evidence, rng, number)
     cleared = _cleared(loop, hypotheses, evidence, rows, standard_fit)
     if cleared is not None:
-        hypotheses = judge(cleared, Pool(tuple(pool), tuple(cleared.scores(pool)[0]), nulls))
+        loop.say(f"round {number}: again, with the poses in full that the best hypothesis explains")
+        hypotheses, exploration, named, nulls = _look(loop, cleared, rng, number)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
     added: tuple[Hypothesis, ...] = ()
@@ -209,6 +202,20 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
         dropped, added, calibration = _revised(loop, calibration, standard_fit, named, nulls)
     loop.rounds.append(Round(number, (*hypotheses, *added), exploration, dropped))
     return calibration
+
+
+def _look(
+    loop: _Loop, evidence: Evidence, rng: np.random.Generator, number: int
+) -> tuple[tuple[Hypothesis, ...], Exploration, tuple[Candidate, ...], dict[str, Array]]:
+    """The catalogue and what GP evolves, judged; with what there was to name, and what chance reaches."""
+    known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
+    named = tuple(c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known)
+    null = evidence.scores(named, evidence.shuffled(rng, SHUFFLES))[1]
+    exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
+    pool = (*named, *(c for c in exploration.candidates if c.name not in known))
+    earlier = [r.exploration.null_nats for r in loop.rounds]
+    nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
+    return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, named, nulls
 
 
 def _cleared(
