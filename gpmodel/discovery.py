@@ -189,6 +189,12 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
     hypotheses, exploration, named, nulls = _look(loop, evidence, rng, number)
     cleared = _cleared(loop, hypotheses, evidence, rows, standard_fit)
+    if cleared is None and evidence.drawn_in.any():
+        loop.say(f"round {number}: poses stand far out; would a law explain them?")
+        everything = np.ones(len(rows), dtype=bool)
+        full = gather(calibration, evidence.poses, loop.options.seed, trusted=everything)
+        tried = _look(loop, full, rng, number)[0]
+        cleared = _cleared(loop, tried, evidence, rows, standard_fit)
     if cleared is not None:
         loop.say(f"round {number}: again, with the poses in full that the best hypothesis explains")
         hypotheses, exploration, named, nulls = _look(loop, cleared, rng, number)
