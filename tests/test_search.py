@@ -111,7 +111,7 @@ def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> No
 
 def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_robot_none() -> None:
     first = found("windup", 0).rounds[0].exploration.histogram
-    at = first.inputs.index("torque_J2")
+    at = first.inputs.index("torque_J3")
     real = [a + b for a, b in zip(first.linear, first.tree, strict=True)]
     assert real[at] == max(real) > first.shuffled[at]
     assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
