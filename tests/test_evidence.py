@@ -130,6 +130,29 @@ def test_folds_by_updates_agree_with_folds_by_refits(monkeypatch: pytest.MonkeyP
         np.testing.assert_allclose(one, other, rtol=1e-4)
 
 
+def test_better_by_is_the_paired_deviation_of_squared_errors() -> None:
+    there = seen(NAMES[1])
+    own, other = (next(c.effects for c in pool() if c.name == name) for name in (NAMES[1], NAMES[0]))
+    gain = there.cross_validated(other)[1] - there.cross_validated(own)[1]
+    expected = gain.mean() / (gain.std(ddof=1) / np.sqrt(len(gain)))
+    assert there.better_by(own, other) == pytest.approx(expected)
+    assert there.better_by(other, own) == pytest.approx(-expected)
+    assert there.better_by(own) > 2 > there.better_by(other)
+    assert there.better_by(own, own) == 0.0
+
+
+def test_poses_at_work_count_where_an_effect_says_something() -> None:
+    there = seen(NAMES[1])
+    wide, spike, few = (
+        effect_at(text, "J4.moving", "Rx", Expression(text))
+        for text in ("sin(2*J4)", "exp(-(row - 17)**2)", "step(row - 82.5)")
+    )
+    counts = there.poses_at_work([wide, spike, few])
+    assert 25 < counts[0] < 90
+    assert counts[1] < 3
+    assert 2 < counts[2] < 9
+
+
 def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
     there = seen(NAMES[1])
     sites = sites_of(mechanism("irb6400r"))

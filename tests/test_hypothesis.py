@@ -153,3 +153,31 @@ def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
     found = judge(there, Pool((long, plain, worse), scores, {"catalogue": LOW, "evolved": LOW}))
     assert found[0].candidate == plain
     assert found[0].score.nats == score.nats
+
+
+def test_a_spike_at_the_worst_pose_does_not_ride_along() -> None:
+    there = seen(NAMES[1])
+    shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "exp(-(row - 17)**2)")]
+    assert hypothesis.sound(there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
+    assert not hypothesis.sound(there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
+    assert not hypothesis.sound(there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
+
+
+def test_a_part_that_does_not_predict_does_not_ride_along() -> None:
+    there = seen(NAMES[1])
+    shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "J1*J6")]
+    assert not hypothesis.sound(there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
+
+
+@pytest.mark.parametrize(("deviations", "named"), [(1.0, True), (3.0, False)])
+def test_a_named_effect_that_predicts_as_well_is_preferred(
+    deviations: float, named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = seen(NAMES[1])
+    (gear, *_) = judged(NAMES[1])
+    unnamed = replace(gear, candidate=expression("J5*J6", 1.0))
+    monkeypatch.setattr(type(there), "better_by", lambda self, effects, others: deviations)
+    chosen = hypothesis._preferred(there, [unnamed, gear])
+    assert chosen is (gear if named else unnamed)
+    assert hypothesis._preferred(there, [gear, unnamed]) is gear
+    assert hypothesis._preferred(there, [replace(gear, accepted=False)]) is None

@@ -12,7 +12,7 @@ from gpmodel.catalogue import Candidate
 from gpmodel.effect import drive_effect
 from gpmodel.model import prepare
 from gpmodel.program import Builder, Program
-from gpmodel.search import expression_text, readable_inputs, referenced, steady
+from gpmodel.search import expression_text, parts, readable_inputs, referenced, steady
 from gpmodel.states import states_of
 
 STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 40))
@@ -139,3 +139,10 @@ def test_every_round_has_its_own_null() -> None:
 def test_a_shape_with_a_pole_between_the_poses_is_no_candidate(text: str, steadies: bool) -> None:
     candidate = Candidate(text, (drive_effect(text, mechanism("irb6400r").joints[0], Expression(text)),), "", 1.0)
     assert steady(candidate, STATES, STATES.between()) is steadies
+
+
+@pytest.mark.parametrize(("text", "count"), [("J1", 1), ("J1, sin(J2)", 3), ("J1, sin(J2), J3*J4", 7)])
+def test_a_program_is_offered_with_every_choice_of_its_outputs(text: str, count: int) -> None:
+    found = parts(Program.parse(text))
+    assert found[0] == Program.parse(text)
+    assert len(set(found)) == len(found) == count
