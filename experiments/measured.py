@@ -11,7 +11,7 @@ import numpy as np
 
 from gpmodel import catalogue
 from gpmodel.calibration import Calibration, calibrate, errors_on
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.discover_command import write_results
 from gpmodel.discovery import Discovery, Options, discover

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gpmodel.basis import Expression
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.discovery import Finding, Round
 from gpmodel.effect import Effect, Term
 from gpmodel.errors import InputError

@@ -8,12 +8,13 @@ import numpy as np
 from gpmodel.calibration import Calibration, resolved
 from gpmodel.dataset import IntArray
 from gpmodel.errors import InputError
-from gpmodel.evidence import gather, sites_of
+from gpmodel.evidence import gather
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import Poses, observe
 from gpmodel.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.program import Program
 from gpmodel.search import readable_inputs
+from gpmodel.sites import sites_of
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,16 @@ import numpy as np
 
 from gpmodel import catalogue
 from gpmodel.calibration import Calibration, calibrate, errors_on, without_outlier_marks
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.dataset import IntArray
 from gpmodel.effect import Effect, geometric_effects
-from gpmodel.evidence import Evidence, gather, sites_of
+from gpmodel.evidence import Evidence, gather
 from gpmodel.exchange import better
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 from gpmodel.mechanism import Array, Mechanism
 from gpmodel.model import ErrorModel, Poses
 from gpmodel.search import Exploration, Mapper, explore
+from gpmodel.sites import sites_of
 
 SEARCH_POSES = 1500
 SHUFFLES = 199

@@ -5,58 +5,26 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from gpmodel import identifiability as ident
-from gpmodel.basis import ONE, Basis
+from gpmodel.basis import ONE
 from gpmodel.calibration import Calibration, beliefs
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.dataset import IntArray
-from gpmodel.effect import Effect, Term
+from gpmodel.effect import Effect
 from gpmodel.least_squares import MANY_COLUMNS, factored, solve
 from gpmodel.linearise import Linearised, effect_columns, linearise
-from gpmodel.mechanism import AXES, Array, Mask, Mechanism
+from gpmodel.mechanism import Array, Mask
 from gpmodel.model import Poses
 from gpmodel.projection import Targets
+from gpmodel.sites import Site
 from gpmodel.split import folds
 
 OUTLIER_SIGMAS = 6.0
 MINIMUM_UNIQUE = 0.02
 CHUNK = 256
 LARGEST = 1e100
-
-
-@dataclass(frozen=True)
-class Site:
-    """A place where a twist may act: one axis of one slot, or the drive of a joint (several under one unknown)."""
-
-    terms: tuple[tuple[str, str, float], ...]
-
-    @property
-    def slot(self) -> str:
-        return self.terms[0][0]
-
-    @property
-    def axis(self) -> str:
-        return self.terms[0][1]
-
-    @property
-    def name(self) -> str:
-        return f"{self.slot} {self.axis}"
-
-    def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
-        return Effect(name, tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms), unit, family)
-
-
-def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
-    """The base, every joint (its own drive first, then the other axes of its moving side), the tool."""
-    out = [Site((("base", axis, 1.0),)) for axis in AXES]
-    for joint in mechanism.joints:
-        out.append(Site(joint.drive))
-        slot = f"{joint.name}.moving"
-        out += [Site(((slot, axis, 1.0),)) for axis in AXES if axis != joint.drive[0][1]]
-    out += [Site((("tool", axis, 1.0),)) for axis in AXES[:3]]
-    return tuple(out)
 
 
 @dataclass(frozen=True)
@@ -360,26 +328,3 @@ def _spanned(system: Array, believed: Mask) -> Array:
     rest = ident.remove(plain, system[:, believed])
     upper, _ = factored(rest.T @ rest)
     return np.hstack([plain, linalg.solve_triangular(upper, rest.T, trans="T", check_finite=False).T])
-
-
-def chance(value: float, null: Array) -> float:
-    """Probability of reaching `value` by chance from null maxima: the larger of rank count and Gumbel tail.
-
-    The Gumbel law of maxima is fitted by moments: β = s √6 / π, μ = mean - 0.5772 β.
-    """
-    if len(null) == 0:
-        return 1.0
-    finite = null[np.isfinite(null)]
-    if len(finite) < 3:
-        return 0.5
-    rank = (1 + np.sum(finite >= value)) / (len(finite) + 1)
-    beta = max(float(np.std(finite, ddof=1)) * np.sqrt(6) / np.pi, 1e-6)
-    with np.errstate(over="ignore"):
-        tail = float(stats.gumbel_r.sf(value, finite.mean() - 0.5772 * beta, beta))
-    return tail if np.sum(finite >= value) == 0 else float(max(rank, tail))
-
-
-def canonical_correlation(first: Array, second: Array) -> float:
-    """Smallest correlation between the smaller span and the larger, of orthonormal columns (M, a) and (M, b)."""
-    inside = second.T @ first
-    return float(np.linalg.svd(inside, compute_uv=False).min()) if inside.size else 0.0

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.evidence import Evidence
 from gpmodel.hypothesis import MINIMUM_CV_T, MINIMUM_NATS, Hypothesis, Pool, judge, worth
 from gpmodel.mechanism import Array

@@ -8,8 +8,10 @@ import numpy as np
 from gpmodel import identifiability as ident
 from gpmodel import wording
 from gpmodel.basis import Expression
-from gpmodel.catalogue import Candidate
-from gpmodel.evidence import Evidence, Score, canonical_correlation, chance
+from gpmodel.candidate import Candidate
+from gpmodel.chance import chance
+from gpmodel.evidence import Evidence, Score
+from gpmodel.identifiability import canonical_correlation
 from gpmodel.mechanism import Array
 
 LIKENESS = 0.95

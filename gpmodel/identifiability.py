@@ -104,3 +104,9 @@ def rank_curve(
             error = cross_validate(columns, target, fold_of_row)
             curve[len(kept)] = RankChoice(limit, fixed.shape[1] + len(kept), error)
     return tuple(curve.values())
+
+
+def canonical_correlation(first: Array, second: Array) -> float:
+    """Smallest correlation between the smaller span and the larger, of orthonormal columns (M, a) and (M, b)."""
+    inside = second.T @ first
+    return float(np.linalg.svd(inside, compute_uv=False).min()) if inside.size else 0.0

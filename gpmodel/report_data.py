@@ -11,12 +11,12 @@ from gpmodel import catalogue, wording
 from gpmodel.absorbed import absorbed_families, absorbed_in_words
 from gpmodel.calibration import Calibration, resolved
 from gpmodel.discovery import Discovery, Round, Step
-from gpmodel.evidence import Site
 from gpmodel.free_joints import what_is_left
 from gpmodel.hypothesis import Hypothesis
 from gpmodel.mechanism import Array
 from gpmodel.model import measured_minus, observe
 from gpmodel.search import Histogram
+from gpmodel.sites import Site
 from gpmodel.split import noise_floor
 from gpmodel.summary import quantity, read_columns, shape, table_names, translate
 

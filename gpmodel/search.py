@@ -10,15 +10,17 @@ import numpy as np
 from scipy import stats
 
 from gpmodel.basis import Expression
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
+from gpmodel.chance import chance
 from gpmodel.dataset import IntArray
 from gpmodel.effect import axis_unit
 from gpmodel.errors import InputError
-from gpmodel.evidence import Evidence, Site, chance
+from gpmodel.evidence import Evidence
 from gpmodel.evolve import Evolution, Inputs, Settings, SlotProblem, evolve
 from gpmodel.least_squares import MANY_COLUMNS
 from gpmodel.mechanism import Array
 from gpmodel.program import Program
+from gpmodel.sites import Site
 from gpmodel.states import States
 
 NATS_PER_NODE = 2.0

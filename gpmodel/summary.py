@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.calibration import Calibration
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.mechanism import Array
 from gpmodel.states import PAYLOAD_SHARE, States
 

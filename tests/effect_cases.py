@@ -10,6 +10,7 @@ import numpy as np
 from robots_cases import STANDARD_DH
 
 from gpmodel import catalogue, se3
+from gpmodel.candidate import Candidate
 from gpmodel.dataset import Dataset
 from gpmodel.discovery import Discovery
 from gpmodel.effect import Effect, geometric_effects
@@ -119,7 +120,7 @@ def true_tips(truth: Truth, poses: Poses) -> Array:
     return observe(truth.model, poses, truth.theta, truth.placement).tip[:, :3, 3]
 
 
-def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, catalogue.Candidate]:
+def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, Candidate]:
     """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one.
 
     Of error curves the first, on the joint with the longest lever: on the last their prior hides in the noise.

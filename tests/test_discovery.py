@@ -20,7 +20,7 @@ from loop_cases import (
 )
 
 from gpmodel.calibration import calibrate, errors_on
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.discovery import Discovery, Finding, Options, Round, discover
 from gpmodel.effect import geometric_effects
 from gpmodel.model import ErrorModel, observe, prepare

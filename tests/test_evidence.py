@@ -10,11 +10,13 @@ from effect_cases import MECHANISMS, bare, first_of_each_family, measure, mechan
 from gpmodel import catalogue, evidence
 from gpmodel.basis import Expression
 from gpmodel.calibration import calibrate
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
+from gpmodel.chance import chance
 from gpmodel.effect import effect_at, geometric_effects
-from gpmodel.evidence import Evidence, canonical_correlation, chance, gather, sites_of
-from gpmodel.identifiability import orthonormal
+from gpmodel.evidence import Evidence, gather
+from gpmodel.identifiability import canonical_correlation, orthonormal
 from gpmodel.model import ErrorModel, prepare
+from gpmodel.sites import sites_of
 
 NAMES = (
     "base compliance",

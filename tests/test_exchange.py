@@ -10,7 +10,7 @@ from test_evidence import NAMES, pool, seen
 
 from gpmodel import hypothesis
 from gpmodel.calibration import calibrate
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.effect import geometric_effects
 from gpmodel.evidence import Evidence, gather
 from gpmodel.exchange import better

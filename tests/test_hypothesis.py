@@ -8,7 +8,7 @@ from test_evidence import NAMES, pool, seen
 
 from gpmodel import hypothesis
 from gpmodel.basis import Expression
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.effect import drive_effect
 from gpmodel.hypothesis import Hypothesis, Pool, judge
 

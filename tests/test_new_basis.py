@@ -6,7 +6,7 @@ import numpy as np
 from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration import calibrate, errors_on
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.effect import Effect, Term, effect_at, geometric_effects
 from gpmodel.evidence import gather
 from gpmodel.linearise import effect_columns

@@ -8,7 +8,7 @@ from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
 from gpmodel.basis import Expression
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.effect import drive_effect
 from gpmodel.model import prepare
 from gpmodel.program import Builder, Program

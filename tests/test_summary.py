@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gpmodel.basis import Expression
 from gpmodel.calibration import calibrate
-from gpmodel.catalogue import Candidate
+from gpmodel.candidate import Candidate
 from gpmodel.effect import drive_effect, effect_at
 from gpmodel.summary import quantity, read_columns, shape, table_names, translate
 

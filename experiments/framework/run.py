@@ -15,9 +15,10 @@ from experiments.chapter5 import ANGLES, THESIS_INPUTS, effects_of, options, rou
 from experiments.irb6400r_truth import measured_robot
 from gpmodel import catalogue
 from gpmodel.calibration import calibrate, errors_on
-from gpmodel.evidence import gather, sites_of
+from gpmodel.evidence import gather
 from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
 from gpmodel.model import ErrorModel
+from gpmodel.sites import sites_of
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:

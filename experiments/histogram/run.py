@@ -16,14 +16,14 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration import Calibration
-from gpmodel.evidence import gather, sites_of
+from gpmodel.evidence import gather
 from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
 from gpmodel.problems import Problem
+from gpmodel.sites import sites_of
 
 BOTH = ("base_compliance", "joint_compliance J5")
-MODELS = {
-    "standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH, "+ eccentricity": (*BOTH, "eccentricity J1")
-}  # fmt: skip
+MODELS = {"standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH}
+MODELS["+ eccentricity"] = (*BOTH, "eccentricity J1")
 Search = tuple[Problem, Settings]
 POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("J5",), "J4": ("J4",)}
 
