@@ -14,7 +14,7 @@ from gpmodel.effect import Effect, geometric_effects
 from gpmodel.evidence import Evidence, gather
 from gpmodel.exchange import better
 from gpmodel.hypothesis import Hypothesis, Pool, judge
-from gpmodel.mechanism import Array, Mechanism
+from gpmodel.mechanism import Array, Mask, Mechanism
 from gpmodel.model import ErrorModel, Poses
 from gpmodel.search import Exploration, Mapper, explore
 from gpmodel.sites import sites_of
@@ -189,16 +189,16 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     evidence = gather(calibration, train.subset(rows), loop.options.seed)
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
     hypotheses, exploration, named, nulls = _look(loop, evidence, rng, number)
-    cleared = _cleared(loop, hypotheses, evidence, rows, standard_fit)
-    if cleared is None and evidence.drawn_in.any():
-        loop.say(f"round {number}: poses stand far out; would a law explain them?")
+    if evidence.drawn_in.any():
+        loop.say(f"round {number}: {evidence.drawn_in.sum()} poses stand far out; would a law explain them?")
         everything = np.ones(len(rows), dtype=bool)
         full = gather(calibration, evidence.poses, loop.options.seed, trusted=everything)
-        tried = _look(loop, full, rng, number)[0]
-        cleared = _cleared(loop, tried, evidence, rows, standard_fit)
-    if cleared is not None:
-        loop.say(f"round {number}: again, with the poses in full that the best hypothesis explains")
-        hypotheses, exploration, named, nulls = _look(loop, cleared, rng, number)
+        looks = (hypotheses, _look(loop, full, rng, number)[0])
+        explained = max((_explained(loop, look, rows, standard_fit) & evidence.drawn_in for look in looks), key=np.sum)
+        if explained.any():
+            loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
+            cleared = gather(calibration, evidence.poses, loop.options.seed, trusted=explained)
+            hypotheses, exploration, named, nulls = _look(loop, cleared, rng, number)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
     added: tuple[Hypothesis, ...] = ()
@@ -225,21 +225,16 @@ def _look(
     return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, named, nulls
 
 
-def _cleared(
-    loop: _Loop, hypotheses: tuple[Hypothesis, ...], evidence: Evidence, rows: IntArray, standard_fit: Calibration
-) -> Evidence | None:
-    """The evidence with poses that stood far out, but that the best hypothesis explains, at their full length.
+def _explained(loop: _Loop, hypotheses: tuple[Hypothesis, ...], rows: IntArray, standard_fit: Calibration) -> Mask:
+    """The poses (N,) that are no outliers of a fit with the best hypothesis; none where there is no hypothesis.
 
-    Drawn-in poses would bend a law that is strong at a few of them. None where there are none.
+    Poses far out are drawn in for the search, which would bend a law that is strong at a few of them.
     """
     best = next((h for h in hypotheses if h.accepted), None)
-    if best is None or not evidence.drawn_in.any():
-        return None
+    if best is None:
+        return np.zeros(len(rows), dtype=bool)
     trial = loop.fit(loop.model([*loop.findings, Finding(best, 0)]), standard_fit)
-    explained = ~np.isin(rows, trial.outliers)
-    if not (evidence.drawn_in & explained).any():
-        return None
-    return gather(evidence.calibration, evidence.poses, loop.options.seed, trusted=explained)
+    return ~np.isin(rows, trial.outliers)
 
 
 def _revised(

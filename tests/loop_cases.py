@@ -58,7 +58,7 @@ class Case:
 CASES = {
     "nothing": Case((), 0.0, frozenset()),
     "gear": Case(_gear(), 0.2, frozenset({"J4"})),
-    "windup": Case(_windup(), 1.0, frozenset({"torque_J3"})),
+    "windup": Case(_windup(), 2.0, frozenset({"torque_J3"})),
 }
 
 
