@@ -98,10 +98,8 @@ def pareto(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def description_length(candidate: Candidate, problem: SlotProblem, parsimony: float) -> float:
-    """Nats of a candidate of a slot: components/2 · ln(1 - gain) and the price of its nodes and coefficients."""
-    half = 0.5 * problem.targets.components
-    cost = parsimony * (candidate.complexity + len(candidate.coefficients))
-    return half * float(np.log(max(1.0 - candidate.gain, 1e-16))) + cost
+    """Nats of a candidate of a slot, less being better; its nodes and its coefficients are paid for."""
+    return -float(problem.nats(candidate.gain, candidate.complexity + len(candidate.coefficients), parsimony))
 
 
 def program_at(population: Any, row: int, chosen: int, layout: Layout) -> Program:

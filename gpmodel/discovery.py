@@ -112,6 +112,11 @@ class _Loop:
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
 
+    @property
+    def known(self) -> set[str]:
+        """Names of what is in the model already beside the standard model."""
+        return {f.candidate.name for f in self.findings} | {c.name for c in self.options.known}
+
     def model(self, findings: Sequence[Finding]) -> ErrorModel:
         found = [e for f in findings for e in f.candidate.effects]
         known = [e for c in self.options.known for e in c.effects]
@@ -188,17 +193,19 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
         rows = np.sort(rng.permutation(len(train))[:SEARCH_POSES])
     evidence = gather(calibration, train.subset(rows), loop.options.seed)
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
-    hypotheses, exploration, named, nulls = _look(loop, evidence, rng, number)
+    known = loop.known
+    named = tuple(c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known)
+    hypotheses, exploration, nulls = _look(loop, evidence, named, rng, number)
     if evidence.drawn_in.any():
         loop.say(f"round {number}: {evidence.drawn_in.sum()} poses stand far out; would a law explain them?")
         everything = np.ones(len(rows), dtype=bool)
         full = gather(calibration, evidence.poses, loop.options.seed, trusted=everything)
-        looks = (hypotheses, _look(loop, full, rng, number)[0])
+        looks = (hypotheses, _look(loop, full, named, rng, number)[0])
         explained = max((_explained(loop, look, rows, standard_fit) & evidence.drawn_in for look in looks), key=np.sum)
         if explained.any():
             loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
             cleared = gather(calibration, evidence.poses, loop.options.seed, trusted=explained)
-            hypotheses, exploration, named, nulls = _look(loop, cleared, rng, number)
+            hypotheses, exploration, nulls = _look(loop, cleared, named, rng, number)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
     added: tuple[Hypothesis, ...] = ()
@@ -212,17 +219,16 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
 
 
 def _look(
-    loop: _Loop, evidence: Evidence, rng: np.random.Generator, number: int
-) -> tuple[tuple[Hypothesis, ...], Exploration, tuple[Candidate, ...], dict[str, Array]]:
-    """The catalogue and what GP evolves, judged; with what there was to name, and what chance reaches."""
-    known = {f.candidate.name for f in loop.findings} | {c.name for c in loop.options.known}
-    named = tuple(c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known)
+    loop: _Loop, evidence: Evidence, named: tuple[Candidate, ...], rng: np.random.Generator, number: int
+) -> tuple[tuple[Hypothesis, ...], Exploration, dict[str, Array]]:
+    """The catalogue and what GP evolves, judged; with what chance reaches."""
+    known = loop.known
     null = evidence.scores(named, evidence.shuffled(rng, SHUFFLES))[1]
     exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
     pool = (*named, *(c for c in exploration.candidates if c.name not in known))
     earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
-    return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, named, nulls
+    return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, nulls
 
 
 def _explained(loop: _Loop, hypotheses: tuple[Hypothesis, ...], rows: IntArray, standard_fit: Calibration) -> Mask:

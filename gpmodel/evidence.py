@@ -17,6 +17,7 @@ from gpmodel.least_squares import MANY_COLUMNS, factored, solve
 from gpmodel.linearise import Linearised, effect_columns, linearise
 from gpmodel.mechanism import Array, Mask
 from gpmodel.model import Poses
+from gpmodel.polish import LARGEST
 from gpmodel.projection import Targets
 from gpmodel.sites import Site
 from gpmodel.split import folds
@@ -24,7 +25,6 @@ from gpmodel.split import folds
 OUTLIER_SIGMAS = 6.0
 MINIMUM_UNIQUE = 0.02
 CHUNK = 256
-LARGEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -243,9 +243,7 @@ class Evidence:
 
     def better_by(self, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
         """Standard deviations by which effects predict better than others, pose by pose in cross-validation."""
-        gain = self.cross_validated(others)[1] - self.cross_validated(effects)[1]
-        spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
-        return float(gain.mean()) / spread if spread > 0 else 0.0
+        return deviations(self.cross_validated(others)[1] - self.cross_validated(effects)[1])
 
     def _refitted(self, k: int, test: Mask, extra: Array, belief: Array) -> tuple[Array, Array]:
         """Coefficients of the system and of the extra columns, solved together without the tested rows."""
@@ -278,6 +276,12 @@ class Evidence:
             factor = factored(gram - part.T @ part)
             out.append((factor, linalg.cho_solve(factor, pull - part.T @ right, check_finite=False)))
         return out
+
+
+def deviations(gain: Array) -> float:
+    """The mean of a gain (N,) in standard deviations of that mean; 0 where all are equal."""
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
 def _compact(cross: Array) -> Array:

@@ -10,7 +10,7 @@ from gpmodel import wording
 from gpmodel.basis import Expression
 from gpmodel.candidate import Candidate
 from gpmodel.chance import chance
-from gpmodel.evidence import Evidence, Score
+from gpmodel.evidence import Evidence, Score, deviations
 from gpmodel.identifiability import canonical_correlation
 from gpmodel.mechanism import Array
 
@@ -76,7 +76,8 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
     order = [i for i in order if np.isfinite(pool.scores[i].nats)]
     named = [i for i in order if pool.candidates[i].family][:LOOKED_AT]
     unnamed = [i for i in order if not pool.candidates[i].family][:LOOKED_AT]
-    order = [i for i in order if i in {*named, *unnamed}]
+    looked_at = {*named, *unnamed}
+    order = [i for i in order if i in looked_at]
     spans = {i: ident.orthonormal(evidence.projected(pool.candidates[i].effects)[0]) for i in order}
     leaders: list[int] = []
     followers: dict[int, list[int]] = {}
@@ -90,8 +91,8 @@ def judge(evidence: Evidence, pool: Pool) -> tuple[Hypothesis, ...]:
             followers[i] = []
         else:
             followers[leader].append(i)
-    before = evidence.cross_validated(())[0]
-    judged = [_verdict(evidence, pool, i, followers[i], before) for i in leaders]
+    before, per_pose, _ = evidence.cross_validated(())
+    judged = [_verdict(evidence, pool, i, followers[i], before, per_pose) for i in leaders]
     best = _preferred(evidence, judged)
     return tuple(replace(h, accepted=False, why=WAITS) if h.accepted and h is not best else h for h in judged)
 
@@ -128,8 +129,9 @@ def sound(evidence: Evidence, candidate: Candidate) -> bool:
         return False
     if len(effects) == 1:
         return True
+    whole = evidence.cross_validated(effects)[1]
     rest = (effects[:k] + effects[k + 1 :] for k in range(len(effects)))
-    return all(evidence.better_by(effects, fewer) > MINIMUM_CV_T for fewer in rest)
+    return all(deviations(evidence.cross_validated(fewer)[1] - whole) > MINIMUM_CV_T for fewer in rest)
 
 
 def _alike(first: Array, second: Array) -> bool:
@@ -171,11 +173,13 @@ def _restates(rival: Candidate, other: Candidate) -> bool:
     return rival.found_by == "evolved" and bool(same_place) and reads >= {x for e in other.effects for x in e.inputs}
 
 
-def _verdict(evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float) -> Hypothesis:
+def _verdict(
+    evidence: Evidence, pool: Pool, leader: int, alike: Sequence[int], before: float, per_pose: Array
+) -> Hypothesis:
     chosen, candidate = _named(pool, leader, alike)
     score, p_value = pool.scores[chosen], pool.p_value(leader)
-    cv_rms, _, coefficients = evidence.cross_validated(candidate.effects)
-    cv_t = evidence.better_by(candidate.effects)
+    cv_rms, after, coefficients = evidence.cross_validated(candidate.effects)
+    cv_t = deviations(per_pose - after)
     believed = bool(np.isfinite(candidate.effects[0].prior))
     sigmas = 0.0 if believed else _sigmas(evidence, candidate)
     stable = believed or _stable(coefficients)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gpmodel.operators import BY_NAME, Operator
 from gpmodel.problems import SlotProblem
 from gpmodel.program import Builder, Program
-from gpmodel.vocabulary import Pieces, Vocabulary, nats
+from gpmodel.vocabulary import Pieces, Vocabulary
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
     def saved(one: Program) -> float:
         gain = problem.targets.set_gain(one.evaluate(columns), site)[0]
-        return float(nats(np.array(gain), np.array(one.complexity + len(one.outputs)), problem, parsimony))
+        return float(problem.nats(gain, one.complexity + len(one.outputs), parsimony))
 
     best = saved(program)
     for _ in range(MOST_STEPS):
@@ -53,7 +53,7 @@ def _trials(
         for node in range(len(program.nodes) + (len(program.outputs) < MOST_OUTPUTS)):
             edits = _edits(program, node, values, words)
             gains = problem.targets.set_gains(_outputs_after(program, node, values, edits.values), site)
-            about = nats(gains, size + edits.growth, problem, parsimony)
+            about = problem.nats(gains, size + edits.growth, parsimony)
             for k in np.argsort(-about)[:CHECKED].tolist():
                 yield float(about[k]), partial(_rebuilt, program, node, edits, k)
 

@@ -141,6 +141,11 @@ class SlotProblem:
         """Description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, parsimony)
 
+    def nats(self, gain: Array | float, size: Array | float, parsimony: float) -> Array:
+        """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
+        left = np.maximum(1.0 - np.asarray(gain), 1e-16)
+        return np.asarray(-0.5 * self.targets.components * np.log(left) - parsimony * np.asarray(size))
+
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """The same search with the residual permuted over the poses."""
         return SlotProblem(self.inputs, self.targets.shuffled(rng))

@@ -83,7 +83,7 @@ class Targets:
         ``values`` is (P, N), the result (P, S). A basis that is not finite, is zero, or lies inside the span
         of the enabled columns (unique share below ``unique_share``) scores 0.
         """
-        scaled = _scaled(values)
+        scaled = unit_rows(values)
         pull = scaled @ self.pull.T
         total = np.square(scaled) @ self.weight.T
         columns = self.cross.shape[1]
@@ -102,7 +102,7 @@ class Targets:
         """
         scale = np.abs(values).max(axis=1, initial=0.0)
         scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
-        scaled = _scaled(values)
+        scaled = unit_rows(values)
         seen = scaled @ self.cross[site].T
         gram = (scaled * self.weight[site]) @ scaled.T
         total = np.diag(gram).copy()
@@ -125,7 +125,7 @@ class Targets:
         nearly alike the two differ a little.
         """
         programs, count, poses = values.shape
-        scaled = _scaled(values.reshape(-1, poses))
+        scaled = unit_rows(values.reshape(-1, poses))
         seen = (scaled @ self.cross[site].T).reshape(programs, count, -1)
         scaled = scaled.reshape(programs, count, poses)
         gram = (scaled * self.weight[site]) @ scaled.transpose(0, 2, 1)
@@ -188,7 +188,7 @@ def regression(response: Array, name: str = "response") -> Targets:
     return Targets(np.ones((1, poses)), intercept, residual[None, :], energy, (name,), poses, ROUNDING_SHARE)
 
 
-def _scaled(values: Array) -> Array:
+def unit_rows(values: Array) -> Array:
     """Rows divided by their largest magnitude; rows with a number that is not finite become zero."""
     with np.errstate(invalid="ignore"):
         scale = np.abs(values).max(axis=1, keepdims=True, initial=0.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from gpmodel.operators import Operator
 from gpmodel.problems import Inputs, SlotProblem
 from gpmodel.program import Builder, Program
+from gpmodel.projection import unit_rows
 
 Array = NDArray[np.float64]
 
@@ -105,11 +106,6 @@ class Vocabulary:
                 yield combined(join, values[first] + sign * values[second], operator)
 
 
-def nats(gain: Array, size: Array, problem: SlotProblem, parsimony: float) -> Array:
-    """Description length saved (E,): -components/2 · ln(1 - gain) - parsimony · size."""
-    return -0.5 * problem.targets.components * np.log(np.maximum(1.0 - gain, 1e-16)) - parsimony * size
-
-
 def promising(problem: SlotProblem, words: Vocabulary, parsimony: float, count: int) -> tuple[tuple[Program, int], ...]:
     """The best pairs of the vocabulary and the site of each.
 
@@ -119,13 +115,12 @@ def promising(problem: SlotProblem, words: Vocabulary, parsimony: float, count: 
     targets = problem.targets
     with np.errstate(all="ignore"):
         pairs = words.pairs()
-        scale = np.abs(pairs.values).max(axis=1, keepdims=True)
-        rows = np.where(np.isfinite(scale) & (scale > 0), pairs.values / scale, 0.0)
+        rows = unit_rows(pairs.values)
         least = np.max((rows @ targets.pull.T) ** 2 / np.maximum(rows**2 @ targets.weight.T, 1e-300), axis=1)
-    few = np.argsort(nats(least / targets.energy, pairs.growth, problem, parsimony))[-SCREENED:]
+    few = np.argsort(problem.nats(least / targets.energy, pairs.growth, parsimony))[-SCREENED:]
     gains = targets.gains(pairs.values[few])
     found = []
-    for k in np.argsort(-nats(gains.max(axis=1), pairs.growth[few], problem, parsimony))[:count].tolist():
+    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few], parsimony))[:count].tolist():
         builder = Builder()
         found.append((builder.program([pairs.build(builder, [], int(few[k]))]), int(gains[k].argmax())))
     return tuple(found)
