@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from experiments.irb6400r_truth import Case
-from gpmodel import catalogue
-from gpmodel.calibration import Calibration, calibrate
-from gpmodel.dataset import IntArray
-from gpmodel.effect import Effect, geometric_effects
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel, Poses, observe
-from gpmodel.problems import CartesianProblem, Inputs
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import Calibration, calibrate
+from gpmodel.evolution.problems import CartesianProblem, Inputs
+from gpmodel.families import catalogue
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.geometric import geometric_effects
 
 POSITION = ("x", "y", "z")
 ANGLES = ("J1", "J2", "J3", "J4", "J5", "J6")

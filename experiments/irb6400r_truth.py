@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel import catalogue, se3
-from gpmodel.dataset import Dataset, IntArray
-from gpmodel.effect import Effect, geometric_effects
-from gpmodel.mechanism import Array, Mechanism
-from gpmodel.model import ErrorModel, Placement, Poses, observe, prepare
-from gpmodel.poses import spread_poses
+from gpmodel.arrays import Array, IntArray
+from gpmodel.families import catalogue
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
+from gpmodel.planning.poses import spread_poses
+from gpmodel.table.dataset import Dataset
 from robots.irb6400r import irb6400r
 
 POSES, TRAINING = 90, 40

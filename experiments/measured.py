@@ -9,19 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel import catalogue
-from gpmodel.calibration import Calibration, calibrate, errors_on
-from gpmodel.candidate import Candidate
-from gpmodel.dataset import IntArray
-from gpmodel.discover_command import write_results
-from gpmodel.discovery import Discovery, Options, discover
-from gpmodel.effect import Effect
-from gpmodel.importing import import_file, read_map
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel, Poses, prepare
-from gpmodel.options import MechanismChoice
-from gpmodel.output import to_json, write_text
-from gpmodel.table import dataset_from
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.cli.discover import write_results
+from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
+from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.table.foreign import import_file, read_map
+from gpmodel.table.read import dataset_from
 
 CONDITION_LIMIT = 50.0
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array
-from gpmodel.poses import spread_poses
+from gpmodel.planning.poses import spread_poses
 from joints.kinematics import PARAMETERS, SphericalJoint, parameter, tooling_ball_position, vector
 from joints.reduction import thesis_columns
 from joints.settings import Settings, load_settings

@@ -12,10 +12,11 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel import se3
-from gpmodel.effect import Effect, effect_at
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import AXES, Array, Joint
+from gpmodel.mechanism.protocol import AXES, Joint
+from gpmodel.model.effect import Effect, effect_at
+from gpmodel.numerics import se3
 
 FRAMES = ("Tm_Ts", "Ts_Tbr", "Tbr_Tbp", "Tbp_Tby", "Tby_TCP")
 JOINTS = ("J1", "J2", "J3")

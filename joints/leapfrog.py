@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.free_joints import check_points, solve_joints
-from gpmodel.linearise import linearise, placement_after
-from gpmodel.model import ErrorModel, Poses
-from gpmodel.placement import start_placement
+from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.start import start_placement
+from gpmodel.calibration.unmeasured_joints import check_points, solve_joints
+from gpmodel.model.error_model import ErrorModel, Poses
 from joints.kinematics import SphericalJoint
 from joints.solution import Progress, Solution, error_of, truncated_step, verdict
 

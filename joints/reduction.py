@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel import identifiability as ident
-from gpmodel.dataset import Dataset
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns
 from gpmodel.errors import InputError
-from gpmodel.free_joints import eliminate, joint_columns
-from gpmodel.linearise import effect_columns
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel, Placement, observe, prepare
-from gpmodel.poses import spread_poses
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.numerics import rank as ident
+from gpmodel.planning.poses import spread_poses
+from gpmodel.table.dataset import Dataset
 from joints.kinematics import JOINTS, THESIS_PARAMETERS, SphericalJoint, parameter
 
 CONDITION_LIMIT = 50.0

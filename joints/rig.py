@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpmodel import se3
-from gpmodel.dataset import Dataset
-from gpmodel.mechanism import Array
+from gpmodel.arrays import Array
+from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
 from joints.kinematics import JOINTS, PARAMETERS, SphericalJoint, tooling_ball_position
 
 Disturbance = Callable[[Array, Mapping[str, Array]], Mapping[int, Array]]

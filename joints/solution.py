@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.calibration import pose_error
-from gpmodel.linearise import Linearised
-from gpmodel.mechanism import Array
-from gpmodel.model import Placement, Poses, measured_minus
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import pose_error
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.model.error_model import Placement, Poses, measured_minus
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.mechanism import Array
+from gpmodel.arrays import Array
 from joints.budget import Budget
 from joints.contact_types import ContactType
 from joints.kinematics import parameter

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpmodel.arrays import Array
+from gpmodel.calibration.unmeasured_joints import sphere_flaw
 from gpmodel.errors import InputError
-from gpmodel.free_joints import sphere_flaw
-from gpmodel.mechanism import Array
 
 MAX_ITERATIONS = 50
 STEP_TOLERANCE = 1e-13

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array, Joint
+from gpmodel.mechanism.protocol import Joint
 from robots.motion import axis_motion
 from robots.statics import GRAVITY, gravity_loads
 from robots.urdf_export import write_calibrated_urdf
@@ -25,7 +26,7 @@ class Link:
     """One motion of the chain and the rigid part it carries.
 
     name: the joint's. placement: (4, 4), the frame before this motion in the frame after the motion before
-    (in the root, for the first), m. axis: one of gpmodel.mechanism.AXES, the coordinate axis of that frame
+    (in the root, for the first), m. axis: one of gpmodel.mechanism.protocol.AXES, the coordinate axis of that frame
     the motion is about or along, in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
     alignment: (4, 4), the frame after the motion in the frame the source description gives the same part.
     offset: constant part of the motion already contained in placement, rad or m.

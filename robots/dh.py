@@ -42,8 +42,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array
 from robots.chain import Link, SerialChain
 from robots.motion import along, translation
 from robots.statics import GRAVITY

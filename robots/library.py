@@ -9,8 +9,8 @@ from pathlib import Path
 import example_robot_data
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import Array
 from robots.chain import SerialChain
 from robots.dh import read_dh
 from robots.irb6400r import DIMENSIONS, irb6400r

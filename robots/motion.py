@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpmodel.mechanism import AXES, Array
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import AXES
 
 
 def axis_motion(axis: str, value: Array) -> Array:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from gpmodel.mechanism import AXES, Array
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import AXES
 
 if TYPE_CHECKING:
     from robots.chain import SerialChain

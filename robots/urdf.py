@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import AXES, Array
-from gpmodel.units import identifier
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.table.units import identifier
 from robots.chain import Link, SerialChain
 from robots.motion import along
 from robots.urdf_file import Mimic, parse_mimics, parse_model

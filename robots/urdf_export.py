@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from gpmodel import se3
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism import AXES, Array
-from gpmodel.units import identifier
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.numerics import se3
+from gpmodel.table.units import identifier
 from robots.motion import along
 from robots.urdf_file import parse_xml
 

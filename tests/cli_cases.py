@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 from click.testing import CliRunner, Result
 
-from gpmodel.cli import main
-from gpmodel.mechanism import Mechanism
-from gpmodel.plugins import load_mechanism
-from gpmodel.simulate import Simulation, simulate
-from gpmodel.table_text import frame_of
-from gpmodel.workspace import random_poses
+from gpmodel.cli.main import main
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.planning.simulate import Simulation, simulate
+from gpmodel.table.write import frame_of
 
 
 def run(*arguments: object) -> Result:

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 from robots_cases import STANDARD_DH
 
-from gpmodel import catalogue, se3
-from gpmodel.candidate import Candidate
-from gpmodel.dataset import Dataset
-from gpmodel.discovery import Discovery
-from gpmodel.effect import Effect, geometric_effects
-from gpmodel.mechanism import Array, Mechanism
-from gpmodel.model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
-from gpmodel.workspace import random_poses
+from gpmodel.arrays import Array
+from gpmodel.discovery.loop import Discovery
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
 from joints import spherical_joint
 from robots import load_mechanism
 

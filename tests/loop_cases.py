@@ -9,15 +9,15 @@ from unittest import mock
 import numpy as np
 from effect_cases import Truth, bare, measure, mechanism, sized, true_tips
 
-from gpmodel import search
-from gpmodel.basis import Expression
-from gpmodel.calibration import calibrate, errors_on
-from gpmodel.dataset import IntArray
-from gpmodel.discovery import Discovery, Options, discover
-from gpmodel.effect import Effect, drive_effect, geometric_effects
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel, Poses, prepare
-from gpmodel.split import hold_out
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.discovery import explore as search
+from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import Effect, drive_effect
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"
 SMALL = Options(runs=2, workers=1)

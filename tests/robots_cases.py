@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.mechanism import Array, Mechanism
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import Mechanism
 from robots import load_mechanism
 from robots.chain import SerialChain
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpmodel.basis import Expression
-from gpmodel.dataset import Dataset
-from gpmodel.effect import Effect, Term, effect_at
-from gpmodel.mechanism import Array
+from gpmodel.arrays import Array
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import Effect, Term, effect_at
+from gpmodel.table.dataset import Dataset
 from joints import spherical_joint
 from joints.rig import Disturbance, Rig
 

@@ -11,12 +11,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FILES = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROOT / package).rglob("*.py"))]
-DRAWING = {"plots.py", "picture.py", "figures.py"}
+DRAWING = {"picture.py", "figures.py", "sphere_charts.py"}
 FENCED = {
     "pinocchio": lambda path: path.parent.name == "robots",
     "example_robot_data": lambda path: path.parent.name == "robots",
-    "deap": lambda path: path == ROOT / "gpmodel" / "tree.py",
-    "numba": lambda path: path.parent == ROOT / "gpmodel" / "kernels",
+    "deap": lambda path: path == ROOT / "gpmodel" / "evolution" / "tree.py",
+    "numba": lambda path: path.parent == ROOT / "gpmodel" / "evolution" / "kernels",
     "matplotlib": lambda path: path.name in DRAWING or path.name.startswith("charts"),
 }
 
@@ -66,7 +66,7 @@ def test_every_dependency_imported_is_declared() -> None:
 
 def test_loading_the_loop_and_the_robots_opens_no_gui_and_no_plots() -> None:
     code = (
-        "import sys, gpmodel.discover_command, robots, joints\n"
+        "import sys, gpmodel.cli.discover, robots, joints\n"
         "bad = {'matplotlib.pyplot', 'tkinter', 'PyQt5', 'PyQt6', 'PySide6', 'wx', 'gi', 'meshcat', 'IPython'}\n"
         "print(sorted(bad & set(sys.modules)))"
     )
@@ -76,7 +76,7 @@ def test_loading_the_loop_and_the_robots_opens_no_gui_and_no_plots() -> None:
 
 def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None:
     code = (
-        "import gpmodel.calibration as c, threadpoolctl\n"
+        "import gpmodel.calibration.gauss_newton as c, threadpoolctl\n"
         "seen = []\n"
         "def spy(*a):\n"
         "    seen.extend(p['num_threads'] for p in threadpoolctl.threadpool_info() if p['user_api'] == 'blas')\n"
@@ -87,3 +87,57 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
     many = os.environ | {"OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=many)
     assert done.stdout.strip() == "[1]"
+
+
+ORDER = (
+    "_version", "errors", "wording", "arrays", "files", "numerics", "formula", "mechanism", "table", "model", "evolution",
+    "families", "calibration", "checks", "planning", "discovery", "application", "report", "cli",
+)  # fmt: skip
+ALONE = {"evolution", "formula", "files", "errors", "arrays"}
+
+
+def modules() -> dict[str, Path]:
+    files = (p for p in FILES if p.is_relative_to(ROOT / "gpmodel"))
+    return {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in files}
+
+
+def edges() -> dict[str, set[str]]:
+    """Module -> modules of gpmodel that it imports, by their full names."""
+    known = modules()
+    found = {}
+    for name, path in known.items():
+        wanted = imports(path)
+        found[name] = {m for m in known if any(w == m or w.startswith(f"{m}.") for w in wanted)} - {name}
+    return found
+
+
+def package(module: str) -> str:
+    return module.split(".")[1] if module != "gpmodel.__init__" else "__init__"
+
+
+def test_every_package_of_the_core_has_its_place() -> None:
+    assert {package(m) for m in modules()} - {"__init__", "testing"} == set(ORDER)
+
+
+def test_packages_import_only_what_stands_above_them() -> None:
+    upward = [
+        f"{a} imports {b}"
+        for a, others in edges().items()
+        for b in others
+        if package(a) in ORDER and (package(b) not in ORDER or ORDER.index(package(b)) > ORDER.index(package(a)))
+    ]
+    assert upward == []
+
+
+def test_the_engine_of_genetic_programming_stands_alone() -> None:
+    foreign = {f"{a} imports {b}" for a, o in edges().items() for b in o if package(a) == "evolution"}
+    assert {e for e in foreign if package(e.split()[-1]) not in ALONE} == set()
+
+
+def test_no_file_imports_itself_by_way_of_others() -> None:
+    graph = {a: others for a, others in edges().items() if not a.endswith("__init__")}
+    waiting = dict(graph)
+    while ready := [a for a, others in waiting.items() if not others & set(waiting)]:
+        for a in ready:
+            del waiting[a]
+    assert waiting == {}

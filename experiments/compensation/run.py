@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import POSITION, cartesian, effects_of, fit, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.calibration import Calibration, calibrate, errors_on
-from gpmodel.evolve import CartesianProblem, Settings, evolve
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel, Poses, observe
-from gpmodel.program import Program
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.evolution.search import CartesianProblem, Settings, evolve
+from gpmodel.formula.algebra import latex, simplify
+from gpmodel.formula.program import Program
+from gpmodel.model.error_model import ErrorModel, Poses, observe
 
 PRICE = 1e-5
 FOUND = ("joint_compliance J5", "joint_compliance J4", "eccentricity J1", "base_compliance")
@@ -39,7 +40,7 @@ def evolved(model: Calibration, train: Poses, population: int, generations: int)
     changes = {"population": population, "generations": generations, "crossover": 0.03, "mutation": 0.03}
     settings = Settings.thesis("linear", operators="smooth", parsimony=PRICE, **changes)
     program = evolve(problem, settings, np.random.default_rng(510)).best.program
-    return program.simplify(), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values
+    return simplify(program), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values
 
 
 def base_compliance_moves(model: Calibration, without: Calibration, train: Poses) -> Array:
@@ -67,10 +68,10 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         seen = cartesian(model, train).measured - points - moves[f"equation on {name}"]
         results["equations"][name] = {
             "equation": str(program),
-            "latex": program.latex(),
+            "latex": latex(program),
             "train_rms_mm": {"before": rms_mm(errors_on(model, train)), "after": rms_mm(np.linalg.norm(seen, axis=0))},
         }
-        print(program, program.latex(), sep="\n")
+        print(program, latex(program), sep="\n")
     moves["base compliance"] = base_compliance_moves(compliant, rigid, train)
     figure = Figure(figsize=(9, 11), layout="constrained")
     for row, (name, move) in zip(figure.subplots(4, 2), moves.items(), strict=True):

@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import ANGLES, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
-from gpmodel.calibration import Calibration, calibrate, errors_on
-from gpmodel.evidence import gather
-from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
-from gpmodel.mechanism import Array
-from gpmodel.model import ErrorModel
-from gpmodel.search import as_candidate, steady
-from gpmodel.sites import sites_of
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.discovery.explore import as_candidate, steady
+from gpmodel.discovery.residual import gather
+from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.sites import sites_of
 
 
 def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:

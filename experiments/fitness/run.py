@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.evolve import Settings, evolve
+from gpmodel.evolution.search import Settings, evolve
 
 
 def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import ANGLES, THESIS_INPUTS, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel import catalogue
-from gpmodel.calibration import calibrate, errors_on
-from gpmodel.evidence import gather
-from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
-from gpmodel.model import ErrorModel
-from gpmodel.sites import sites_of
+from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.discovery.residual import gather
+from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.families import catalogue
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.sites import sites_of
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:

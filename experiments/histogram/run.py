@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
-from gpmodel.calibration import Calibration
-from gpmodel.evidence import gather
-from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
-from gpmodel.problems import Problem
-from gpmodel.sites import sites_of
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.discovery.residual import gather
+from gpmodel.evolution.problems import Problem
+from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.model.sites import sites_of
 
 BOTH = ("base_compliance", "joint_compliance J5")
 MODELS = {"standard": (), "+ base compliance": BOTH[:1], "+ joint bending": BOTH}

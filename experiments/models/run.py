@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import HAND_MADE, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel import catalogue
-from gpmodel.discovery import Options, discover
-from gpmodel.ladder import climb
+from gpmodel.calibration.comparison import climb
+from gpmodel.discovery.loop import Options, discover
+from gpmodel.families import catalogue
 
 STEPS = ("standard", "+ base compliance", "+ joint bending", "the loop's own")
 COLUMNS = ("train mean", "train max", "held-out mean", "held-out max")

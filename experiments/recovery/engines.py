@@ -8,9 +8,9 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
-from gpmodel.program import Program
-from gpmodel.projection import regression
+from gpmodel.evolution.projection import regression
+from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import sympy
 
 from experiments.recovery.engines import Found, available
 from experiments.recovery.laws import LAWS, Law
-from gpmodel.symbolic import to_sympy
+from gpmodel.formula.algebra import to_sympy
 
 
 def slowdown() -> float:

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
-from gpmodel import engine
-from gpmodel.evolve import CartesianProblem, Inputs, Settings
-from gpmodel.generations import Generations
-from gpmodel.layout import Layout
-from gpmodel.operators import BY_CODE, operator_set
-from gpmodel.parallel import cores, over_slices
-from gpmodel.tree import Individual, TreeBreeding, Trees
+from gpmodel.evolution import engine
+from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.search import CartesianProblem, Inputs, Settings
+from gpmodel.evolution.threads import cores, over_slices
+from gpmodel.evolution.tree import Individual, TreeBreeding, Trees
+from gpmodel.formula.operators import BY_CODE, operator_set
 
 START = """
 import numpy as np
@@ -87,7 +87,7 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
 
 def operator_seconds() -> dict[int, float]:
     """Seconds a pose of each operator, alone, on long rows in the first cache."""
-    from gpmodel.kernels.execute import execute
+    from gpmodel.evolution.kernels.execute import execute
 
     rows = np.random.default_rng(0).uniform(0.5, 1.5, (12, 512))
     found = {}
@@ -142,7 +142,7 @@ def cold_start() -> dict[str, float]:
             subprocess.run([sys.executable, "-c", START], check=True, env=environment)
             found[name] = round(time.perf_counter() - begin, 2)
     begin = time.perf_counter()
-    shown = [sys.executable, "-c", "from gpmodel.cli import main; main()", "evolve", "--help"]
+    shown = [sys.executable, "-c", "from gpmodel.cli.main import main; main()", "evolve", "--help"]
     subprocess.run(shown, check=True, stdout=subprocess.DEVNULL)
     found["gpmodel evolve --help"] = round(time.perf_counter() - begin, 2)
     return found

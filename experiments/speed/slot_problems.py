@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolve import Inputs, SlotProblem
-from gpmodel.projection import Targets
+from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.search import Inputs, SlotProblem
 
 Array = NDArray[np.float64]
 POSES, HELD_OUT, SITES, ENABLED, NOISE, TRUE_SITE = 90, 200, 20, 25, 0.1, 7

@@ -20,7 +20,7 @@ from deap import algorithms, base, creator, gp, tools
 from experiments.recovery.engines import available
 from experiments.recovery.run import slowdown
 from experiments.speed.slot_problems import EFFECTS, NOISE, TRUE_SITE, Planted, planted
-from gpmodel.evolve import Settings, evolve
+from gpmodel.evolution.search import Settings, evolve
 
 Array = np.ndarray
 Predict = Callable[[dict[str, Array]], Array]

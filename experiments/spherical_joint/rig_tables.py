@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.calibration import calibrate
-from gpmodel.model import ErrorModel, prepare
-from gpmodel.poses import spread_poses
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.planning.poses import spread_poses
 from joints import spherical_joint
 from joints.kinematics import THESIS_PARAMETERS, parameter
 from joints.reduction import most_common_reduction, observable_in_words, reduce_in_order, thesis_columns

@@ -11,13 +11,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from rig_tables import JOINT, RIG, model, reduction, summary, tables
 
-from gpmodel.basis import Expression
-from gpmodel.calibration import calibrate, errors_on
-from gpmodel.discovery import Options, discover
-from gpmodel.effect import effect_at, geometric_effects
-from gpmodel.model import ErrorModel, prepare
-from gpmodel.report_data import build
-from gpmodel.split import hold_out
+from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.discovery.loop import Options, discover
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.report.content import build
+from gpmodel.table.split import hold_out
 from joints import sphere_charts
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types

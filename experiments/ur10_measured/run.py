@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from experiments import measured
-from gpmodel.calibration import errors_on
-from gpmodel.discovery import Discovery
-from gpmodel.effect import Effect
-from gpmodel.model import ErrorModel, Poses
+from gpmodel.calibration.gauss_newton import errors_on
+from gpmodel.discovery.loop import Discovery
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses
 
 HERE = Path(__file__).parent
 LOOK, SHOWN, TRAIN, BLOCKS = 400, 200, 1500, 5

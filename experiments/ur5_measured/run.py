@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from experiments import measured
-from gpmodel.calibration import errors_on
-from gpmodel.model import ErrorModel, Poses
-from gpmodel.model_file import load_model
-from gpmodel.split import hold_out
+from gpmodel.application.model_file import load_model
+from gpmodel.calibration.gauss_newton import errors_on
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.table.split import hold_out
 
 HERE = Path(__file__).parent
 

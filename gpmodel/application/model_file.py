@@ -1,0 +1,234 @@
+"""model.json: a fitted model as text, enough to predict and to compensate."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpmodel._version import __version__
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.errors import InputError
+from gpmodel.files import to_json, write_text
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.numerics.se3 import chain
+from gpmodel.table.dataset import Dataset, with_payload
+
+SCHEMA = 1
+KIND = "gpmodel model"
+TIP_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class SavedModel:
+    """A fitted model read from text.
+
+    theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: (E, E), zero where
+    not fitted. lever: m a radian is worth. sigma: m, one component. pose: whether rotations were measured.
+    input_units: units of the extra columns the effects read.
+    """
+
+    choice: MechanismChoice
+    model: ErrorModel
+    theta: Array
+    stderr: Array
+    covariance: Array
+    placement: Placement
+    lever: float
+    sigma: float
+    pose: bool
+    input_units: Mapping[str, str]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        return self.model.mechanism
+
+
+def saved_model(choice: MechanismChoice, fit: Calibration, dataset: Dataset) -> SavedModel:
+    """What of a calibration on `dataset` is worth keeping."""
+    read = {name for effect in fit.model.effects for name in effect.inputs}
+    deviation = np.nan_to_num(fit.stderr)
+    return SavedModel(
+        choice=choice,
+        model=fit.model,
+        theta=fit.theta,
+        stderr=fit.stderr,
+        covariance=fit.correlation * np.outer(deviation, deviation),
+        placement=fit.placement,
+        lever=fit.lever,
+        sigma=fit.sigma,
+        pose=dataset.has_rotation,
+        input_units={k: v for k, v in dataset.extra_units.items() if k in read},
+    )
+
+
+def model_text(saved: SavedModel, **more: Any) -> str:
+    """The text of model.json. more: further JSON content to keep with it, ignored when read.
+
+    Raises InputError for a basis whose text is no expression: such a model lives only in Python.
+    """
+    mechanism, choice = saved.mechanism, saved.choice
+    for effect in saved.model.effects:
+        for term in effect.terms:
+            Expression(str(term.basis))
+    path = Path(choice.name)
+    content = {
+        "kind": KIND,
+        "schema": SCHEMA,
+        "version": __version__,
+        "mechanism": {
+            "name": str(path.resolve()) if path.is_file() else choice.name,
+            "frame": choice.frame,
+            "payload_kg": choice.payload,
+            "payload_com_m": choice.payload_com,
+            "joints": [j.name for j in mechanism.joints],
+            "tip_at_probe_m": _probe(mechanism),
+        },
+        "effects": [
+            {
+                "name": effect.name,
+                "family": effect.family,
+                "unit": effect.unit,
+                "prior": effect.prior,
+                "value": value,
+                "stderr": stderr,
+                "terms": [
+                    {"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms
+                ],
+            }
+            for effect, value, stderr in zip(saved.model.effects, saved.theta, saved.stderr, strict=True)
+        ],
+        "covariance": saved.covariance,
+        "registration": dict(saved.placement.registration),
+        "tool": dict(saved.placement.tool),
+        "anchors_m": dict(saved.placement.anchors),
+        "lever_m": saved.lever,
+        "sigma_m": saved.sigma,
+        "pose": saved.pose,
+        "input_units": dict(saved.input_units),
+        **more,
+    }
+    return to_json(content)
+
+
+def save_model(path: Path, saved: SavedModel, **more: Any) -> None:
+    """Write model.json. Raises InputError when it cannot be written."""
+    write_text(path, model_text(saved, **more))
+
+
+def load_model(path: Path) -> SavedModel:
+    """Read model.json. Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its
+    mechanism is no longer the one it was made for."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a model.json") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is no JSON ({error}); expected a model.json") from None
+    if not isinstance(content, dict) or content.get("kind") != KIND:
+        raise InputError(f"{path}: is no model of gpmodel; expected the model.json of calibrate or discover")
+    if content.get("schema") != SCHEMA:
+        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {SCHEMA}")
+    try:
+        return _read(content, path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: damaged model, {type(error).__name__} {error}; make it again") from None
+
+
+def _read(content: dict[str, Any], path: Path) -> SavedModel:
+    about = content["mechanism"]
+    name = about["name"]
+    beside = path.parent / Path(name).name
+    com = about["payload_com_m"]
+    choice = MechanismChoice(
+        name=str(beside) if Path(name).suffix and not Path(name).exists() and beside.exists() else name,
+        frame=about["frame"],
+        payload=about["payload_kg"],
+        payload_com=None if com is None else tuple(com),
+    )
+    mechanism = choice.load()
+    now = _probe(mechanism)
+    then = np.array(about["tip_at_probe_m"], dtype=float)
+    if [j.name for j in mechanism.joints] != about["joints"] or not np.allclose(now, then, atol=TIP_TOLERANCE, rtol=0):
+        raise InputError(f"mechanism '{name}' has changed since this model was made; calibrate again")
+    effects = tuple(
+        Effect(
+            e["name"],
+            tuple(Term(t["slot"], t["axis"], Expression(t["basis"]), float(t["weight"])) for t in e["terms"]),
+            e["unit"],
+            e["family"],
+            np.inf if e["prior"] is None else float(e["prior"]),
+        )
+        for e in content["effects"]
+    )
+    unknown = [s for e in effects for s in e.slots if s not in mechanism.slots]
+    if unknown:
+        raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(mechanism.slots)}")
+    placement = Placement(
+        {k: _array(v, (4, 4)) for k, v in content["registration"].items()},
+        {k: _array(v, (4, 4)) for k, v in content["tool"].items()},
+        {k: _array(v, (3,)) for k, v in content["anchors_m"].items()},
+    )
+    n = len(effects)
+    stderr = [np.nan if e["stderr"] is None else float(e["stderr"]) for e in content["effects"]]
+    return SavedModel(
+        choice=choice,
+        model=ErrorModel(mechanism, effects),
+        theta=_array([e["value"] for e in content["effects"]], (n,)),
+        stderr=np.array(stderr, dtype=float),
+        covariance=_array(content["covariance"], (n, n)) if n else np.zeros((0, 0)),
+        placement=placement,
+        lever=float(content["lever_m"]),
+        sigma=float(content["sigma_m"]),
+        pose=bool(content["pose"]),
+        input_units=dict(content["input_units"]),
+    )
+
+
+def _array(value: Any, shape: tuple[int, ...]) -> Array:
+    out = np.array(value, dtype=float)
+    if out.shape != shape or not np.isfinite(out).all():
+        raise ValueError(f"expected finite numbers of shape {shape}")
+    return out
+
+
+def _probe(mechanism: Mechanism) -> Array:
+    """Tip (3,) at one oblique pose: a fingerprint of the nominal geometry."""
+    q = 0.1 * np.arange(1.0, len(mechanism.joints) + 1.0)[None]
+    return chain(mechanism.transforms(q))[-1][0, :3, 3]
+
+
+def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
+    """`dataset` made fit for the model: its payload, and labels that name the model's set-ups and tools.
+
+    Raises InputError: a set-up or tool the model does not know, an input missing or in another unit.
+    """
+    for name, unit in saved.input_units.items():
+        if name not in dataset.extras:
+            raise InputError(f"{dataset.source}: column '{name} [{unit}]' is missing; the model reads it")
+        if dataset.extra_units[name] != unit:
+            given = dataset.extra_units[name]
+            raise InputError(f"{dataset.source}: column '{name}' is in [{given}]; the model was made with [{unit}]")
+    if not dataset.payload_given:
+        dataset = with_payload(dataset, saved.choice.payload)
+        read = {name for effect in saved.model.effects for name in effect.inputs}
+        if "payload" in read:
+            raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model reads it")
+    labels = dict(dataset.labels)
+    for column, known in (("setup", saved.placement.registration), ("tool", saved.placement.tool)):
+        labelled = set(dataset.label(column).tolist())
+        if labelled == {""} and len(known) == 1:
+            labels[column] = np.full(len(dataset), next(iter(known)))
+        elif surplus := sorted(labelled - set(known)):
+            expected = ", ".join(f"'{k}'" for k in known)
+            raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
+    return replace(dataset, labels=labels)

@@ -1,0 +1,1 @@
+"""Fitting registration, tool, geometry and effects together."""

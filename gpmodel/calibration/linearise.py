@@ -1,0 +1,178 @@
+"""The weighted linear problem at one point: what every parameter does to every observation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.unmeasured_joints import (
+    Complement,
+    complement,
+    free_joints,
+    joint_columns,
+    observable,
+    solve_joints,
+    without_absorbed,
+)
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Observed, Placement, Poses, measured_minus, observe
+from gpmodel.numerics import se3
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
+
+    The first `placement` columns are registration, tool and anchors; the others are the model's effects.
+    Metres throughout: rotations are weighted by `lever`. observed: what was predicted. poses: those given, with
+    free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
+    weights: (N, m), positive where an observation is a row; `left` is what free joints leave, None without any.
+    """
+
+    columns: Array
+    residual: Array
+    pose_of_row: IntArray
+    placement: int
+    placement_names: tuple[str, ...]
+    observed: Observed
+    poses: Poses
+    sizes: Array
+    weights: Array
+    left: "Left | None" = None
+
+    def weigh(self, values: Array) -> Array:
+        """Observations (N, m, ...) as rows (M, ...), weighted like the residual; what free joints absorb is zero."""
+        shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
+        if self.left is not None:
+            weighted = values * self.left.weights.reshape(shape)
+            return without_absorbed(self.left.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
+        return (values * self.weights.reshape(shape))[self.weights > 0]
+
+
+@dataclass(frozen=True)
+class Left:
+    """What free joints leave of the observations, and the weights (N, m) these had before."""
+
+    complement: Complement
+    weights: Array
+
+
+def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
+    """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
+    out = np.zeros((len(poses), observed.components, len(effects)))
+    cache: dict[int, Array] = {}
+    for k, effect in enumerate(effects):
+        for term in effect.terms:
+            slot = model.mechanism.slots.index(term.slot)
+            if slot not in cache:
+                cache[slot] = observed.sensitivity(slot)
+            shape = term.weight * term.basis(poses.states)
+            out[:, :, k] += cache[slot][:, :, AXES.index(term.axis)] * shape[:, None]
+    return out
+
+
+def linearise(
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Mask
+) -> Linearised:
+    """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
+    poses = solve_joints(model, poses, theta, placement)
+    observed = observe(model, poses, theta, placement)
+    residual = measured_minus(observed, poses.dataset)
+    weights = np.isfinite(residual) * use[:, None].astype(float)
+    weights[:, 3:6] *= lever
+    blocks, names = _placement_columns(poses, observed, placement)
+    blocks.append(effect_columns(model.effects, model, poses, observed))
+    columns = np.concatenate(blocks, axis=2)
+    count = columns.shape[2] - len(model.effects)
+    if free_joints(model.mechanism):
+        return _eliminated(model, poses, placement, observed, columns, residual, weights, names)
+    rows = weights > 0
+    weighted = columns[rows] * weights[rows][:, None]
+    return Linearised(
+        columns=weighted,
+        residual=residual[rows] * weights[rows],
+        pose_of_row=np.nonzero(rows)[0],
+        placement=count,
+        placement_names=tuple(names),
+        observed=observed,
+        poses=poses,
+        sizes=np.linalg.norm(weighted, axis=0),
+        weights=weights,
+    )
+
+
+def _eliminated(
+    model: ErrorModel, poses: Poses, placement: Placement, observed: Observed, columns: Array, residual: Array,
+    weights: Array, names: list[str],
+) -> Linearised:  # fmt: skip
+    """The linear problem of what the free joints of each pose leave."""
+    measured, count = weights > 0, len(names)
+    joints = joint_columns(model.mechanism, observed)
+    left = complement(joints * weights[:, :, None], measured)
+    weighted = columns * weights[:, :, None]
+    sizes = np.linalg.norm(weighted, axis=(0, 1))
+    rows = without_absorbed(left.rows(weighted), sizes)
+    bare = observe(ErrorModel(model.mechanism, ()), poses, np.zeros(0), placement)
+    nominal = np.concatenate(_placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
+    rest = complement(joint_columns(model.mechanism, bare) * weights[:, :, None], measured).rows(nominal)
+    rows[:, :count] = observable(left.rows(weighted[:, :, :count]), rest, sizes[:count])
+    return Linearised(
+        columns=rows,
+        residual=left.rows(np.where(measured, residual, 0.0) * weights),
+        pose_of_row=np.nonzero(left.keep)[0],
+        placement=count,
+        placement_names=tuple(names),
+        observed=observed,
+        poses=poses,
+        sizes=sizes,
+        weights=left.keep.astype(float),
+        left=Left(left, weights),
+    )
+
+
+def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
+    data = poses.dataset
+    blocks: list[Array] = []
+    names: list[str] = []
+    absolute = bool(np.isfinite(data.position).any() or data.has_rotation)
+    if absolute:
+        turn = observed.registration_sensitivity(observed.tip[:, :3, 3].mean(axis=0))
+        for name in placement.registration:
+            blocks.append(turn * (data.label("setup") == name)[:, None, None])
+            names += [f"registration{f' {name}' if name else ''} {axis}" for axis in AXES]
+    axes = 6 if data.has_rotation else 3
+    tool = observed.tool_sensitivity()[:, :, :axes]
+    for name in placement.tool:
+        blocks.append(tool * (data.label("tool") == name)[:, None, None])
+        names += [f"tool{f' {name}' if name else ''} {axis}" for axis in AXES[:axes]]
+    for i, name in enumerate(placement.anchors):
+        block = np.zeros((len(poses), observed.components, 3))
+        turn = np.stack([placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
+        block[:, 6 + i] = -(observed.directions[:, i][:, None, :] @ turn)[:, 0]
+        blocks.append(block)
+        names += [f"{name} anchor {axis}" for axis in "xyz"]
+    return blocks, names
+
+
+def placement_after(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
+    """The placement moved by a step of its columns, in their order."""
+    data, i = poses.dataset, 0
+    registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
+    centre = observed.tip[:, :3, 3].mean(axis=0)
+    if np.isfinite(data.position).any() or data.has_rotation:
+        for name, frame in registration.items():
+            about, back = np.eye(4), np.eye(4)
+            about[:3, 3], back[:3, 3] = centre, -centre
+            registration[name] = about @ se3.exp(step[i : i + 6]) @ back @ frame
+            i += 6
+    axes = 6 if data.has_rotation else 3
+    for name, frame in tool.items():
+        twist = np.zeros(6)
+        twist[:axes] = step[i : i + axes]
+        tool[name] = frame @ se3.exp(twist)
+        i += axes
+    for name, point in anchors.items():
+        anchors[name] = point + step[i : i + 3]
+        i += 3
+    return Placement(registration, tool, anchors)

@@ -1,0 +1,108 @@
+"""Where to start: registration, tool point and distance anchors in closed form."""
+
+import numpy as np
+from scipy import optimize
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import Placement, Poses
+from gpmodel.numerics import se3
+
+START_POSES = 400
+
+
+def start_placement(poses: Poses) -> Placement:
+    """Registration by Kabsch for every tool point tried, the tool points by least squares over what is left.
+
+    Anchors by trilateration, linear in a and |a|²: d² = |p|² - 2 p·a + |a|². Raises InputError when a setup
+    has fewer than 3 measured poses, or a distance column fewer than 4.
+    """
+    data = poses.dataset
+    frames = se3.chain(poses.transforms)[-1]
+    setups, setup = data.codes("setup")
+    tools, tool = data.codes("tool")
+    measured: Mask = np.isfinite(data.position).all(axis=1)  # type: ignore[assignment]
+    if not measured.any():
+        registration = {name: np.eye(4) for name in setups}
+        points = np.zeros((len(tools), 3))
+    else:
+        for i, name in enumerate(setups):
+            if (count := int(measured[setup == i].sum())) < 3:
+                label = f"setup '{name}'" if name else data.source
+                raise InputError(f"{label}: {count} poses with x, y and z; registration needs at least 3")
+        rows = np.flatnonzero(measured)
+        fit_rows = rows[:: max(1, len(rows) // START_POSES)]
+        points = _tool_points(frames, data.position, setup, tool, fit_rows, len(tools))
+        tips = _tips(frames, points, tool)
+        registration = {}
+        for i, name in enumerate(setups):
+            chosen = measured & (setup == i)
+            turn, shift = se3.fit_rotation(tips[chosen], data.position[chosen])
+            registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
+    tool_frames = {name: _shifted(point) for name, point in zip(tools, points, strict=True)}
+    if data.has_rotation:
+        tool_frames = _turn_tools(poses, frames, registration, tool_frames)
+    tips = _tips(frames, points, tool)
+    anchors = {name: _trilaterate(name, tips, d) for name, d in data.distances.items()}
+    return Placement(registration, tool_frames, anchors)
+
+
+def _shifted(point: Array) -> Array:
+    frame = np.eye(4)
+    frame[:3, 3] = point
+    return frame
+
+
+def _tips(frames: Array, points: Array, tool: IntArray) -> Array:
+    return frames[:, :3, 3] + (frames[:, :3, :3] @ points[tool][:, :, None])[..., 0]
+
+
+def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray, rows: IntArray, count: int) -> Array:
+    def misfit(flat: Array) -> Array:
+        tips = _tips(frames[rows], flat.reshape(count, 3), tool[rows])
+        out = np.empty_like(tips)
+        for i in np.unique(setup[rows]):
+            chosen = setup[rows] == i
+            turn, shift = se3.fit_rotation(tips[chosen], position[rows][chosen])
+            out[chosen] = position[rows][chosen] - tips[chosen] @ turn.T - shift
+        return out.ravel()
+
+    starts = [np.zeros(3 * count)]
+    starts += [np.tile(0.15 * sign * axis, count) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    best = None
+    for start in starts:
+        found = optimize.least_squares(misfit, start, method="trf", x_scale=0.1, max_nfev=30)
+        if best is None or found.cost < best.cost:
+            best = found
+        if np.sqrt(2 * best.cost / len(rows)) < 0.01:
+            break
+    assert best is not None
+    return best.x.reshape(count, 3)
+
+
+def _turn_tools(
+    poses: Poses, frames: Array, registration: dict[str, Array], tools: dict[str, Array]
+) -> dict[str, Array]:
+    data = poses.dataset
+    seen = np.isfinite(data.rotation).all(axis=1)
+    out = {}
+    for name, frame in tools.items():
+        chosen = seen & (data.label("tool") == name)
+        register = np.stack([registration[s] for s in data.label("setup")[chosen].tolist()])
+        flange = register[:, :3, :3] @ frames[chosen, :3, :3]
+        twists = np.hstack([np.zeros((int(chosen.sum()), 3)), data.rotation[chosen]])
+        mean = (np.swapaxes(flange, 1, 2) @ se3.exp(twists)[:, :3, :3]).mean(axis=0)
+        u, _, vt = np.linalg.svd(mean)
+        frame = frame.copy()
+        frame[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+        out[name] = frame
+    return out
+
+
+def _trilaterate(name: str, tips: Array, distance: Array) -> Array:
+    seen = np.isfinite(distance)
+    if seen.sum() < 4:
+        raise InputError(f"column '{name}': {int(seen.sum())} distances; its anchor needs at least 4")
+    points = tips[seen]
+    system = np.column_stack([-2 * points, np.ones(len(points))])
+    return np.linalg.lstsq(system, distance[seen] ** 2 - np.sum(points**2, axis=1), rcond=None)[0][:3]

@@ -1,0 +1,48 @@
+"""What free joints hide: effects whose columns the approximate joint values explain as well."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.linearise import effect_columns, linearise
+from gpmodel.calibration.unmeasured_joints import free_joints
+from gpmodel.families import catalogue
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
+
+
+def absorbed_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
+    """Whether free joints leave nothing of each effect's column at these poses; all False without free joints."""
+    if not free_joints(calibration.model.mechanism) or not effects:
+        return (False,) * len(effects)
+    use = np.ones(len(poses), dtype=bool)
+    problem = linearise(calibration.model, poses, calibration.theta, calibration.placement, calibration.lever, use)
+    columns = effect_columns(tuple(effects), calibration.model, problem.poses, problem.observed)
+    return tuple(not np.any(column) for column in problem.weigh(columns).T)
+
+
+def absorbed_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
+    """The model's constant effects, and the catalogue's families, of which free joints leave nothing at all."""
+    pool = catalogue.candidates(calibration.model.mechanism, poses.states)
+    hidden = iter(absorbed_effects(calibration, poses, [e for c in pool for e in c.effects]))
+    families: dict[str, bool] = {}
+    for candidate in pool:
+        gone = [next(hidden) for _ in candidate.effects]
+        families[candidate.family] = families.get(candidate.family, True) and all(gone)
+    constant = [e for e in calibration.model.effects if e.constant]
+    of_constant = absorbed_effects(calibration, poses, constant)
+    names = [e.name for e, gone in zip(constant, of_constant, strict=True) if gone]
+    return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
+
+
+def absorbed_in_words(calibration: Calibration, names: Sequence[str]) -> str:
+    """One sentence on what the free joints hide, empty where they hide nothing."""
+    mechanism = calibration.model.mechanism
+    if not names:
+        return ""
+    joints = ", ".join(mechanism.joints[i].name for i in free_joints(mechanism))
+    return (
+        f"The values of {joints} are approximate and solved at every pose; they absorb {', '.join(names)}, "
+        "which these measurements can therefore neither show nor exclude."
+    )

@@ -1,0 +1,1 @@
+"""Judging a measured table before anything is fitted to it."""

@@ -1,0 +1,56 @@
+"""How much is measured, and how many unknowns it has to determine."""
+
+import numpy as np
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.gauss_newton import ROTATION_LEVER
+from gpmodel.calibration.linearise import linearise
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, prepare
+from gpmodel.numerics import rank as ident
+from gpmodel.table.dataset import Dataset
+
+SAME_POSE = 1e-6
+RANK_POSES = 60
+RANK_LIMIT = 1e4
+
+
+def distinct_poses(data: Dataset) -> tuple[IntArray, IntArray]:
+    """First row of each distinct pose, and each row's index into them."""
+    loads = np.column_stack([data.q, data.payload])
+    keys = [np.round(loads / SAME_POSE).astype(np.int64)]
+    keys += [data.codes(c)[1][:, None] for c in ("setup", "tool")]
+    _, first, inverse = np.unique(np.hstack(keys), axis=0, return_index=True, return_inverse=True)
+    return first.astype(np.int64), inverse.reshape(-1).astype(np.int64)
+
+
+def measured_values(data: Dataset) -> int:
+    """How many numbers were measured."""
+    pose = int(np.isfinite(data.position).sum() + np.isfinite(data.rotation).sum())
+    return pose + sum(int(np.isfinite(d).sum()) for d in data.distances.values())
+
+
+def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
+    """How many numbers registration, tool, anchors and the constant effects are, counting only combinations that
+    well spread poses could tell apart: rank at the nominal geometry over random poses within the limits."""
+    many = random_poses(mechanism, RANK_POSES, np.random.default_rng(0))
+    position = np.zeros((RANK_POSES, 3)) if np.isfinite(data.position).any() else np.full((RANK_POSES, 3), np.nan)
+    rotation = np.zeros((RANK_POSES, 3)) if data.has_rotation else np.full((RANK_POSES, 3), np.nan)
+    distances = {name: np.full(RANK_POSES, 1.0 + i) for i, name in enumerate(data.distances)}
+    row = np.arange(1, RANK_POSES + 1)
+    template = Dataset(data.joints, many, position, rotation, row, np.zeros(RANK_POSES), distances)
+    tool = np.eye(4)
+    tool[:3, 3] = (0.05, 0.07, 0.11)
+    anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(distances)}
+    model = ErrorModel(mechanism, tuple(e for e in effects if e.constant))
+    placement = Placement({"": np.eye(4)}, {"": tool}, anchors)
+    zero, use = np.zeros(len(model.effects)), np.ones(RANK_POSES, dtype=bool)
+    problem = linearise(model, prepare(mechanism, template), zero, placement, ROTATION_LEVER, use)
+    placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
+    kept = ident.rank(placed, columns).kept(RANK_LIMIT)
+    setups, tools = len(data.codes("setup")[0]), len(data.codes("tool")[0])
+    absolute = bool(np.isfinite(position).any() or data.has_rotation)
+    more = 6 * (setups - 1) * absolute + (6 if data.has_rotation else 3) * (tools - 1)
+    return int(ident.orthonormal(placed).shape[1] + len(kept) + more)

@@ -1,0 +1,123 @@
+"""Judging a measured table before anything is fitted to it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.calibration.gauss_newton import calibrate, resolved
+from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
+from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
+from gpmodel.checks.mixed_up import misreading
+from gpmodel.checks.warnings import noise_note, oddities
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.dataset import Dataset
+
+LIMIT_TOLERANCE = 1e-3
+MINIMUM_DISTANCES, UNLIKE = 12, 0.2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note"."""
+
+    severity: str
+    text: str
+
+
+def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> list[Finding]:
+    """What is wrong or odd with `poses`, errors first.
+
+    standard: the geometric effects that would be fitted (default: all). Errors: joint values beyond limits, units
+    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: outliers, jumps along the
+    rows, joints that hardly move, rows that repeat others, rotations that do not fit. Notes: the noise floor.
+    """
+    standard = geometric_effects(mechanism) if standard is None else standard
+    errors = [Finding("error", text) for text in _errors(mechanism, poses, standard)]
+    if errors:
+        return errors
+    warnings = [Finding("warning", text) for text in oddities(mechanism, poses, standard)]
+    return [*warnings, Finding("note", noise_note(poses.dataset))]
+
+
+def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
+    """Raises InputError with the first error check_dataset would find."""
+    standard = geometric_effects(mechanism) if standard is None else standard
+    for text in _errors(mechanism, poses, standard):
+        raise InputError(text)
+
+
+def _errors(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) -> Iterator[str]:
+    """Reasons not to go on, each found only where those before it are not."""
+    data = poses.dataset
+    beyond = list(_beyond_limits(mechanism, data))
+    if alike := _all_alike(data):
+        yield alike
+        return
+    if mixed := misreading(mechanism, data):
+        yield f"{data.source}: {mixed}"
+        return
+    if beyond:
+        yield from beyond
+        return
+    if free_joints(mechanism) and (flaw := points_flaw(data)):
+        yield flaw
+        return
+    yield from _unlike_distances(mechanism, poses)
+    yield from _too_few(mechanism, data, standard)
+
+
+def _beyond_limits(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
+    for i, joint in enumerate(mechanism.joints):
+        values = data.q[:, i]
+        bad = (values < joint.lower - LIMIT_TOLERANCE) | (values > joint.upper + LIMIT_TOLERANCE)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            more = f" and {int(bad.sum()) - 1} more rows" if bad.sum() > 1 else ""
+            lower, upper = (_shown(joint.kind, limit) for limit in (joint.lower, joint.upper))
+            yield (
+                f"{data.source}, column '{joint.name}', row {data.row[row]}{more}: "
+                f"{_shown(joint.kind, values[row])} is beyond its limits; expected {lower} to {upper}"
+            )
+
+
+def _shown(kind: str, value: float) -> str:
+    return f"{np.degrees(value):.6g} deg" if kind == "revolute" else f"{1e3 * value:.6g} mm"
+
+
+def _all_alike(data: Dataset) -> str | None:
+    if np.ptp(data.q, axis=0).max() < SAME_POSE:
+        count = f"all {len(data)} poses are alike" if len(data) > 1 else "there is only one pose"
+        return f"{data.source}: {count}; expected joint values that differ from row to row"
+    return None
+
+
+def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
+    distinct = data.subset(np.sort(distinct_poses(data)[0]))
+    values = measured_values(distinct)
+    needed = unknowns(mechanism, data, standard)
+    if values <= needed:
+        yield (
+            f"{data.source}: {len(distinct)} distinct poses give {values} measured values for {needed} unknowns; "
+            f"expected more poses than that (or fewer parameters, --standard)"
+        )
+
+
+def _unlike_distances(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
+    """Distances alone, of which the best anchor and tool explain next to nothing."""
+    data = poses.dataset
+    if np.isfinite(data.position).any() or len(data) < MINIMUM_DISTANCES:
+        return
+    fit = calibrate(ErrorModel(mechanism, ()), poses, robust=False)
+    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), data)
+    for i, (name, values) in enumerate(data.distances.items()):
+        left, spread = (float(np.sqrt(np.nanmean(v**2))) for v in (residual[:, 6 + i], values - np.nanmean(values)))
+        if left > UNLIKE * spread:
+            yield (
+                f"{data.source}, column '{name}': does not fit {mechanism.name}, {1e3 * left:.3g} mm are left of a "
+                f"spread of {1e3 * spread:.3g} mm; expected distances of the tool point from one fixed point"
+            )

@@ -1,0 +1,97 @@
+"""The command line: `gpmodel`, its commands imported only when called."""
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, NoReturn
+
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import click  # noqa: E402
+
+from gpmodel._version import __version__  # noqa: E402
+from gpmodel.errors import GpModelError  # noqa: E402
+
+COMMANDS = {
+    "import": ("import_", "Turn a measured file of any layout into a table, by a map of its columns."),
+    "check": ("check", "Judge a measured table before anything is fitted to it."),
+    "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; before and after."),
+    "discover": ("discover", "Find what the model is missing, name it, prove it on poses never seen."),
+    "evolve": ("evolve", "Evolve compensators and the histogram of the inputs they refer to."),
+    "predict": ("predict", "Add predicted x, y, z to a table of joint values."),
+    "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),
+    "simulate": ("simulate", "A measured table with known truth."),
+    "poses": ("poses", "Measurement poses worth taking."),
+    "report": ("report", "Write the report's pages again from saved results."),
+    "demo": ("demo", "The main job on a shipped table, to the opened report."),
+}
+PLUGINS = "gpmodel.commands"
+DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Program(click.Group):
+    """A group that imports a command when it is called, and turns every error into one line and a status."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return [*COMMANDS, *sorted({e.name for e in entry_points(group=PLUGINS)} - set(COMMANDS))]
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name in COMMANDS:
+            return getattr(import_module(f"gpmodel.cli.{COMMANDS[name][0]}"), name)
+        plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
+        return plugin.load() if plugin else None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        plugins = {e.name: f"Added by {e.value.split(':')[0].split('.')[0]}." for e in entry_points(group=PLUGINS)}
+        rows = [(n, COMMANDS[n][1] if n in COMMANDS else plugins[n]) for n in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
+        arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
+        extra["standalone_mode"] = False
+        try:
+            status = super().main(arguments, prog_name or "gpmodel", **extra)
+            sys.exit(status if isinstance(status, int) else DONE)
+        except click.Abort:
+            _end(INTERRUPTED, "interrupted")
+        except click.ClickException as error:
+            where = (
+                f"; see {error.ctx.command_path} --help" if isinstance(error, click.UsageError) and error.ctx else ""
+            )
+            _end(BAD_INPUT, f"{error.format_message().rstrip('.')}{where}", arguments)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(DONE)
+        except (GpModelError, OSError) as error:
+            _end(BAD_INPUT, str(error), arguments)
+        except Exception as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
+            said = f"{type(error).__name__}: {error}".rstrip(": ")
+            _end(DEFECT, f"a defect of gpmodel, not of your input: {said} ({place}); --debug shows more", arguments)
+
+
+def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
+    if "--debug" in arguments:
+        traceback.print_exc()
+    click.echo(f"gpmodel: {' '.join(message.split())}", err=True)
+    sys.exit(status)
+
+
+@click.group("gpmodel", cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="gpmodel")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error; before the command's name.")
+def main(debug: bool) -> None:
+    """Measured poses in; out comes what the model of the mechanism is missing: named, added, proven."""

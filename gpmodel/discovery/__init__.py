@@ -1,0 +1,1 @@
+"""The loop: from a residual to effects that are named and proven."""

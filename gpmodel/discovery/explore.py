@@ -1,0 +1,261 @@
+"""Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
+
+import ast
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, combinations
+from typing import Protocol
+
+import numpy as np
+from scipy import stats
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.residual import Evidence
+from gpmodel.errors import InputError
+from gpmodel.evolution.search import Evolution, Inputs, Settings, SlotProblem, evolve
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.formula.program import Program
+from gpmodel.model.effect import axis_unit
+from gpmodel.model.sites import Site
+from gpmodel.model.states import States
+from gpmodel.numerics.least_squares import MANY_COLUMNS
+from gpmodel.numerics.null_distribution import chance
+
+NATS_PER_NODE = 2.0
+GP_POSES = 300
+SIGNIFICANCE = 0.05
+POPULATION = 1024
+GENERATIONS = 40
+CLIMB = 2
+MOST_BETWEEN = 4.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """One GP run, on the residual or on a shuffled one: all that a worker needs."""
+
+    shuffled: bool
+    problem: SlotProblem
+    settings: Settings
+    rng: np.random.Generator
+
+
+def run_task(task: Task) -> Evolution:
+    """Run it; the same numbers wherever it runs."""
+    return evolve(task.problem, task.settings, task.rng)
+
+
+Mapper = Callable[[Callable[[Task], Evolution], Sequence[Task]], Iterable[Evolution]]
+
+
+class Effort(Protocol):
+    """What the search reads of the loop's options."""
+
+    @property
+    def runs(self) -> int: ...
+    @property
+    def workers(self) -> int: ...
+    @property
+    def representations(self) -> tuple[str, ...]: ...
+    @property
+    def mapper(self) -> Mapper: ...
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Runs whose best program references each input in effective code, by representation, and on shuffled residuals.
+
+    p_values: chance of the count and of what the best such run saves, times the number of inputs.
+    """
+
+    inputs: tuple[str, ...]
+    linear: tuple[int, ...]
+    tree: tuple[int, ...]
+    shuffled: tuple[int, ...]
+    p_values: tuple[float, ...]
+    significant: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What GP made of one residual: candidates, the null of their description lengths, and the histogram."""
+
+    candidates: tuple[Candidate, ...]
+    null_nats: Array
+    histogram: Histogram
+
+
+def explore(
+    evidence: Evidence, sites: tuple[Site, ...], effort: Effort, rng: np.random.Generator,
+    say: Callable[[str], None], number: int,
+) -> Exploration:  # fmt: skip
+    """Evolve bases over all sites at once, `runs` times a representation; then the same on shuffled residuals.
+
+    After the first round half as many shuffled runs are added: their maxima are pooled with those of the rounds before.
+    Above 300 poses the GP sees a sample of them, half as many beside hundreds of columns (the work grows with both);
+    what it finds is scored on all.
+    """
+    n = len(evidence.poses)
+    count = GP_POSES if evidence.enabled.shape[1] < MANY_COLUMNS else GP_POSES // 2
+    rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
+    inputs, names = readable_inputs(evidence.poses.states, rows)
+    targets = evidence.targets(sites, rows)
+    chances = effort.runs if number == 1 else max(1, effort.runs // 2)
+    shuffles = list(evidence.shuffled(rng, chances * len(effort.representations)).T)
+    tasks: list[Task] = []
+    for representation in effort.representations:
+        settings = Settings(
+            representation=representation, population=POPULATION, generations=GENERATIONS, seconds=1e9,
+            parsimony=NATS_PER_NODE, threads=effort.workers, depth=5, climb=CLIMB,
+        )  # fmt: skip
+        for run in range(effort.runs):
+            tasks.append(Task(False, SlotProblem(inputs, targets), settings, rng.spawn(1)[0]))
+            if run < chances:
+                shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
+                tasks.append(Task(True, SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0]))
+    between = evidence.poses.states.between()
+    candidates: dict[str, Candidate] = {}
+    tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
+    by_chance: list[Evolution] = []
+    say(f"round {number}: evolving, 0 of {len(tasks)} runs done")
+    for done, (task, found) in enumerate(zip(tasks, effort.mapper(run_task, tasks), strict=True), 1):
+        say(f"round {number}: evolving, {done} of {len(tasks)} runs done")
+        if task.shuffled:
+            by_chance.append(found)
+            continue
+        tried[task.settings.representation].append(found)
+        for item in found.front:
+            for program in parts(item.program):
+                candidate = as_candidate(program, sites[item.site], names, program.complexity, len(sites))
+                if candidate is not None and steady(candidate, evidence.poses.states, between):
+                    candidates.setdefault(candidate.name, candidate)
+    null = [_best_nats(evidence, run, len(sites)) for run in by_chance]
+    histogram = referenced(inputs.names, tried, by_chance, lambda run: _best_nats(evidence, run, len(sites)), null)
+    return Exploration(tuple(candidates.values()), np.array(null), histogram)
+
+
+def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
+    """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
+
+    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns.
+    """
+    names, values, written = [], [], {}
+    for name, column in states.columns.items():
+        if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
+            continue
+        spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
+        if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if states.units[name] in ("rad", "m"):
+            offset, scale = 0.0, 1.0
+        elif states.units[name] in ("Nm", "N"):
+            offset, scale = 0.0, float(f"{largest:.3g}")
+        else:
+            offset, scale = float(f"{column.mean():.4g}"), float(f"{max(column.std(), 1e-12):.3g}")
+        names.append(name)
+        values.append((column[rows] - offset) / scale)
+        shifted = f"({name} - {offset!r})" if offset else name
+        written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
+    angles = tuple(n for n in names if states.units[n] == "rad")
+    return Inputs(tuple(names), np.array(values), angles), written
+
+
+def _best_nats(evidence: Evidence, run: Evolution, sites: int) -> float:
+    """The largest description length that any program of a run saves."""
+    saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(c.complexity, sites)) for c in run.front]
+    return float(max(saved, default=-np.inf))
+
+
+def _cost(complexity: int, sites: int) -> float:
+    return NATS_PER_NODE * complexity + float(np.log(sites))
+
+
+def as_candidate(
+    program: Program, site: Site, names: Mapping[str, str], complexity: int, sites: int
+) -> Candidate | None:
+    """A program as effects at its site, one an output; None where it is no function of any input."""
+    texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
+    texts = [t for t in dict.fromkeys(texts)]
+    try:
+        bases = [Expression(t) for t in texts]
+    except InputError:
+        return None
+    bases = [b for b in bases if b.inputs]
+    if not bases:
+        return None
+    label = " and ".join(b.text for b in bases)
+    name = f"{label} on {site.name}"
+    unit = axis_unit(site.axis)
+    effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
+    return Candidate(name, effects, "", _cost(complexity, sites), "evolved")
+
+
+def parts(program: Program) -> list[Program]:
+    """The program, each of its outputs alone, and all but one of three."""
+    count = len(program.outputs)
+    fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
+    return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
+
+
+def steady(candidate: Candidate, measured: States, between: States) -> bool:
+    """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
+    for effect in candidate.effects:
+        basis = effect.terms[0].basis
+        largest = float(np.max(np.abs(basis(between))))
+        if not largest <= MOST_BETWEEN * float(np.max(np.abs(basis(measured)))):
+            return False
+    return True
+
+
+def expression_text(program: Program, names: Mapping[str, str]) -> str:
+    """A one-output program as one line of arithmetic over the table's columns.
+
+    A program that is a bare input is that input unscaled: its coefficient takes the scale up.
+    """
+    infix = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "modulo": "%"}
+    if len(program.nodes) == 1 and program.nodes[0].operator == "input":
+        return str(program.nodes[0].value)
+    texts: list[str] = []
+    for node in program.nodes:
+        arguments = [texts[k] for k in node.arguments]
+        if node.operator == "input":
+            texts.append(names[str(node.value)])
+        elif node.operator == "constant":
+            texts.append(f"({float(node.value or 0.0):.5g})")
+        elif node.operator in infix:
+            texts.append(f"({arguments[0]} {infix[node.operator]} {arguments[1]})")
+        else:
+            texts.append(f"{node.operator}({', '.join(arguments)})")
+    return ast.unparse(ast.parse(texts[program.outputs[0]], mode="eval"))
+
+
+def referenced(
+    inputs: tuple[str, ...], tried: Mapping[str, list[Evolution]], by_chance: list[Evolution],
+    saved: Callable[[Evolution], float], null: list[float],
+) -> Histogram:  # fmt: skip
+    """The histogram of referenced inputs of real runs beside that of runs on shuffled residuals.
+
+    Runs on one residual agree even where there is only noise, so counting them is not enough: an input's p-value is the
+    larger of the count's and of the chance that a shuffled run saves as much as the best run that references it.
+    """
+
+    def count(runs: list[Evolution], name: str) -> int:
+        return sum(name in run.best.program.inputs for run in runs)
+
+    real = [run for runs in tried.values() for run in runs]
+    p_values = []
+    for name in inputs:
+        yes, chance_yes = count(real, name), count(by_chance, name)
+        table = [[yes, len(real) - yes], [chance_yes, len(by_chance) - chance_yes]]
+        best = max((saved(run) for run in real if name in run.best.program.inputs), default=-np.inf)
+        by_count = float(stats.fisher_exact(table, "greater").pvalue)
+        p_values.append(min(1.0, len(inputs) * max(by_count, chance(best, np.array(null)))))
+    return Histogram(
+        inputs=inputs,
+        linear=tuple(count(tried.get("linear", []), name) for name in inputs),
+        tree=tuple(count(tried.get("tree", []), name) for name in inputs),
+        shuffled=tuple(count(by_chance, name) for name in inputs),
+        p_values=tuple(p_values),
+        significant=tuple(n for n, p in zip(inputs, p_values, strict=True) if p < SIGNIFICANCE),
+    )

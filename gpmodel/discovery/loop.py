@@ -1,0 +1,270 @@
+"""The loop: calibrate, look at the residual, find what is missing, add it, look again."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on, without_outlier_marks
+from gpmodel.discovery.acceptance import Hypothesis, Pool, judge
+from gpmodel.discovery.explore import Exploration, Mapper, explore
+from gpmodel.discovery.replacement import better
+from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import sites_of
+
+SEARCH_POSES = 1500
+SHUFFLES = 199
+
+
+@dataclass(frozen=True)
+class Options:
+    """How hard to look. runs: GP runs per representation and round; the same again on shuffled residuals.
+
+    standard: the effects of the standard model, None for the complete geometric set. minutes: no new round starts
+    after that. known: effects enabled from the start beside the standard model. mapper: runs
+    the GP tasks in order, map by default, or an executor's.
+    """
+
+    seed: int = 0
+    runs: int = 6
+    max_effects: int = 12
+    minutes: float = 10.0
+    workers: int = 2
+    condition_limit: float | None = None
+    standard: tuple[Effect, ...] | None = None
+    known: tuple[Candidate, ...] = ()
+    representations: tuple[str, ...] = ("linear", "tree")
+    mapper: Mapper = map
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An accepted hypothesis and the round that found it."""
+
+    hypothesis: Hypothesis
+    round: int
+
+    @property
+    def candidate(self) -> Candidate:
+        return self.hypothesis.candidate
+
+
+@dataclass(frozen=True)
+class Round:
+    """One look at the residual: everything tried, the null it had to stand out of, and what was dropped again."""
+
+    number: int
+    hypotheses: tuple[Hypothesis, ...]
+    exploration: Exploration
+    dropped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: a fitted model and its 3-D errors, m, on training and held-out poses."""
+
+    name: str
+    calibration: Calibration
+    train_error: Array
+    heldout_error: Array
+    finding: int | None = None
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything the loop found, in order."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    rounds: tuple[Round, ...]
+    final: Calibration
+    standard_model: tuple[Effect, ...]
+    seconds: float
+    stopped: str
+
+
+Progress = Callable[[str], None]
+
+
+@dataclass
+class _Loop:
+    """The loop's running state: what is accepted so far and the ladder it has climbed."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    options: Options
+    say: Progress
+    standard: tuple[Effect, ...]
+    findings: list[Finding] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def known(self) -> set[str]:
+        """Names of what is in the model already beside the standard model."""
+        return {f.candidate.name for f in self.findings} | {c.name for c in self.options.known}
+
+    def model(self, findings: Sequence[Finding]) -> ErrorModel:
+        found = [e for f in findings for e in f.candidate.effects]
+        known = [e for c in self.options.known for e in c.effects]
+        return ErrorModel(self.mechanism, (*self.standard, *known, *found))
+
+    def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
+        train = self.poses.subset(self.train)
+        again = without_outlier_marks(start) if start else None
+        limit = self.options.condition_limit
+        return calibrate(model, train, condition_limit=limit, start=again, robust=robust, seed=self.options.seed)
+
+    def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
+        heldout = errors_on(calibration, self.poses.subset(self.heldout))
+        self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
+
+
+def discover(
+    mechanism: Mechanism,
+    poses: Poses,
+    train: IntArray,
+    heldout: IntArray,
+    options: Options,
+    say: Progress = lambda text: None,
+    keep: Callable[[Sequence[Finding], Sequence[Round]], None] = lambda findings, rounds: None,
+    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+) -> Discovery:
+    """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
+
+    say: called with one line on what is being tried. keep: called after every round with all that is finished.
+    resume: findings and rounds of an interrupted run with the same options; it goes on to the same numbers.
+    """
+    started = time.monotonic()
+    standard = geometric_effects(mechanism) if options.standard is None else options.standard
+    loop = _Loop(mechanism, poses, train, heldout, options, say, standard)
+    say("standard model")
+    base = loop.fit(ErrorModel(mechanism, ()))
+    standard_fit = loop.fit(loop.model(()))
+    loop.findings.extend(resume[0])
+    loop.rounds.extend(resume[1])
+    calibration = loop.fit(loop.model(loop.findings), standard_fit) if loop.findings else standard_fit
+    stopped = "nothing else stands out of chance"
+    while not (loop.rounds and not any(h.accepted for h in loop.rounds[-1].hypotheses)):
+        if len(loop.findings) >= options.max_effects:
+            stopped = f"stopped at {options.max_effects} effects"
+            break
+        if loop.rounds and time.monotonic() - started > 60 * options.minutes:
+            stopped = f"stopped after {options.minutes:g} minutes; there may be more to find"
+            break
+        calibration = _round(loop, calibration, standard_fit)
+        keep(loop.findings, loop.rounds)
+    say("the ladder of held-out errors, and the final fit on all poses")
+    loop.climb("registration", base)
+    loop.climb("standard", standard_fit)
+    for i in range(len(loop.findings)):
+        last = i + 1 == len(loop.findings)
+        rung = calibration if last else loop.fit(loop.model(loop.findings[: i + 1]), standard_fit)
+        loop.climb(f"effect {i + 1}", rung, i)
+    limit = calibration.condition_limit
+    final = calibrate(loop.model(loop.findings), poses, condition_limit=limit, start=calibration, seed=options.seed)
+    seconds = time.monotonic() - started
+    return Discovery(
+        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final, standard,
+        seconds, stopped,
+    )  # fmt: skip
+
+
+def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> Calibration:
+    """One round; the fit after it depends on the findings alone, so that a resumed run repeats it."""
+    number = len(loop.rounds) + 1
+    rng = np.random.default_rng([loop.options.seed, number])
+    train = loop.poses.subset(loop.train)
+    rows = np.arange(len(train))
+    if len(train) > SEARCH_POSES:
+        rows = np.sort(rng.permutation(len(train))[:SEARCH_POSES])
+    evidence = gather(calibration, train.subset(rows), loop.options.seed)
+    loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
+    known = loop.known
+    named = tuple(c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known)
+    hypotheses, exploration, nulls = _look(loop, evidence, named, rng, number)
+    if evidence.drawn_in.any():
+        loop.say(f"round {number}: {evidence.drawn_in.sum()} poses stand far out; would a law explain them?")
+        everything = np.ones(len(rows), dtype=bool)
+        full = gather(calibration, evidence.poses, loop.options.seed, trusted=everything)
+        looks = (hypotheses, _look(loop, full, named, rng, number)[0])
+        explained = max((_explained(loop, look, rows, standard_fit) & evidence.drawn_in for look in looks), key=np.sum)
+        if explained.any():
+            loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
+            cleared = gather(calibration, evidence.poses, loop.options.seed, trusted=explained)
+            hypotheses, exploration, nulls = _look(loop, cleared, named, rng, number)
+    best = next((h for h in hypotheses if h.accepted), None)
+    dropped: tuple[str, ...] = ()
+    added: tuple[Hypothesis, ...] = ()
+    if best is not None:
+        loop.say(f"round {number}: added {best.candidate.name}")
+        loop.findings.append(Finding(best, number))
+        calibration = loop.fit(loop.model(loop.findings), standard_fit)
+        dropped, added, calibration = _revised(loop, calibration, standard_fit, named, nulls)
+    loop.rounds.append(Round(number, (*hypotheses, *added), exploration, dropped))
+    return calibration
+
+
+def _look(
+    loop: _Loop, evidence: Evidence, named: tuple[Candidate, ...], rng: np.random.Generator, number: int
+) -> tuple[tuple[Hypothesis, ...], Exploration, dict[str, Array]]:
+    """The catalogue and what GP evolves, judged; with what chance reaches."""
+    known = loop.known
+    null = evidence.scores(named, evidence.shuffled(rng, SHUFFLES))[1]
+    exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
+    pool = (*named, *(c for c in exploration.candidates if c.name not in known))
+    earlier = [r.exploration.null_nats for r in loop.rounds]
+    nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
+    return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, nulls
+
+
+def _explained(loop: _Loop, hypotheses: tuple[Hypothesis, ...], rows: IntArray, standard_fit: Calibration) -> Mask:
+    """The poses (N,) that are no outliers of a fit with the best hypothesis; none where there is no hypothesis.
+
+    Poses far out are drawn in for the search, which would bend a law that is strong at a few of them.
+    """
+    best = next((h for h in hypotheses if h.accepted), None)
+    if best is None:
+        return np.zeros(len(rows), dtype=bool)
+    trial = loop.fit(loop.model([*loop.findings, Finding(best, 0)]), standard_fit)
+    return ~np.isin(rows, trial.outliers)
+
+
+def _revised(
+    loop: _Loop, calibration: Calibration, standard_fit: Calibration, pool: Sequence[Candidate], nulls: dict[str, Array]
+) -> tuple[tuple[str, ...], tuple[Hypothesis, ...], Calibration]:
+    """Look at every finding again beside the newest: taken out where the others explain it (description length is less
+    without it), replaced where named effects say it better. What was dropped, what came in, the fit after it."""
+    dropped: list[str] = []
+    added: list[Hypothesis] = []
+    newest = loop.findings[-1]
+    train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
+    for finding in list(loop.findings):
+        old = finding.candidate
+        without = gather(calibration, train, loop.options.seed, old.effects)
+        superfluous = finding is not newest and without.scores([old])[0][0].nats < 0
+        taken = {f.candidate.name for f in loop.findings}
+        instead = () if superfluous else better(without, old, [c for c in pool if c.name not in taken], nulls)
+        if superfluous or instead:
+            loop.findings.remove(finding)
+            loop.findings += [Finding(h, newest.round) for h in instead]
+            calibration = loop.fit(loop.model(loop.findings), standard_fit)
+            dropped.append(old.name)
+            added += instead
+            explained_by = " and ".join(h.candidate.name for h in instead) or "the others"
+            loop.say(f"dropped {old.name}, explained by {explained_by}")
+    return tuple(dropped), tuple(added), calibration

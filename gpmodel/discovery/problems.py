@@ -1,0 +1,74 @@
+"""A calibrated table as problems for the search: a Cartesian compensator, or the shape of an effect at a slot."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.discovery.explore import readable_inputs
+from gpmodel.discovery.residual import gather
+from gpmodel.errors import InputError
+from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
+from gpmodel.formula.program import Program
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.sites import sites_of
+
+
+@dataclass(frozen=True)
+class Task:
+    """A problem of the training poses, and the gain of a program on the held-out ones (None without)."""
+
+    problem: Problem
+    heldout: Callable[[Program], float] | None
+
+
+def cartesian_task(fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max") -> Task:
+    """Thesis Fig 5.2: the model's points (x, y, z; metres, in the root frame) against the measured ones.
+
+    train, held: rows of ``poses``. The inputs are those of Table 5.1: the point, the joints, and any column of
+    the table that varies. Raises InputError where no pose has all three coordinates.
+    """
+    problem = _cartesian(fit, poses, train, norm)
+    if not len(held):
+        return Task(problem, None)
+    other = _cartesian(fit, poses, held, norm)
+
+    def heldout(program: Program) -> float:
+        if not program.outputs:
+            return 0.0
+        return 1.0 - other.norm_of(program.evaluate(other.inputs.mapping())) / other.initial_norm()
+
+    return Task(problem, heldout)
+
+
+def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> Task:
+    """The residual of a fit seen from every site of the mechanism."""
+    evidence = gather(fit, seen, seed)
+    sites = sites_of(mechanism)
+    rows = np.arange(len(evidence.poses))
+    inputs, _ = readable_inputs(evidence.poses.states, rows)
+    return Task(SlotProblem(inputs, evidence.targets(sites, rows)), None)
+
+
+def _cartesian(fit: Calibration, poses: Poses, rows: IntArray, norm: str) -> CartesianProblem:
+    rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
+    if not len(rows):
+        raise InputError(f"{poses.dataset.source}: no pose has x, y and z; a compensator needs all three")
+    chosen = resolved(fit, poses.subset(rows))
+    tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
+    register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])
+    model, measured = (_in_root(register, points) for points in (tip, chosen.dataset.position))
+    readable, _ = readable_inputs(poses.states, rows)
+    table = {*poses.dataset.joints, *poses.dataset.extras} - set(COORDINATES)
+    kept = [name for name in readable.names if name in table]
+    values = np.vstack([model, readable.select(kept).values])
+    return CartesianProblem(Inputs((*COORDINATES, *kept), values), measured, norm)
+
+
+def _in_root(register: Array, points: Array) -> Array:
+    """Points (N, 3) of the instrument's frame in the mechanism's root frame, (3, N)."""
+    moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
+    return np.ascontiguousarray(moved.T)

@@ -1,0 +1,83 @@
+"""A finding may stand in for one that fits better by now, or for two that act together: what says it better."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.discovery.acceptance import MINIMUM_CV_T, MINIMUM_NATS, Hypothesis, Pool, judge, worth
+from gpmodel.discovery.residual import Evidence
+from gpmodel.families.candidate import Candidate
+
+MOST_PROMISING = 64
+STARTS = 8
+MOST_TURNS = 6
+
+
+def better(
+    without: Evidence, finding: Candidate, pool: Sequence[Candidate], nulls: Mapping[str, Array]
+) -> tuple[Hypothesis, ...]:
+    """The one or two candidates that should replace a finding; none where it should stay.
+
+    Forward selection takes the best single effect first; where two act, that may be a third that resembles both.
+    Beside the finding alone, and the finding with the best of the pool beside it, they must save 5 nats more (named
+    effects have a head start) and not predict worse in cross-validation; and each must pass every test of a finding.
+    Source: floating search, Pudil, Novovičová and Kittler (1994).
+
+    without: the evidence with the finding's part given back to the residual. nulls: as of `Pool`.
+    """
+    if np.isfinite(finding.effects[0].prior):
+        return ()
+    plain = [c for c in pool if c.name != finding.name and not np.isfinite(c.effects[0].prior)]
+    nats = _nats(without, plain)
+    promising = [plain[i] for i in np.argsort(-nats)[:MOST_PROMISING] if np.isfinite(nats[i])]
+    if not promising:
+        return ()
+    beside = _best(without.beside(finding.effects), promising)
+    kept = ((finding,), (finding, beside))
+    pairs = [_settled(without, first, promising) for first in promising[:STARTS]]
+    first, second = pairs[int(np.argmax(_nats(without, [_together(pair) for pair in pairs])))]
+    if all(_outdoes(without, (first, second), holder) for holder in kept):
+        found = tuple(_best_judged(without.beside(other.effects), promising, nulls) for other in (second, first))
+        if all(h.accepted for h in found):
+            return found
+    if all(_outdoes(without, promising[:1], holder) for holder in kept):
+        single = _best_judged(without, promising, nulls)
+        return (single,) if single.accepted else ()
+    return ()
+
+
+def _nats(evidence: Evidence, pool: Sequence[Candidate]) -> Array:
+    return np.array([score.nats for score in evidence.scores(pool)[0]])
+
+
+def _best(evidence: Evidence, pool: Sequence[Candidate]) -> Candidate:
+    return pool[int(np.argmax(_nats(evidence, pool)))]
+
+
+def _best_judged(evidence: Evidence, pool: Sequence[Candidate], nulls: Mapping[str, Array]) -> Hypothesis:
+    return judge(evidence, Pool(tuple(pool), tuple(evidence.scores(pool)[0]), dict(nulls)))[0]
+
+
+def _together(members: Sequence[Candidate]) -> Candidate:
+    return Candidate("", tuple(e for c in members for e in c.effects), "", sum(c.cost for c in members))
+
+
+def _outdoes(evidence: Evidence, challengers: Sequence[Candidate], holders: Sequence[Candidate]) -> bool:
+    """Whether they save 5 nats more, named effects ahead, and do not predict worse by 2 deviations, pose by pose."""
+    new, old = _together(challengers), _together(holders)
+    new_nats, old_nats = _nats(evidence, [new, old])
+    if worth(new_nats, *challengers) < worth(old_nats, *holders) + MINIMUM_NATS:
+        return False
+    return evidence.better_by(new.effects, old.effects) > -MINIMUM_CV_T
+
+
+def _settled(evidence: Evidence, first: Candidate, pool: Sequence[Candidate]) -> tuple[Candidate, Candidate]:
+    """The pair that alternation from `first` ends at: each is the best of the pool beside the other."""
+    second = first
+    for _ in range(MOST_TURNS):
+        best = _best(evidence.beside(first.effects), pool)
+        if best is second:
+            break
+        first, second = best, first
+    return first, second

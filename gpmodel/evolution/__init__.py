@@ -1,0 +1,1 @@
+"""Genetic programming: linear sequences and trees, on its own."""

@@ -1,0 +1,126 @@
+"""What may be put into a slot's program: elements, pairs of elements, and which pairs explain most by themselves."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.projection import unit_rows
+from gpmodel.formula.operators import Operator
+from gpmodel.formula.program import Builder, Program
+
+Array = NDArray[np.float64]
+
+TURNS = (2.0, 3.0)
+SCREENED = 300
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces of programs: values (E, N), about how many nodes each adds (E,), and how to build one.
+
+    build: from a builder, the copies of a program's nodes so far and the piece's number to its node.
+    """
+
+    values: Array
+    growth: Array
+    build: Callable[[Builder, list[int], int], int]
+
+    @staticmethod
+    def chained(parts: Sequence["Pieces"]) -> "Pieces":
+        """Several one after another."""
+        starts = np.cumsum([0, *(len(part.values) for part in parts)])
+
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            part = int(np.searchsorted(starts, k, side="right")) - 1
+            return parts[part].build(builder, copies, k - int(starts[part]))
+
+        return Pieces(np.vstack([p.values for p in parts]), np.concatenate([p.growth for p in parts]), build)
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """Inputs, one-argument operators of inputs, sines and cosines of multiples of angles; and the operators."""
+
+    inputs: Inputs
+    operators: tuple[Operator, ...]
+
+    @cached_property
+    def unary(self) -> tuple[Operator, ...]:
+        return tuple(o for o in self.operators if o.arity == 1)
+
+    @cached_property
+    def binary(self) -> tuple[Operator, ...]:
+        return tuple(o for o in self.operators if o.arity == 2)
+
+    @cached_property
+    def elements(self) -> Pieces:
+        programs = list(self._elements())
+        with np.errstate(all="ignore"):
+            values = np.vstack([program.evaluate(self.inputs.mapping()) for program in programs])
+        sizes = np.array([program.complexity for program in programs], dtype=float)
+        return Pieces(values, sizes, lambda builder, copies, k: builder.copy(programs[k])[programs[k].outputs[0]])
+
+    def _elements(self) -> Iterator[Program]:
+        for name in self.inputs.names:
+            builder = Builder()
+            plain = builder.input(name)
+            yield builder.program([plain])
+            for operator in self.unary:
+                yield builder.program([builder.apply(operator.name, plain)])
+                if name in self.inputs.angles and operator.name in ("sin", "cos"):
+                    for turns in TURNS:
+                        argument = builder.apply("multiply", builder.constant(turns), plain)
+                        yield builder.program([builder.apply(operator.name, argument)])
+
+    def pairs(self) -> Pieces:
+        """All products of two elements, and all one-argument operators of a sum or a difference of two inputs."""
+        return Pieces.chained([self._products(), *self._combined()])
+
+    def _products(self) -> Pieces:
+        elements = self.elements
+        first, second = np.triu_indices(len(elements.values), 1)
+
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            return builder.apply("multiply", *(elements.build(builder, copies, int(i[k])) for i in (first, second)))
+
+        sizes = elements.growth[first] + elements.growth[second] + 1.0
+        return Pieces(elements.values[first] * elements.values[second], sizes, build)
+
+    def _combined(self) -> Iterator[Pieces]:
+        names, values = self.inputs.names, self.inputs.values
+        first, second = np.triu_indices(len(names), 1)
+
+        def combined(join: str, rows: Array, operator: Operator) -> Pieces:
+            def build(builder: Builder, copies: list[int], k: int) -> int:
+                joined = builder.apply(join, *(builder.input(names[i[k]]) for i in (first, second)))
+                return builder.apply(operator.name, joined)
+
+            return Pieces(operator.function(rows), np.full(len(rows), 4.0), build)
+
+        for join, sign in (("add", 1.0), ("subtract", -1.0)):
+            for operator in self.unary:
+                yield combined(join, values[first] + sign * values[second], operator)
+
+
+def promising(problem: SlotProblem, words: Vocabulary, parsimony: float, count: int) -> tuple[tuple[Program, int], ...]:
+    """The best pairs of the vocabulary and the site of each.
+
+    Neither of two factors alone need explain anything, so that evolution has no slope to follow. All pairs are ranked
+    by what they explain at least, the first few hundred then by what they do explain.
+    """
+    targets = problem.targets
+    with np.errstate(all="ignore"):
+        pairs = words.pairs()
+        rows = unit_rows(pairs.values)
+        least = np.max((rows @ targets.pull.T) ** 2 / np.maximum(rows**2 @ targets.weight.T, 1e-300), axis=1)
+    few = np.argsort(problem.nats(least / targets.energy, pairs.growth, parsimony))[-SCREENED:]
+    gains = targets.gains(pairs.values[few])
+    found = []
+    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few], parsimony))[:count].tolist():
+        builder = Builder()
+        found.append((builder.program([pairs.build(builder, [], int(few[k]))]), int(gains[k].argmax())))
+    return tuple(found)

@@ -1,0 +1,125 @@
+"""Constants of a program fitted by least squares, with derivatives carried forward through it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.projection import Targets
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.program import Program
+
+Array = NDArray[np.float64]
+
+LARGEST = 1e100
+"""A value whose square is still a number."""
+
+
+def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Values (m, N) and their derivatives (constants, m, N) with respect to ``program.constants``.
+
+    Forward mode: each node carries one tangent a constant that reaches it.
+    """
+    length = max(np.size(column) for column in inputs.values())
+    values: list[Array] = []
+    tangents: list[dict[int, Array]] = []
+    constants = 0
+    with np.errstate(all="ignore"):
+        for node in program.nodes:
+            if node.operator == "input":
+                values.append(np.asarray(inputs[str(node.value)], dtype=float))
+                tangents.append({})
+            elif node.operator == "constant":
+                values.append(np.full(length, float(node.value or 0.0)))
+                tangents.append({constants: np.ones(length)})
+                constants += 1
+            else:
+                operator = BY_NAME[node.operator]
+                arguments = [values[k] for k in node.arguments]
+                values.append(operator.function(*arguments))
+                tangent: dict[int, Array] = {}
+                if any(tangents[k] for k in node.arguments):
+                    for k, partial in zip(node.arguments, operator.derivatives(*arguments), strict=True):
+                        for constant, inner in tangents[k].items():
+                            tangent[constant] = tangent.get(constant, 0.0) + partial * inner
+                tangents.append(tangent)
+    found = np.zeros((constants, len(program.outputs), length))
+    for place, output in enumerate(program.outputs):
+        for constant, tangent_row in tangents[output].items():
+            found[constant, place] = tangent_row
+    return np.stack([values[k] for k in program.outputs]), found
+
+
+def polish(
+    program: Program,
+    targets: Targets,
+    site: int,
+    inputs: Mapping[str, Array],
+    held: tuple[float, ...] = (),
+    steps: int = 20,
+) -> tuple[Program, float]:
+    """The program with constants that explain most at a site, and its gain there.
+
+    Levenberg-Marquardt on the projected residual; the coefficients of the outputs are solved anew at every
+    step. Constants whose value is in ``held`` stay. Never returns a smaller gain than it was given.
+    """
+    place = targets.only(site)
+    gain, coefficients = place.set_gain(program.evaluate(inputs), 0)
+    free = np.array([value not in held for value in program.constants], dtype=bool)
+    if not free.any() or not coefficients.any():
+        return program, gain
+    damping = 1e-3
+    for _ in range(steps):
+        step = _step(program, place, inputs, coefficients, free)
+        if step is None:
+            break
+        normal, slope = step
+        moved = False
+        for _ in range(4):
+            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)[len(coefficients) :]
+            constants = np.array(program.constants)
+            constants[free] += change
+            if np.all(np.isfinite(constants)) and len(set(constants.tolist())) == len(constants):
+                trial = program.with_constants(constants)
+                trial_gain, trial_coefficients = place.set_gain(trial.evaluate(inputs), 0)
+                if trial_gain > gain:
+                    moved = True
+                    break
+            damping *= 10.0
+        if not moved:
+            break
+        improvement = trial_gain - gain
+        program, gain, coefficients = trial, trial_gain, trial_coefficients
+        damping = max(damping * 0.1, 1e-12)
+        if improvement < 1e-9 * (1.0 - gain):
+            break
+    return program, gain
+
+
+def own_constants_polished(
+    program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
+) -> Array:
+    """A program's own constants after ``polish``; those that its effective code does not use stay."""
+    better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
+    change = dict(zip(program.constants, better.constants, strict=True))
+    return np.array([change.get(value, value) for value in own.tolist()])
+
+
+def _step(
+    program: Program, place: Targets, inputs: Mapping[str, Array], coefficients: Array, free: NDArray[np.bool_]
+) -> tuple[Array, Array] | None:
+    """Normal equations of one Gauss-Newton step in coefficients and free constants, scaled; None if singular."""
+    values, tangents = derivatives(program, inputs)
+    with np.errstate(all="ignore"):
+        columns = np.vstack([values, np.tensordot(coefficients, tangents[free], axes=(0, 1))])
+        shape = coefficients @ values
+    if not np.all(np.abs(columns) < LARGEST):
+        return None
+    seen = columns @ place.cross[0].T
+    normal = (columns * place.weight[0]) @ columns.T - seen @ seen.T
+    rest = place.pull[0] - place.weight[0] * shape + (place.cross[0] @ shape) @ place.cross[0]
+    diagonal = np.diag(normal)
+    if np.any(diagonal <= 0) or not np.all(np.isfinite(normal)):
+        return None
+    normal = normal + 1e-14 * np.diag(diagonal)
+    return normal, columns @ rest

@@ -1,0 +1,106 @@
+"""Runs populations on the kernels."""
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.population import Forest, Sequences
+
+Array = NDArray[np.float64]
+
+BLOCK = 128
+"""Poses run at a time: the rows of one program then stay in the first cache."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """Effective code of a slice of programs, one row each: what the kernels execute.
+
+    words (P, longest) instructions of which ``count`` are used, outputs (P, m) rows, sizes (P, 2^m) nodes by
+    the outputs they reach, a hash of the whole, and own constants (P, C).
+    """
+
+    words: NDArray[np.int64]
+    outputs: NDArray[np.uint16]
+    count: NDArray[np.int64]
+    sizes: NDArray[np.uint16]
+    hashes: NDArray[np.uint64]
+    constants: Array
+
+    def take(self, rows: NDArray[np.intp]) -> "Code":
+        """The code of some of the programs."""
+        return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
+    """Effective code of a slice of a population."""
+    from gpmodel.evolution.kernels import batch
+
+    constants = np.ascontiguousarray(population.constants[part])
+    bits = constants.view(np.uint64)
+    if isinstance(population, Sequences):
+        longest = population.genes.shape[1] + layout.own_constants + 1
+    else:
+        longest = int(np.max(population.bounds[part, -1] - population.bounds[part, 0]))
+    size = len(constants)
+    code = Code(
+        workspace("words", (size, longest)).view(np.int64),
+        np.empty((size, layout.outputs), np.uint16),
+        np.empty(size, np.int64),
+        np.empty((size, 1 << layout.outputs), np.uint16),
+        np.empty(size, np.uint64),
+        constants,
+    )
+    sink = (code.words, code.outputs, code.count, code.sizes, code.hashes)
+    if isinstance(population, Sequences):
+        tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
+        batch.decode_sequences(population.genes[part], bits, *tables, layout.base, *sink)
+    else:
+        batch.decode_forest(population.codes, population.bounds[part], bits, layout.base, *sink)
+    return code
+
+
+def values(code: Code, fixed: Array) -> Array:
+    """Outputs (P, outputs, N) of decoded programs on fixed rows (base, N); overwritten by the next call."""
+    from gpmodel.evolution.kernels import batch
+
+    found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
+    batch.output_values(code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found)
+    return found
+
+
+def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, hopeless: float) -> Array:
+    """Fitness of Fig 5.5 (or the RMS of the same distances) of decoded programs; see ``kernels.batch``."""
+    from gpmodel.evolution.kernels import batch
+
+    found = np.empty(len(code.count))
+    poses = fixed.shape[1]
+    limit = hopeless**2 if maximum else hopeless**2 * poses
+    batch.compensator_fitness(
+        code.words, code.outputs, code.count, code.constants,
+        fixed, _rows(code, fixed), measured, maximum, limit, found,
+    )  # fmt: skip
+    return np.sqrt(found if maximum else found / poses)
+
+
+def _rows(code: Code, fixed: Array) -> Array:
+    base, poses = fixed.shape
+    width = min(BLOCK, (poses + 7) // 8 * 8)
+    return workspace("rows", (base + int(code.count.max(initial=0)) + 1, width))
+
+
+def workspace(name: str, shape: tuple[int, ...]) -> Array:
+    """A float64 array on a 64-byte boundary, one a thread and name, reused by the next call."""
+    size = int(np.prod(shape))
+    held: dict[str, Array] = _buffers.__dict__
+    if name not in held or held[name].size < size:
+        buffer = np.empty(size * 8 + 64, dtype=np.uint8)
+        offset = -buffer.ctypes.data % 64
+        held[name] = buffer[offset : offset + size * 8].view(np.float64)
+    return held[name][:size].reshape(shape)
+
+
+_buffers = threading.local()

@@ -1,0 +1,136 @@
+"""Single edits of a slot's program, all tried at once: what evolution nearly found is finished by climbing."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.building_blocks import Pieces, Vocabulary
+from gpmodel.evolution.problems import SlotProblem
+from gpmodel.formula.operators import BY_NAME, Operator
+from gpmodel.formula.program import Builder, Program
+
+Array = NDArray[np.float64]
+
+MOST_STEPS = 8
+MOST_OUTPUTS = 3
+CHECKED = 8
+
+
+def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary, parsimony: float) -> Program:
+    """The program at the top of the hill of single edits, by description length at one site; never a worse one.
+
+    Edits of a node: another element, operator or earlier node in its place, an operator or an element joined to it; and
+    one element more as an output. Each step takes the best edit of all.
+    """
+    columns = problem.inputs.mapping()
+
+    def saved(one: Program) -> float:
+        gain = problem.targets.set_gain(one.evaluate(columns), site)[0]
+        return float(problem.nats(gain, one.complexity + len(one.outputs), parsimony))
+
+    best = saved(program)
+    for _ in range(MOST_STEPS):
+        trials = sorted(_trials(program, problem, site, words, parsimony), key=lambda trial: -trial[0])[:CHECKED]
+        edited = [build() for _, build in trials]
+        top = max(edited, key=saved, default=program)
+        if not saved(top) > best + 1e-6:
+            break
+        best, program = saved(top), top
+    return program
+
+
+def _trials(
+    program: Program, problem: SlotProblem, site: int, words: Vocabulary, parsimony: float
+) -> Iterator[tuple[float, Callable[[], Program]]]:
+    """The most promising edits of every node, with about the description length that they save."""
+    with np.errstate(all="ignore"):
+        whole = Program(program.nodes, tuple(range(len(program.nodes))))
+        values = list(whole.evaluate(problem.inputs.mapping()))
+        size = program.complexity + len(program.outputs)
+        for node in range(len(program.nodes) + (len(program.outputs) < MOST_OUTPUTS)):
+            edits = _edits(program, node, values, words)
+            gains = problem.targets.set_gains(_outputs_after(program, node, values, edits.values), site)
+            about = problem.nats(gains, size + edits.growth, parsimony)
+            for k in np.argsort(-about)[:CHECKED].tolist():
+                yield float(about[k]), partial(_rebuilt, program, node, edits, k)
+
+
+def _edits(program: Program, node: int, values: list[Array], words: Vocabulary) -> Pieces:
+    """What may stand in the place of a node; for one past the last node, what may be an output more."""
+    listed = words.elements
+    if node == len(program.nodes):
+        return replace(listed, growth=listed.growth + 1.0)
+    here, value = program.nodes[node], values[node]
+    elements = Pieces.chained([listed, *(_repeated(k, values[k], words.unary) for k in range(node + 1))])
+
+    def joined(operator: Operator) -> Pieces:
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            return builder.apply(operator.name, copies[node], elements.build(builder, copies, k))
+
+        return Pieces(operator.function(value, elements.values), elements.growth + 1.0, build)
+
+    def wrapped(operator: Operator) -> Pieces:
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            twice = builder.apply("multiply", builder.constant(2.0), copies[node]) if k else copies[node]
+            return builder.apply(operator.name, twice)
+
+        return Pieces(operator.function(np.stack([value, 2.0 * value])), np.array([1.0, 3.0]), build)
+
+    def swapped(operator: Operator) -> Pieces:
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            return builder.apply(operator.name, *(copies[argument] for argument in here.arguments))
+
+        return Pieces(operator.function(*(values[k] for k in here.arguments))[None], np.zeros(1), build)
+
+    parts = [replace(elements, growth=elements.growth - _written_out(program, node))]
+    parts += [joined(operator) for operator in words.binary]
+    parts += [wrapped(operator) for operator in words.unary]
+    parts += [swapped(o) for o in words.operators if o.arity == len(here.arguments)]
+    return Pieces.chained(parts)
+
+
+def _repeated(node: int, value: Array, unary: tuple[Operator, ...]) -> Pieces:
+    """A node that the program has, and one-argument operators of it: shared, so that only the operator adds to it."""
+
+    def build(builder: Builder, copies: list[int], k: int) -> int:
+        return builder.apply(unary[k - 1].name, copies[node]) if k else copies[node]
+
+    rows = np.stack([value, *(operator.function(value) for operator in unary)])
+    return Pieces(rows, np.array([0.0] + [1.0] * len(unary)), build)
+
+
+def _written_out(program: Program, node: int) -> float:
+    """Nodes below and including one, shared ones as often as they are used."""
+    sizes: list[float] = []
+    for earlier in program.nodes[: node + 1]:
+        sizes.append(1.0 + sum(sizes[k] for k in earlier.arguments))
+    return sizes[node]
+
+
+def _outputs_after(program: Program, node: int, values: list[Array], rows: Array) -> Array:
+    """Outputs (E, m, N) of the program with each of the rows (E, N) in the place of a node, or as an output more."""
+    changed: dict[int, Array] = {node: rows}
+    for later in range(node + 1, len(program.nodes)):
+        arguments = program.nodes[later].arguments
+        if any(k in changed for k in arguments):
+            function = BY_NAME[program.nodes[later].operator].function
+            changed[later] = function(*(changed.get(k, values[k]) for k in arguments))
+    outputs = [changed.get(k, values[k]) for k in program.outputs] + ([rows] if node == len(program.nodes) else [])
+    return np.stack([np.broadcast_to(output, rows.shape) for output in outputs], axis=1)
+
+
+def _rebuilt(program: Program, node: int, edits: Pieces, k: int) -> Program:
+    """The program with one edit made."""
+    builder = Builder()
+    copies: list[int] = []
+    for index, old in enumerate(program.nodes):
+        copies.append(builder.add(old, copies))
+        if index == node:
+            copies[index] = edits.build(builder, copies, k)
+    outputs = [copies[index] for index in program.outputs]
+    if node == len(program.nodes):
+        outputs.append(edits.build(builder, copies, k))
+    return builder.program(outputs)

@@ -1,0 +1,96 @@
+"""Crossover and mutation of linear sequences (thesis Fig 5.3), one random stream an offspring."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.kernels.machine import compiled
+
+Array = NDArray[np.float64]
+
+
+@compiled
+def _next(state: int) -> tuple[int, int]:
+    """SplitMix64 (Steele, Lea, Flood 2014): the next state and 64 random bits."""
+    state = np.uint64(state + np.uint64(0x9E3779B97F4A7C15))
+    z = state
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return state, z ^ (z >> np.uint64(31))
+
+
+@compiled
+def _uniform(bits: int) -> float:
+    return (np.float64(bits >> np.uint64(11)) + 0.5) * 1.1102230246251565e-16
+
+
+@compiled
+def _gap(bits: int, log_keep: float, length: int) -> int:
+    """Elements until the next event of a per-element rate: geometric."""
+    if log_keep == 0.0:
+        return length
+    gap = math.log(_uniform(bits)) / log_keep
+    return np.int64(gap) if gap < length else length
+
+
+@compiled
+def breed_sequences(
+    genes: NDArray[np.uint8],
+    constants: Array,
+    mothers: NDArray[np.int64],
+    fathers: NDArray[np.int64],
+    seed: int,
+    begin: int,
+    crossover: float,
+    mutation: float,
+    child_genes: NDArray[np.uint8],
+    child_constants: Array,
+) -> None:
+    """Children of pairs of parents, number ``begin`` and on.
+
+    Copying an element switches to the other parent with rate ``crossover`` and is replaced by a random one
+    with rate ``mutation``. Own constants come from the parent in use at the end; at the same rate as a
+    mutated gene in 20, one is multiplied by exp(N(0, 0.5)) or drawn anew.
+    """
+    length = genes.shape[1]
+    log_cross = math.log1p(-crossover)
+    log_mutate = math.log1p(-mutation)
+    own = constants.shape[1]
+    for child in range(len(mothers)):
+        state = np.uint64(seed) ^ (np.uint64(begin + child + 1) * np.uint64(0xD1342543DE82EF95))
+        state, bits = _next(state)
+        here = mothers[child]
+        there = fathers[child]
+        i = 0
+        while i < length:
+            state, bits = _next(state)
+            end = min(length, i + 1 + _gap(bits, log_cross, length))
+            for k in range(i, end):
+                child_genes[child, k] = genes[here, k]
+            i = end
+            if i < length:
+                here, there = there, here
+        for c in range(own):
+            child_constants[child, c] = constants[here, c]
+        state, bits = _next(state)
+        i = _gap(bits, log_mutate, length)
+        while i < length:
+            state, bits = _next(state)
+            child_genes[child, i] = np.uint8(bits >> np.uint64(32))
+            state, bits = _next(state)
+            i += 1 + _gap(bits, log_mutate, length)
+        if own > 0:
+            state, bits = _next(state)
+            if _uniform(bits) < min(0.5, mutation * length / 4.0):
+                state, bits = _next(state)
+                c = np.int64((bits >> np.uint64(33)) % np.uint64(own))
+                state, bits = _next(state)
+                radius = math.sqrt(-2.0 * math.log(_uniform(bits)))
+                state, bits = _next(state)
+                normal = radius * math.cos(2.0 * math.pi * _uniform(bits))
+                state, bits = _next(state)
+                if bits & np.uint64(3):
+                    child_constants[child, c] *= math.exp(0.5 * normal)
+                else:
+                    child_constants[child, c] = 2.0 * normal

@@ -1,0 +1,143 @@
+"""Choosing, for each program, the site and the few outputs that explain most for their size."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.kernels.machine import compiled, reduction
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 4e-15
+
+
+@reduction
+def largest_magnitude(row: Array) -> float:
+    """Largest absolute value of a finite row."""
+    value = 0.0
+    for j in range(len(row)):
+        value = abs(row[j]) if abs(row[j]) > value else value
+    return value
+
+
+@compiled
+def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array) -> None:
+    """Divide each row of values (P, m, N) by its largest magnitude; products (P, pairs, N) of rows i <= j.
+
+    A row that is zero or not finite is set to zero and marked as not usable.
+    """
+    programs, outputs, poses = values.shape
+    for p in range(programs):
+        for i in range(outputs):
+            row = values[p, i]
+            broken = 0
+            for j in range(poses):
+                broken += not abs(row[j]) < 1e150
+            largest = 0.0 if broken else largest_magnitude(row)
+            usable[p, i] = largest > 1e-150
+            scale = 1.0 / largest if usable[p, i] else 0.0
+            for j in range(poses):
+                row[j] = row[j] * scale if usable[p, i] else 0.0
+        pair = 0
+        for i in range(outputs):
+            for k in range(i, outputs):
+                for j in range(poses):
+                    products[p, pair, j] = values[p, i, j] * values[p, k, j]
+                pair += 1
+
+
+@compiled
+def choose_outputs(
+    products: Array,
+    seen: Array,
+    pull: Array,
+    usable: NDArray[np.bool_],
+    sizes: NDArray[np.uint16],
+    energy: float,
+    half_components: float,
+    parsimony: float,
+    unique_share: float,
+    score: Array,
+    gain: Array,
+    complexity: NDArray[np.int64],
+    site: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+) -> None:
+    """Forward selection of outputs at each site by description length.
+
+    products (P, pairs, S) holds Phi_i Phi_j . D for i <= j, seen (P, m, S, K) holds Phi B^T, pull (P, m, S)
+    holds Phi g. Outputs join in the order of the gain they add; the step with the least
+
+        score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
+
+    wins. The energy left is never taken for less than what rounding leaves of the least independent output
+    (so exact fits are told from near singular ones). A program with nothing to offer scores 0 with gain 0.
+    """
+    programs, outputs, sites = pull.shape
+    columns = seen.shape[3]
+    gram = np.empty((outputs, outputs))
+    total = np.empty(outputs)
+    rest = np.empty(outputs)
+    for p in range(programs):
+        score[p] = 0.0
+        gain[p] = 0.0
+        complexity[p] = 0
+        site[p] = 0
+        chosen[p] = 0
+        for s in range(sites):
+            pair = 0
+            for i in range(outputs):
+                for j in range(i, outputs):
+                    inner = 0.0
+                    for k in range(columns):
+                        inner += seen[p, i, s, k] * seen[p, j, s, k]
+                    gram[i, j] = products[p, pair, s] - inner
+                    gram[j, i] = gram[i, j]
+                    if i == j:
+                        total[i] = products[p, pair, s]
+                    pair += 1
+                rest[i] = pull[p, i, s]
+            explained = 0.0
+            smallest = 1.0
+            bits = 0
+            for _ in range(outputs):
+                best = -1
+                most = 0.0
+                for i in range(outputs):
+                    if usable[p, i] and not (bits >> i) & 1 and gram[i, i] > unique_share * total[i]:
+                        added = rest[i] * rest[i] / gram[i, i]
+                        if added > most:
+                            most = added
+                            best = i
+                if best < 0:
+                    break
+                bits |= 1 << best
+                explained += most / energy
+                smallest = min(smallest, gram[best, best] / total[best])
+                size = 0
+                for subset in range(1, 1 << outputs):
+                    if subset & bits:
+                        size += sizes[p, subset]
+                count = 0
+                for i in range(outputs):
+                    count += (bits >> i) & 1
+                left = max(1.0 - explained, _ROUNDING / smallest)
+                length = half_components * math.log(left) + parsimony * (size + count)
+                if length < score[p]:
+                    score[p] = length
+                    gain[p] = 1.0 - left
+                    complexity[p] = size
+                    site[p] = s
+                    chosen[p] = bits
+                pivot = gram[best, best]
+                for i in range(outputs):
+                    if i != best:
+                        factor = gram[i, best] / pivot
+                        rest[i] -= factor * rest[best]
+                        for j in range(outputs):
+                            if j != best:
+                                gram[i, j] -= factor * gram[best, j]
+                for i in range(outputs):
+                    gram[i, best] = 0.0
+                    gram[best, i] = 0.0

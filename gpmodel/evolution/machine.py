@@ -1,0 +1,128 @@
+"""What a program can read and where its parts are: inputs, constants, operators, registers, outputs."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
+
+Array = NDArray[np.float64]
+
+ACCUMULATOR = np.uint32(1 << 31)
+"""Bit of the accumulator in a set of registers."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The element array of Table 5.1 (inputs, then fixed constants), and the machine around it.
+
+    ``own_constants`` more constants belong to each program. ``start`` names what each register holds before
+    the first operator (an input's name, or None for 0); the first ``outputs`` registers are offered at the
+    end. ``direct`` lets binary operators name an element as well as a register (half of the operand codes).
+    Raises InputError where sizes exceed what a gene or an output mask can address.
+    """
+
+    inputs: tuple[str, ...]
+    operators: tuple[Operator, ...]
+    constants: tuple[float, ...]
+    start: tuple[str | None, ...]
+    outputs: int
+    own_constants: int = 0
+    direct: bool = False
+
+    def __post_init__(self) -> None:
+        if len(set(self.inputs)) != len(self.inputs):
+            raise InputError("inputs: a name appears twice")
+        if not 1 <= self.outputs <= min(8, len(self.start)):
+            raise InputError(f"outputs: {self.outputs}, expected 1 to {min(8, len(self.start))} registers")
+        if self.elements > 256 or len(self.start) > 31:
+            raise InputError(f"inputs: {self.elements} elements, at most 256 can be addressed")
+        unknown = [name for name in self.start if name is not None and name not in self.inputs]
+        if unknown:
+            raise InputError(f"registers: no input {unknown[0]!r} to start from; inputs are {', '.join(self.inputs)}")
+
+    @property
+    def elements(self) -> int:
+        """Inputs, fixed and own constants."""
+        return len(self.inputs) + len(self.constants) + self.own_constants
+
+    @property
+    def zero_row(self) -> int:
+        return len(self.inputs) + len(self.constants)
+
+    @property
+    def base(self) -> int:
+        """Number of fixed rows: inputs, constants and the row of zeros."""
+        return self.zero_row + 1
+
+    def fixed_rows(self, values: Array) -> Array:
+        """Rows (base, N) from the input values (inputs, N)."""
+        constants = np.broadcast_to(
+            np.array([*self.constants, 0.0])[:, None], (len(self.constants) + 1, values.shape[1])
+        )
+        return np.ascontiguousarray(np.vstack([values, constants]))
+
+    def element_row(self, element: int) -> int:
+        """Row of an element of the input array; own constants follow the fixed rows."""
+        return element if element < self.zero_row else element + 1
+
+    @cached_property
+    def start_rows(self) -> NDArray[np.uint16]:
+        rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
+        return np.array(rows, dtype=np.uint16)
+
+    @cached_property
+    def operator_of(self) -> NDArray[np.uint8]:
+        """Op-code of each gene: a code on offer is itself, any other gene stands for one in turn."""
+        offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
+        table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
+        return np.array(table, dtype=np.uint8)
+
+    def operand(self, code: int, gene: int) -> tuple[str, int]:
+        """What the operand of an op-code names: ("register", number) or ("row", number).
+
+        ``input`` names an element, ``load`` and ``store`` a register, a binary operator a register or, with
+        ``direct`` and an odd gene, an element.
+        """
+        registers = len(self.start)
+        if code == INPUT:
+            return "row", self.element_row(gene % self.elements)
+        if code in (LOAD, STORE) or not self.direct:
+            return "register", gene % registers
+        half, odd = divmod(gene, 2)
+        return ("row", self.element_row(half % self.elements)) if odd else ("register", half % registers)
+
+    @cached_property
+    def cell_of(self) -> NDArray[np.uint16]:
+        """``operand`` as a table over ``256 op-code + gene``: a register, or the registers plus a row.
+
+        Row 0 where an op-code takes no operand.
+        """
+        registers = len(self.start)
+        table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
+        for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
+            for gene in range(256):
+                kind, number = self.operand(code, gene)
+                table[code, gene] = number if kind == "register" else registers + number
+        return table.ravel()
+
+    @cached_property
+    def written_of(self) -> NDArray[np.uint32]:
+        """Bit set that an instruction writes, over ``256 op-code + gene``: one register or the accumulator."""
+        codes, bits = self._codes_and_bits()
+        return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
+
+    @cached_property
+    def read_of(self) -> NDArray[np.uint32]:
+        """Bit set that an instruction reads, over ``256 op-code + gene``."""
+        codes, bits = self._codes_and_bits()
+        operands = np.where(codes == STORE, np.uint32(0), bits)
+        return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
+
+    def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+        cells = self.cell_of.astype(np.uint32)
+        bits = np.where(cells < len(self.start), np.uint32(1) << np.minimum(cells, 31), 0).astype(np.uint32)
+        return np.arange(len(cells)) >> 8, bits

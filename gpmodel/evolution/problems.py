@@ -1,0 +1,154 @@
+"""What is searched: a compensator in Cartesian space, or the shape (and the place) of an effect at a slot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.engine import Code, compensator_fitness
+from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.scoring import Scores, slot_scores
+
+Array = NDArray[np.float64]
+
+COORDINATES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Named columns a program may read: values (inputs, poses), scaled to order one by the caller.
+
+    ``angles`` names those in radians. Raises InputError where a name repeats, shapes disagree or a column
+    holds a number that is not finite.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    angles: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        values = np.ascontiguousarray(self.values, dtype=float)
+        object.__setattr__(self, "values", values)
+        if values.ndim != 2 or len(values) != len(self.names) or not len(values):
+            raise InputError(f"inputs: {len(self.names)} names for values of shape {values.shape}")
+        repeated = sorted({name for name in self.names if self.names.count(name) > 1})
+        if repeated:
+            raise InputError(f"inputs: {repeated[0]!r} appears twice")
+        unknown = sorted(set(self.angles) - set(self.names))
+        if unknown:
+            raise InputError(f"inputs: angle {unknown[0]!r} is none of {', '.join(self.names)}")
+        for name, column in zip(self.names, values, strict=True):
+            if not np.all(np.isfinite(column)):
+                rows = np.flatnonzero(~np.isfinite(column))
+                raise InputError(f"inputs: column {name!r} is not finite in row {rows[0]}, expected numbers")
+
+    def __getitem__(self, name: str) -> Array:
+        return self.values[self.names.index(name)]
+
+    def mapping(self) -> dict[str, Array]:
+        """Name to column, as ``Program.evaluate`` takes it."""
+        return dict(zip(self.names, self.values, strict=True))
+
+    def select(self, names: Sequence[str]) -> "Inputs":
+        """Some of the inputs. Raises InputError for a name that is not there."""
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise InputError(f"inputs: unknown {unknown[0]!r}, available: {', '.join(self.names)}")
+        rows = [self.names.index(name) for name in names]
+        return Inputs(tuple(names), self.values[rows], tuple(name for name in self.angles if name in names))
+
+
+@dataclass(frozen=True)
+class CartesianProblem:
+    """A compensator of thesis Fig 5.2: outputs r0, r1, r2 against measured (3, N) points.
+
+    ``norm`` is "max" (Fig 5.5) or "rms" of the distances over the poses. Inputs x, y, z hold the model's
+    points in the unit of ``measured``; the registers start from them. The gain is the share of that norm
+    removed. Raises InputError where they are missing or measured points are not finite.
+    """
+
+    inputs: Inputs
+    measured: Array
+    norm: str = "max"
+    slice: ClassVar[int] = 2048
+
+    def __post_init__(self) -> None:
+        if self.norm not in ("max", "rms"):
+            raise InputError(f"norm: {self.norm!r}, expected 'max' or 'rms'")
+        missing = [name for name in COORDINATES if name not in self.inputs.names]
+        if missing:
+            raise InputError(f"inputs: no {missing[0]!r}, a compensator starts from x, y and z")
+        if self.measured.shape != (3, self.inputs.values.shape[1]) or not np.all(np.isfinite(self.measured)):
+            raise InputError("measured: expected finite points, one column (x, y, z) a pose")
+
+    @property
+    def sites(self) -> tuple[str, ...]:
+        return ("tip",)
+
+    def initial_norm(self) -> float:
+        """The norm before any compensation."""
+        return self.norm_of(self.inputs.select(COORDINATES).values)
+
+    def norm_of(self, points: Array) -> float:
+        """The norm of the distances of points (3, N) to the measured ones."""
+        with np.errstate(all="ignore"):
+            squares = np.square(points - self.measured).sum(axis=0)
+        return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
+
+    def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
+        """The same search with the errors, measured less model, permuted over the poses."""
+        model = self.inputs.select(COORDINATES).values
+        error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
+        return CartesianProblem(self.inputs, model + error, self.norm)
+
+    def scores(self, code: Code, fixed: Array, parsimony: float, hopeless: float = np.inf) -> Scores:
+        """Fitness of decoded programs; those above ``hopeless`` may come back infinite."""
+        fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
+        whole = np.zeros(len(fitness), np.int64)
+        size = code.sizes.sum(axis=1, dtype=np.int64)
+        with np.errstate(invalid="ignore"):
+            gain = 1.0 - fitness / self.initial_norm()
+        return Scores(fitness + parsimony * size, gain, size, whole, whole + 7, code.hashes)
+
+
+@dataclass(frozen=True)
+class SlotProblem:
+    """The shape of an effect and the site where it acts; coefficients are solved by projection.
+
+    ``validation`` holds the same sites on other poses, with ``validation_inputs`` to evaluate there.
+    """
+
+    inputs: Inputs
+    targets: Targets
+    validation: Targets | None = None
+    validation_inputs: Inputs | None = None
+    slice: ClassVar[int] = 128
+
+    def __post_init__(self) -> None:
+        if self.targets.poses != self.inputs.values.shape[1]:
+            raise InputError(f"targets: {self.targets.poses} poses, inputs have {self.inputs.values.shape[1]}")
+        if (self.validation is None) != (self.validation_inputs is None):
+            raise InputError("validation: targets and inputs are needed together")
+
+    @property
+    def sites(self) -> tuple[str, ...]:
+        return self.targets.names
+
+    def scores(self, code: Code, fixed: Array, parsimony: float, hopeless: float = np.inf) -> Scores:
+        """Description length and gain of decoded programs at their best site."""
+        return slot_scores(code, fixed, self.targets, parsimony)
+
+    def nats(self, gain: Array | float, size: Array | float, parsimony: float) -> Array:
+        """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
+        left = np.maximum(1.0 - np.asarray(gain), 1e-16)
+        return np.asarray(-0.5 * self.targets.components * np.log(left) - parsimony * np.asarray(size))
+
+    def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
+        """The same search with the residual permuted over the poses."""
+        return SlotProblem(self.inputs, self.targets.shuffled(rng))
+
+
+Problem = CartesianProblem | SlotProblem

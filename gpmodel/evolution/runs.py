@@ -1,0 +1,118 @@
+"""Many runs of the search, the same again on shuffled residuals, kept on disk as they finish."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.input_histogram import RunRecord
+from gpmodel.evolution.problems import CartesianProblem, Problem
+from gpmodel.evolution.search import Evolution, Progress, Settings, evolve
+from gpmodel.files import write_text
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Program
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """One finished run, as text and numbers. ``heldout`` is the gain on poses it never saw, None without."""
+
+    representation: str
+    number: int
+    shuffled: bool
+    program: str
+    site: str
+    gain: float
+    heldout: float | None
+    complexity: int
+    strength: float
+    evaluations: int
+    seconds: float
+    history: dict[str, list[float]]
+
+    def record(self) -> RunRecord:
+        return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
+
+
+def strength_of(evolution: Evolution, problem: Problem) -> float:
+    """What the best program explains, comparable between runs: nats for a slot, -log(1 - gain) for a compensator."""
+    best = evolution.best
+    left = max(1.0 - best.gain, 1e-16)
+    if isinstance(problem, CartesianProblem):
+        return float(-np.log(left))
+    cost = evolution.settings.parsimony * (best.complexity + len(best.coefficients))
+    return float(-0.5 * problem.targets.components * np.log(left) - cost)
+
+
+def run_all(
+    problem: Problem,
+    settings: Sequence[Settings],
+    runs: int,
+    seed: int,
+    heldout: Callable[[Program], float] | None = None,
+    finished: Sequence[Run] = (),
+    progress: Callable[[str, int, bool, Progress], None] | None = None,
+) -> Iterator[Run]:
+    """``runs`` runs of each setting, each beside one on a shuffled residual, yielded as they finish.
+
+    Those in ``finished`` are yielded as they are. Every run has a random stream of its own, by the seed, its
+    representation and its number: what is left to do gives the same numbers.
+    """
+    known = {(run.representation, run.number, run.shuffled): run for run in finished}
+    for choice in settings:
+        for number in range(runs):
+            for shuffled in (False, True):
+                key = (choice.representation, number, shuffled)
+                if key in known:
+                    yield known[key]
+                    continue
+                rng = np.random.default_rng([seed, len(choice.representation), number, shuffled])
+                tried = problem.shuffled(rng) if shuffled else problem
+                report = None if progress is None else _reporter(progress, *key)
+                found = evolve(tried, choice, rng, report)
+                best = found.best
+                validation = heldout(best.program) if heldout and not shuffled else best.validation
+                yield Run(
+                    *key, str(best.program), best.site_name, best.gain, validation, best.complexity,
+                    strength_of(found, tried), found.evaluations, found.seconds,
+                    {name: column.tolist() for name, column in found.history.items()},
+                )  # fmt: skip
+
+
+def _reporter(
+    progress: Callable[[str, int, bool, Progress], None], representation: str, number: int, shuffled: bool
+) -> Callable[[Progress], None]:
+    return lambda state: progress(representation, number, shuffled, state)
+
+
+def save_runs(path: Path, request: dict[str, Any], runs: Sequence[Run]) -> None:
+    """Write finished runs, with what was asked, as text."""
+    content = {"schema": SCHEMA, "request": request, "runs": [asdict(run) for run in runs]}
+    write_text(path, json.dumps(content))
+
+
+def load_runs(path: Path, request: dict[str, Any]) -> list[Run]:
+    """Finished runs of the same request; none where the file does not exist yet.
+
+    Raises InputError where the file is damaged or belongs to another request.
+    """
+    if not path.exists():
+        return []
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        asked, runs = content["request"], [Run(**run) for run in content["runs"]]
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise InputError(f"--checkpoint {path}: cannot be read ({error}); expected one written by evolve") from None
+    differing = sorted(key for key in request.keys() | asked.keys() if request.get(key) != asked.get(key))
+    if content.get("schema") != SCHEMA or differing:
+        raise InputError(
+            f"--checkpoint {path}: is of another request ({', '.join(differing) or 'schema'} differ); "
+            "expected the same table and options, or a new file"
+        )
+    return runs

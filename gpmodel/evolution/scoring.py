@@ -1,0 +1,68 @@
+"""From decoded programs to scores: a compensator's distance, or a slot's description length."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.engine import Code, values, workspace
+from gpmodel.evolution.projection import Targets
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One row a program: the score selection minimises, the gain, and where and how it is reached.
+
+    ``chosen`` is the bit set of outputs in use and ``complexity`` their size; ``site`` indexes the targets.
+    """
+
+    score: Array
+    gain: Array
+    complexity: NDArray[np.int64]
+    site: NDArray[np.int64]
+    chosen: NDArray[np.int64]
+    hashes: NDArray[np.uint64]
+
+    @staticmethod
+    def empty(count: int) -> "Scores":
+        complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
+        return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
+
+    def __setitem__(self, part: slice | NDArray[np.intp], other: "Scores") -> None:
+        for name in ("score", "gain", "complexity", "site", "chosen", "hashes"):
+            getattr(self, name)[part] = getattr(other, name)
+
+    def take(self, rows: NDArray[np.intp]) -> "Scores":
+        return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def join(self, other: "Scores") -> "Scores":
+        pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
+        return Scores(*(np.concatenate(pair) for pair in pairs))
+
+
+def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
+    """Every program against every site: the best site and the few outputs worth their size."""
+    from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
+
+    scaled = values(code, fixed)
+    programs, outputs, poses = scaled.shape
+    usable = np.empty((programs, outputs), dtype=bool)
+    pairs = workspace("pairs", (programs, outputs * (outputs + 1) // 2, poses))
+    scale_and_multiply(scaled, usable, pairs)
+    products = pairs.reshape(-1, poses) @ targets.weight.T
+    flat = scaled.reshape(-1, poses)
+    columns = targets.cross.shape[1]
+    seen = flat @ targets.cross.reshape(-1, poses).T
+    pull = flat @ targets.pull.T
+    scores = Scores.empty(programs)
+    choose_outputs(
+        products.reshape(programs, -1, targets.sites),
+        seen.reshape(programs, outputs, targets.sites, columns),
+        pull.reshape(programs, outputs, targets.sites),
+        usable, code.sizes, targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
+        scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
+    )  # fmt: skip
+    scores.hashes[:] = code.hashes
+    return scores

@@ -1,0 +1,59 @@
+"""Effects as they are named on a command line."""
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from gpmodel.families import catalogue
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.states import States
+
+MOST_INSTANCES = 12
+
+
+def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
+    """Effects of a catalogue name, of a family's every instance, or of `slot:axis:expression` written out.
+
+    `gear_harmonic J4` is one instance of a family, `gear_harmonic` all of them where they are few.
+    Raises InputError for an unknown name, slot, axis or input, or where the effect is not finite at some pose.
+    """
+    effects = _written_out(name, mechanism) if name.count(":") == 2 else _of_catalogue(name, mechanism, states)
+    for term in (t for effect in effects for t in effect.terms):
+        if not np.isfinite(term.basis(states)).all():
+            raise InputError(f"effect '{name}': '{term.basis}' is infinite or undefined at some poses")
+    return effects
+
+
+def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
+    """The same for one instance only: one effect, or the pair that is its sine and cosine.
+
+    Raises InputError also for a family of several instances.
+    """
+    instances = _instances(name, mechanism, states)
+    if len(instances) > 1:
+        raise InputError(
+            f"effect '{name}' is {len(instances)} here; name one of {'; '.join(instances[:MOST_INSTANCES])}"
+        )
+    return effects_named(name, mechanism, states)
+
+
+def _written_out(name: str, mechanism: Mechanism) -> tuple[Effect, ...]:
+    slot, axis, text = (part.strip() for part in name.split(":"))
+    if slot not in mechanism.slots:
+        raise InputError(f"effect '{name}': slot '{slot}' is unknown; available: {', '.join(mechanism.slots)}")
+    return (effect_at(name, slot, axis, Expression(text)),)
+
+
+def _instances(name: str, mechanism: Mechanism, states: States) -> list[str]:
+    return [c.name for c in catalogue.candidates(mechanism, states) if c.family == name]
+
+
+def _of_catalogue(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
+    instances = _instances(name, mechanism, states)
+    if len(instances) > MOST_INSTANCES:
+        few = "; ".join(instances[:MOST_INSTANCES])
+        raise InputError(f"effect '{name}' is {len(instances)} here; name one, for example {few}")
+    if not instances:
+        return catalogue.build(name, mechanism, states)
+    return tuple(e for instance in instances for e in catalogue.build(instance, mechanism, states))

@@ -1,0 +1,99 @@
+"""The catalogue: what a finding would be physically. One row a family; adding a known effect is one line.
+
+The entry bar for a family: a cited mechanism, or a recorded discovery.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from gpmodel.errors import InputError
+from gpmodel.families import angle as families_angle
+from gpmodel.families import load as families_load
+from gpmodel.families import session as families_session
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.states import States
+
+Builder = Callable[[Mechanism, States], Iterator[Candidate]]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A named physical effect: what it is, who described it, and its instances on a mechanism."""
+
+    name: str
+    explanation: str
+    source: str
+    build: Builder
+
+
+# ruff: noqa: E501
+FAMILIES: tuple[Family, ...] = (
+    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance),
+    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance),
+    Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection),
+    Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
+    Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
+    Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
+    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_angle.transmission_ripple),
+    Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve),
+    Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
+    Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", families_angle.backlash_approach),
+    Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", families_angle.gear_ratio),
+    Family("wrist_coupling", "one wrist axis drags another through its gears", "Mooring 1991", families_angle.wrist_coupling),
+    Family("parallel_bar_closure", "the parallel bar is no exact parallelogram", "Schröer 1997", families_angle.parallel_bar),
+    Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", families_load.balancing_spring),
+    Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening),
+    Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", families_session.thermal_growth),
+    Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", families_session.thermal_zero),
+    Family("drift", "instrument or base creeps during the session", "ISO 230-3", families_session.drift),
+    Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", families_session.setup_step),
+    Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", families_session.tool_slip),
+    Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", families_session.warm_up),
+    Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),
+    Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", families_angle.run_out),
+    Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),
+    Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),
+)  # fmt: skip
+
+
+def candidates(mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
+    """Every instance of every family that these poses and columns allow."""
+    return tuple(c for family in FAMILIES for c in family.build(mechanism, states))
+
+
+def names() -> tuple[str, ...]:
+    """The families' names."""
+    return tuple(f.name for f in FAMILIES)
+
+
+def family(name: str) -> Family | None:
+    """The family of that name, or None."""
+    return next((f for f in FAMILIES if f.name == name), None)
+
+
+def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
+    """Effects of `family`, `family JOINT` or a candidate's full name, as written on a command line.
+
+    Raises InputError for an unknown name, or one with no instance on this mechanism and table.
+    """
+    pool = candidates(mechanism, states)
+    exact = [c for c in pool if c.name == name]
+    if exact:
+        return exact[0].effects
+    first, *words = name.split() or [""]
+    of_family = [c for c in pool if c.family == first]
+    if family(first) is None:
+        raise InputError(f"effect '{name}' is unknown; available: {', '.join(names())}")
+    wanted = [c for c in of_family if all(_mentions(c.name, w, mechanism) for w in words)]
+    if not wanted:
+        instances = "; ".join(c.name for c in of_family[:12]) or "none on this mechanism and table"
+        raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
+    return wanted[0].effects
+
+
+def _mentions(text: str, word: str, mechanism: Mechanism) -> bool:
+    aliases = {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)}
+    tokens = text.replace(",", " ").replace("(", " ").replace(")", " ").split()
+    return word in tokens or aliases.get(word) in tokens

@@ -1,0 +1,82 @@
+"""Families of effects that follow the loads: what bends, twists, tilts and sags."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.families.candidate import Candidate, across, loaded, one, revolute
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect, Term, drive_effect
+from gpmodel.model.states import States
+
+
+def base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if "moment_base_x" in states.columns:
+        terms = tuple(Term("base", f"R{a}", Expression(f"moment_base_{a}")) for a in "xy")
+        yield one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)
+
+
+def joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        if loaded(states, f"torque_{j.name}"):
+            unit = "rad/Nm" if j.kind == "revolute" else "m/N"
+            effect = drive_effect(
+                f"joint compliance, {j.name}", j, Expression(f"torque_{j.name}"), unit, "joint_compliance"
+            )
+            yield one(effect.name, effect, 4.0)
+
+
+def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        column = f"payload_torque_{j.name}"
+        if loaded(states, column):
+            name = f"deflection under the payload, {j.name}"
+            unit = "rad/Nm" if j.kind == "revolute" else "m/N"
+            yield one(name, drive_effect(name, j, Expression(column), unit, "payload_deflection"), 4.5)
+
+
+def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in revolute(mechanism):
+        axes = across(j)
+        if f"moment_{j.name}_x" in states.columns:
+            terms = tuple(Term(f"{j.name}.moving", f"R{a}", Expression(f"moment_{j.name}_{a}")) for a in axes)
+            effect = Effect(f"joint bending, {j.name}", terms, "rad/Nm", "joint_bending")
+            yield one(effect.name, effect, 5.0)
+            for term in terms:
+                name = f"{effect.name} about {term.axis[1]} only"
+                yield one(name, Effect(name, (term,), "rad/Nm", "joint_bending"), 5.5)
+
+
+def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        if loaded(states, f"torque_{j.name}"):
+            basis = Expression(f"sign(torque_{j.name})")
+            effect = drive_effect(f"backlash by load, {j.name}", j, basis, family="backlash_load")
+            yield one(effect.name, effect, 4.5)
+
+
+def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in revolute(mechanism)[1:2]:
+        effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
+        yield one(effect.name, effect, 4.5)
+
+
+def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in mechanism.joints:
+        torque = f"torque_{j.name}"
+        if loaded(states, torque):
+            scale = float(np.max(np.abs(states[torque])))
+            basis = Expression(f"({torque}/{scale:.4g})**3")
+            name = f"hardening stiffness, {j.name}"
+            yield one(name, drive_effect(name, j, basis, family="hardening_stiffness"), 5.0)
+
+
+def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    terms = tuple(Term("base", f"T{a}", Expression(f"gravity_{a}")) for a in "xyz" if f"gravity_{a}" in states.columns)
+    if terms:
+        unit = f"m/({states.units[str(terms[0].basis)]})"
+        yield one("sag of the support", Effect("sag of the support", terms, unit, "support_sag"), 4.0)
+        for term in terms if len(terms) > 1 else ():
+            name = f"sag of the support along {term.axis[1]}"
+            yield one(name, Effect(name, (term,), unit, "support_sag"), 4.5)

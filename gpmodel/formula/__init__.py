@@ -1,0 +1,1 @@
+"""Operators, expressions over named columns, and evolved programs."""

@@ -1,0 +1,258 @@
+"""Programs and computer algebra: simplified forms, LaTeX, and NumPy source."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import sympy
+
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.parse import raise_to
+from gpmodel.formula.program import Builder, Node, Program
+
+_LARGEST_POWER = 64
+_LARGEST_PIECE = 30
+_ONE_OPERATOR = 2
+
+logical_not = sympy.Function("not_")
+"""1 where its argument is 0, else 0: left alone by the algebra."""
+
+_SYMPY: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "subtract": lambda a, b: a - b,
+    "multiply": lambda a, b: a * b,
+    "divide": lambda a, b: a / b,
+    "modulo": sympy.Mod,
+    "min": sympy.Min,
+    "max": sympy.Max,
+    "abs": sympy.Abs,
+    "square": lambda a: a**2,
+    "sqrt": lambda a: sympy.sqrt(sympy.Abs(a)),
+    "not": logical_not,
+    "sin": sympy.sin,
+    "cos": sympy.cos,
+    "tan": sympy.tan,
+    "atan": sympy.atan,
+    "exp": sympy.exp,
+    "log": lambda a: sympy.log(sympy.Abs(a)),
+    "tanh": sympy.tanh,
+    "asin": sympy.asin,
+    "reciprocal": lambda a: 1 / a,
+}
+
+
+def to_sympy(program: Program) -> list[sympy.Expr]:
+    """One sympy expression an output, all of it written out; inputs are real symbols of the same names."""
+    return _in_pieces(program, None)[1]
+
+
+def _in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
+    """Expressions of the outputs over inputs and over symbols for their larger parts, with what these stand for.
+
+    No expression has more than about `largest` operators and leaves, so that algebra on a long program with many shared
+    parts, whose written-out form may be exponentially longer, comes to an end. None: one piece, whatever its size.
+    """
+    values: list[Any] = []
+    sizes: list[int] = []
+    pieces: dict[sympy.Symbol, sympy.Expr] = {}
+    taken = set(program.inputs)
+    for node in program.nodes:
+        if largest is not None and 1 + sum(sizes[k] for k in node.arguments) > largest:
+            for k in node.arguments:
+                if sizes[k] > 1:
+                    name = next(f"v{n}" for n in range(len(pieces) + 1, 10**9) if f"v{n}" not in taken)
+                    taken.add(name)
+                    symbol = sympy.Symbol(name, real=True)
+                    pieces[symbol], values[k], sizes[k] = values[k], symbol, 1
+        values.append(_value(node, values))
+        sizes.append(1 if values[-1].is_Atom else 1 + sum(sizes[k] for k in node.arguments))
+    return pieces, [values[k] for k in program.outputs]
+
+
+def _value(node: Node, values: list[Any]) -> Any:
+    if node.operator == "input":
+        return sympy.Symbol(str(node.value), real=True)
+    if node.operator == "constant":
+        number = float(node.value or 0.0)
+        return sympy.Integer(int(number)) if number == int(number) else sympy.Float(number)
+    return _SYMPY[node.operator](*(values[k] for k in node.arguments))
+
+
+def from_sympy(expressions: Sequence[Any], pieces: Mapping[Any, Any] | None = None) -> Program:
+    """The program of sympy expressions made of our operators; `pieces` are what some of their symbols stand for.
+
+    Raises ValueError for a function that no operator computes.
+    """
+    builder = Builder()
+    built: dict[Any, int] = {}
+    for symbol, expression in (pieces or {}).items():
+        built[symbol] = _build(builder, expression, built)
+    return builder.program([_build(builder, expression, built) for expression in expressions])
+
+
+def simplify(program: Program) -> Program:
+    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter."""
+    best = program
+    for largest, change in (
+        (_ONE_OPERATOR, _unchanged),
+        (_LARGEST_PIECE, _unchanged),
+        (_LARGEST_PIECE, sympy.simplify),
+    ):
+        try:
+            pieces, outputs = _in_pieces(best, largest)
+            changed = {symbol: change(expression) for symbol, expression in pieces.items()}
+            candidate = from_sympy([change(expression) for expression in outputs], changed)
+        except (ValueError, TypeError, RecursionError):
+            continue
+        best = min(best, candidate, key=_operators_then_size)
+    return best
+
+
+def _operators_then_size(program: Program) -> tuple[int, int]:
+    return sum(program.operator_counts.values()), program.complexity
+
+
+def _unchanged(expression: Any) -> Any:
+    return expression
+
+
+def latex(program: Program) -> str:
+    """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long.
+
+    Numbers are rounded to six digits.
+    """
+    written = {
+        sympy.Symbol(name, real=True): "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
+        for name in program.inputs
+        if not name.isalnum()
+    }
+
+    def line(expression: Any) -> str:
+        rounded = {number: sympy.Float(number, 6) for number in expression.atoms(sympy.Float)}
+        return str(sympy.latex(expression.xreplace(rounded), symbol_names=written))
+
+    pieces, outputs = _in_pieces(program, _LARGEST_PIECE)
+    parts = [f"{line(symbol)} = {line(expression)}" for symbol, expression in pieces.items()]
+    return ";\\; ".join([*parts, ", ".join(map(line, outputs))])
+
+
+def numpy_source(program: Program, name: str = "basis") -> str:
+    """Source of ``def name(inputs)``: from a mapping of input names to arrays to an array (outputs, N)."""
+    lines = [
+        "import numpy as np",
+        "",
+        "",
+        f"def {name}(inputs):",
+        "    length = max((np.size(column) for column in inputs.values()), default=1)",
+    ]
+    for index, node in enumerate(program.nodes):
+        arguments = [f"v{k}" for k in node.arguments]
+        if node.operator == "input":
+            text = f"np.asarray(inputs[{str(node.value)!r}], dtype=float)"
+        elif node.operator == "constant":
+            text = f"np.full(length, {float(node.value or 0.0)!r})"
+        else:
+            text = _NUMPY[node.operator].format(*arguments)
+        lines.append(f"    v{index} = {text}")
+    lines.append(f"    return np.stack([{', '.join(f'v{k}' for k in program.outputs)}])")
+    return "\n".join(lines) + "\n"
+
+
+_NUMPY: dict[str, str] = {
+    "add": "{0} + {1}",
+    "subtract": "{0} - {1}",
+    "multiply": "{0} * {1}",
+    "divide": "{0} / {1}",
+    "modulo": "{0} - {1} * np.floor({0} / {1})",
+    "min": "np.minimum({0}, {1})",
+    "max": "np.maximum({0}, {1})",
+    "abs": "np.abs({0})",
+    "square": "np.square({0})",
+    "sqrt": "np.sqrt(np.abs({0}))",
+    "not": "({0} == 0.0).astype(float)",
+    "sin": "np.sin({0})",
+    "cos": "np.cos({0})",
+    "tan": "np.tan({0})",
+    "atan": "np.arctan({0})",
+    "exp": "np.exp({0})",
+    "log": "np.log(np.abs({0}))",
+    "tanh": "np.tanh({0})",
+    "asin": "np.arcsin({0})",
+    "reciprocal": "1.0 / {0}",
+}
+
+_FROM_SYMPY: dict[Any, str] = {
+    sympy.Mod: "modulo",
+    sympy.Abs: "abs",
+    logical_not: "not",
+    **{
+        getattr(sympy, name): name
+        for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")
+        if name in BY_NAME
+    },
+}
+
+
+def _build(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
+    if expression.is_Symbol:
+        return built[expression] if expression in built else builder.input(expression.name)
+    if expression.is_number:
+        value = complex(expression)
+        if value.imag:
+            raise ValueError(f"{expression} is not real")
+        return builder.constant(value.real)
+    if expression.is_Add or expression.is_Mul:
+        return _chain(builder, expression, built)
+    arguments = expression.args
+    if expression.is_Pow:
+        return _power(builder, arguments[0], arguments[1], built)
+    if isinstance(expression, sympy.Min | sympy.Max):
+        name = "min" if isinstance(expression, sympy.Min) else "max"
+        parts = [_build(builder, argument, built) for argument in arguments]
+        total = parts[0]
+        for item in parts[1:]:
+            total = builder.apply(name, total, item)
+        return total
+    if expression.func == sympy.log:
+        return builder.apply("log", _build(builder, _magnitude(arguments[0]), built))
+    if expression.func not in _FROM_SYMPY:
+        raise ValueError(f"no operator computes {expression.func}")
+    return builder.apply(_FROM_SYMPY[expression.func], *(_build(builder, argument, built) for argument in arguments))
+
+
+def _chain(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
+    """A sum with its negative terms subtracted, or a product with its inverse factors divided by."""
+    join, invert = ("add", "subtract") if expression.is_Add else ("multiply", "divide")
+    neutral = 0.0 if expression.is_Add else 1.0
+    plain, inverse = [], []
+    for argument in expression.args:
+        if expression.is_Add and argument.could_extract_minus_sign():
+            inverse.append(-argument)
+        elif expression.is_Mul and argument.is_Pow and argument.exp.is_number and argument.exp < 0:
+            inverse.append(1 / argument)
+        elif not argument.is_number or argument != neutral:
+            plain.append(argument)
+    parts = [_build(builder, argument, built) for argument in plain]
+    total = parts[0] if parts else builder.constant(neutral)
+    for item in parts[1:]:
+        total = builder.apply(join, total, item)
+    for argument in inverse:
+        total = builder.apply(invert, total, _build(builder, argument, built))
+    return total
+
+
+def _magnitude(expression: Any) -> Any:
+    """Without an outer absolute value, which ``sqrt`` and ``log`` take anyway."""
+    return expression.args[0] if isinstance(expression, sympy.Abs) else expression
+
+
+def _power(builder: Builder, base: Any, exponent: Any, built: Mapping[Any, int]) -> int:
+    if base == sympy.E:
+        return builder.apply("exp", _build(builder, exponent, built))
+    if exponent.is_number and exponent < 0:
+        return builder.apply("divide", builder.constant(1.0), _build(builder, base ** (-exponent), built))
+    if exponent.is_Integer and exponent <= _LARGEST_POWER:
+        return raise_to(builder, _build(builder, base, built), int(exponent))
+    if exponent.is_Rational and exponent.q == 2 and exponent.p <= _LARGEST_POWER:
+        root = builder.apply("sqrt", _build(builder, _magnitude(base), built))
+        return raise_to(builder, root, int(exponent.p))
+    raise ValueError(f"no operator computes the power {exponent}")

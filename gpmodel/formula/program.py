@@ -1,0 +1,212 @@
+"""An evolved expression as an object: a small directed graph of operators over named inputs."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from keyword import iskeyword
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+from gpmodel.formula.operators import BY_NAME
+
+Array = NDArray[np.float64]
+
+_INFIX = {"add": ("+", 1), "subtract": ("-", 1), "multiply": ("*", 2), "divide": ("/", 2), "modulo": ("%", 2)}
+_ATOM = 9
+
+
+@dataclass(frozen=True)
+class Node:
+    """A leaf (``input`` with its name, ``constant`` with its value) or an operator over earlier nodes."""
+
+    operator: str
+    arguments: tuple[int, ...] = ()
+    value: str | float | None = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """Effective code only: every node reaches an output, equal nodes are one, arguments precede their use.
+
+    ``evaluate`` gives one row an output; the outputs of a slot's program are a small set of basis functions.
+    """
+
+    nodes: tuple[Node, ...]
+    outputs: tuple[int, ...]
+
+    def evaluate(self, inputs: Mapping[str, Array]) -> Array:
+        """Values of the outputs, shape (outputs, N), from a mapping of input name to (N,) array.
+
+        Raises InputError where an input of the program is missing.
+        """
+        missing = sorted(set(self.inputs) - set(inputs))
+        if missing:
+            raise InputError(f"program {self}: no input {missing[0]!r}, available: {', '.join(inputs)}")
+        length = max((np.size(column) for column in inputs.values()), default=1)
+        values: list[Array] = []
+        with np.errstate(all="ignore"):
+            for node in self.nodes:
+                if node.operator == "input":
+                    values.append(np.asarray(inputs[str(node.value)], dtype=float))
+                elif node.operator == "constant":
+                    values.append(np.full(length, float(node.value or 0.0)))
+                else:
+                    arguments = [values[k] for k in node.arguments]
+                    values.append(BY_NAME[node.operator].function(*arguments))
+        return np.stack([values[k] for k in self.outputs]) if self.outputs else np.empty((0, length))
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs that effective code references, sorted."""
+        return tuple(sorted(str(node.value) for node in self.nodes if node.operator == "input"))
+
+    @cached_property
+    def constants(self) -> tuple[float, ...]:
+        """Constants of the effective code, in node order."""
+        return tuple(float(node.value or 0.0) for node in self.nodes if node.operator == "constant")
+
+    @cached_property
+    def input_counts(self) -> dict[str, int]:
+        """How often each input is referenced by effective code."""
+        counts: dict[str, int] = {}
+        for index in self._references():
+            if self.nodes[index].operator == "input":
+                name = str(self.nodes[index].value)
+                counts[name] = counts.get(name, 0) + 1
+        return counts
+
+    @cached_property
+    def operator_counts(self) -> dict[str, int]:
+        """How often each operator stands in the effective code."""
+        counts: dict[str, int] = {}
+        for node in self.nodes:
+            if node.arguments:
+                counts[node.operator] = counts.get(node.operator, 0) + 1
+        return counts
+
+    @cached_property
+    def complexity(self) -> int:
+        """Operators plus references to leaves; a shared subexpression counts once."""
+        leaves = sum(1 for index in self._references() if not self.nodes[index].arguments)
+        return leaves + sum(1 for node in self.nodes if node.arguments)
+
+    def _references(self) -> Iterable[int]:
+        for node in self.nodes:
+            yield from node.arguments
+        yield from self.outputs
+
+    def select(self, outputs: Iterable[int]) -> "Program":
+        """The program of some of the outputs, by position."""
+        builder = Builder()
+        copies = builder.copy(self)
+        return builder.program(copies[self.outputs[k]] for k in outputs)
+
+    def with_constants(self, values: Iterable[float]) -> "Program":
+        """The same program with other constants, in the order of ``constants``."""
+        remaining = iter(values)
+        builder = Builder()
+        copies: list[int] = []
+        for node in self.nodes:
+            if node.operator == "constant":
+                copies.append(builder.constant(next(remaining)))
+            else:
+                copies.append(builder.add(node, copies))
+        return builder.program(copies[k] for k in self.outputs)
+
+    def __str__(self) -> str:
+        """Infix text that ``parse`` reads back; shared subexpressions are named first, outputs follow ``;``."""
+        uses = np.zeros(len(self.nodes), dtype=int)
+        for index in self._references():
+            uses[index] += 1
+        texts: list[tuple[str, int]] = []
+        lines: list[str] = []
+        taken = set(self.inputs)
+        for index, node in enumerate(self.nodes):
+            text, rank = _node_text(node, texts)
+            if node.arguments and uses[index] > 1:
+                name = next(f"v{k}" for k in range(len(lines) + 1, 10**9) if f"v{k}" not in taken)
+                taken.add(name)
+                lines.append(f"{name} = {text}")
+                text, rank = name, _ATOM
+            texts.append((text, rank))
+        lines.append(", ".join(texts[k][0] for k in self.outputs))
+        return "; ".join(lines)
+
+
+def _node_text(node: Node, texts: list[tuple[str, int]]) -> tuple[str, int]:
+    if node.operator == "input":
+        name = str(node.value)
+        return (name if name.isidentifier() and not iskeyword(name) else repr(name)), _ATOM
+    if node.operator == "constant":
+        value = float(node.value or 0.0)
+        text = repr(int(value)) if value == int(value) and abs(value) < 1e6 else repr(value)
+        return (text, _ATOM) if value >= 0 else (f"({text})", _ATOM)
+    if node.operator in _INFIX:
+        symbol, rank = _INFIX[node.operator]
+        (left, left_rank), (right, right_rank) = (texts[k] for k in node.arguments)
+        left = f"({left})" if left_rank < rank else left
+        right = f"({right})" if right_rank <= rank else right
+        return f"{left} {symbol} {right}" if rank == 1 else f"{left}{symbol}{right}", rank
+    if node.operator == "not":
+        return f"(not {texts[node.arguments[0]][0]})", _ATOM
+    return f"{node.operator}({', '.join(texts[k][0] for k in node.arguments)})", _ATOM
+
+
+@dataclass
+class Builder:
+    """Collects nodes, merging equal ones, and hands out a program without dead code."""
+
+    nodes: list[Node] = field(default_factory=list)
+    _known: dict[Node, int] = field(default_factory=dict)
+
+    def _intern(self, node: Node) -> int:
+        if node not in self._known:
+            self._known[node] = len(self.nodes)
+            self.nodes.append(node)
+        return self._known[node]
+
+    def input(self, name: str) -> int:
+        return self._intern(Node("input", (), name))
+
+    def constant(self, value: float) -> int:
+        if not np.isfinite(value):
+            raise InputError(f"program: constant {value} is not finite")
+        return self._intern(Node("constant", (), float(value)))
+
+    def apply(self, operator: str, *arguments: int) -> int:
+        if operator not in BY_NAME:
+            raise InputError(f"program: unknown operator {operator!r}, available: {', '.join(BY_NAME)}")
+        if len(arguments) != BY_NAME[operator].arity:
+            raise InputError(f"program: {operator} takes {BY_NAME[operator].arity} arguments, {len(arguments)} given")
+        return self._intern(Node(operator, arguments))
+
+    def add(self, node: Node, copies: list[int]) -> int:
+        """A node of another program, its arguments translated by ``copies``."""
+        return self._intern(Node(node.operator, tuple(copies[k] for k in node.arguments), node.value))
+
+    def copy(self, program: Program) -> list[int]:
+        """All nodes of a program; the new index of each."""
+        copies: list[int] = []
+        for node in program.nodes:
+            copies.append(self.add(node, copies))
+        return copies
+
+    def program(self, outputs: Iterable[int]) -> Program:
+        """The program of some nodes; its own nodes are in the order in which the outputs first need them."""
+        chosen = tuple(outputs)
+        place: dict[int, int] = {}
+        pending = list(reversed(chosen))
+        while pending:
+            index = pending[-1]
+            missing = [k for k in reversed(self.nodes[index].arguments) if k not in place]
+            if index in place or not missing:
+                place.setdefault(index, len(place))
+                pending.pop()
+            pending.extend(missing if index not in place else ())
+        nodes = tuple(
+            Node(node.operator, tuple(place[k] for k in node.arguments), node.value)
+            for node in (self.nodes[index] for index in place)
+        )
+        return Program(nodes, tuple(place[k] for k in chosen))

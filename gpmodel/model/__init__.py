@@ -1,0 +1,1 @@
+"""States, effects, and the error model made of them."""

@@ -1,0 +1,80 @@
+"""Effects: one unknown number each, a small twist at one or more slots, shaped by a basis."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.formula.expression import ONE, Basis
+from gpmodel.mechanism.protocol import AXES, Joint
+from gpmodel.model.states import States
+
+
+@dataclass(frozen=True)
+class Term:
+    """`weight · basis` along one axis of the frame of one slot."""
+
+    slot: str
+    axis: str
+    basis: Basis = ONE
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise InputError(f"axis '{self.axis}' is unknown; available: {', '.join(AXES)}")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
+
+    family: the catalogue's word for what it would be, empty for what nobody has named. prior: standard deviation
+    of the unknown around zero that is believed before measuring; infinite for none.
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    unit: str
+    family: str = ""
+    prior: float = math.inf
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(term.slot for term in self.terms))
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is the same at every pose: a geometric error."""
+        return not self.inputs
+
+    def twist(self, states: States, slot: str) -> Array:
+        """Twist (N, 6) at `slot` per unit of the unknown, metres and radians, in the slot's frame."""
+        out = np.zeros((len(states), 6))
+        for term in self.terms:
+            if term.slot == slot:
+                out[:, AXES.index(term.axis)] += term.weight * term.basis(states)
+        return out
+
+
+def axis_unit(axis: str) -> str:
+    """m for a translation, rad for a rotation."""
+    return "m" if axis.startswith("T") else "rad"
+
+
+def effect_at(name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "") -> Effect:
+    """The common effect: one slot, one axis, one basis."""
+    return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family)
+
+
+def drive_effect(
+    name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "", prior: float = math.inf
+) -> Effect:
+    """An error of a joint's own coordinate, wherever its drive makes it act."""
+    terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in joint.drive)
+    return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family, prior)

@@ -1,0 +1,43 @@
+"""Which geometric parameters the standard model holds."""
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.model.effect import Effect, effect_at
+
+
+def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
+    """The redundant complete set: six constant twists on the moving side of every joint."""
+    return tuple(
+        effect_at(f"{joint.name} {axis}", f"{joint.name}.moving", axis, family="geometric")
+        for joint in mechanism.joints
+        for axis in AXES
+    )
+
+
+def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> tuple[Effect, ...]:
+    """The geometric effects whose name (`J3 Ty`) fits any of the patterns; `none` alone for none of them.
+
+    patterns: shell patterns over NAME AXIS, with J1..Jn for the joints' own names. Raises InputError for a
+    pattern that fits nothing.
+    """
+    everything = geometric_effects(mechanism)
+    if tuple(patterns) == ("none",):
+        return ()
+    chosen: set[str] = set()
+    for pattern in patterns:
+        fits = [e.name for e in everything if any(fnmatchcase(n, pattern) for n in _aliases(e.name, mechanism))]
+        if not fits:
+            raise InputError(
+                f"--standard '{pattern}': fits no parameter; available: {everything[0].name} to {everything[-1].name}"
+            )
+        chosen.update(fits)
+    return tuple(e for e in everything if e.name in chosen)
+
+
+def _aliases(name: str, mechanism: Mechanism) -> tuple[str, str]:
+    joint, axis = name.rsplit(" ", 1)
+    number = [j.name for j in mechanism.joints].index(joint) + 1
+    return name, f"J{number} {axis}"

@@ -1,0 +1,1 @@
+"""Linear algebra, rigid motions and null distributions."""

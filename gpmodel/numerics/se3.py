@@ -1,0 +1,63 @@
+"""Rigid motions, vectorised over poses. Transforms are (..., 4, 4); a twist is (Tx, Ty, Tz, Rx, Ry, Rz)."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpmodel.arrays import Array
+
+
+def hat(vectors: Array) -> Array:
+    """Cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a × b."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    out = np.zeros((*vectors.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def exp(twists: Array) -> Array:
+    """Exponential of twists (..., 6) in metres and radians: (..., 4, 4).
+
+    R = I + a W + b W², p = (I + b W + c W²) v with W = hat(w), a = sin t / t, b = (1 - cos t) / t²,
+    c = (t - sin t) / t³; below t = 1e-4 the series. Source: Murray, Li, Sastry (1994), eq. 2.36.
+    """
+    v, w = twists[..., :3], twists[..., 3:]
+    t2 = np.sum(w * w, axis=-1)
+    small = t2 < 1e-8
+    t = np.sqrt(np.where(small, 1.0, t2))
+    a = np.where(small, 1 - t2 / 6, np.sin(t) / t)[..., None, None]
+    b = np.where(small, 0.5 - t2 / 24, (1 - np.cos(t)) / t**2)[..., None, None]
+    c = np.where(small, 1 / 6 - t2 / 120, (t - np.sin(t)) / t**3)[..., None, None]
+    cross = hat(w)
+    square = cross @ cross
+    out = np.zeros((*twists.shape[:-1], 4, 4))
+    out[..., :3, :3] = np.eye(3) + a * cross + b * square
+    out[..., :3, 3] = v + ((b * cross + c * square) @ v[..., None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def rotation_vector(rotations: Array) -> Array:
+    """Rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3)."""
+    flat = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*rotations.shape[:-2], 3)
+
+
+def chain(transforms: Array) -> Array:
+    """Running products (S, N, 4, 4) of relative transforms: each frame in the root."""
+    out = np.empty_like(transforms)
+    out[0] = transforms[0]
+    for i in range(1, len(transforms)):
+        np.matmul(out[i - 1], transforms[i], out=out[i])
+    return out
+
+
+def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
+    """Rotation R and translation t with target ≈ R source + t in the least-squares sense.
+
+    source, target: (N, 3) metres. Source: Kabsch (1976).
+    """
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
+    return turn, b - turn @ a

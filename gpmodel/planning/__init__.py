@@ -1,0 +1,1 @@
+"""Poses worth measuring, and tables with known truth."""

@@ -1,0 +1,109 @@
+"""Measured tables with known truth, from the error model itself."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.families.by_name import one_effect_named
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.states import States
+from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import convert
+
+INSTRUMENT_DISTANCE = 3.0
+TOOL_OFFSET = 0.15
+LEVER = 1.0
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A table and the truth behind it. theta: (E,) values of model.effects in their own SI units."""
+
+    dataset: Dataset
+    model: ErrorModel
+    theta: Array
+    placement: Placement
+    noise: float
+
+
+def planted(
+    text: str, mechanism: Mechanism, states: States, rng: np.random.Generator
+) -> tuple[tuple[Effect, ...], Array]:
+    """Effects of `NAME=VALUE UNIT` and their values, in the effects' own units.
+
+    NAME is a catalogue name (`gear_harmonic J4`) or `slot:axis:expression`. Of effects that come in pairs, sine and
+    cosine, VALUE is the amplitude and the phase is random. Raises InputError for what cannot be read.
+    """
+    name, found, value = text.rpartition("=")
+    if not found or not name.strip():
+        raise InputError(f"--effect '{text}': expected NAME=VALUE UNIT, as in 'gear_harmonic J4=20 arcsec'")
+    effects = one_effect_named(name.strip(), mechanism, states)
+    size = convert(value, effects[0].unit, f"--effect '{text}'")
+    direction = rng.normal(size=len(effects))
+    return effects, size * (direction / np.linalg.norm(direction) if len(effects) > 1 else np.ones(1))
+
+
+def random_tool_point(rng: np.random.Generator) -> Array:
+    """A tool point (3,) off the flange's axes, m."""
+    return rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3)
+
+
+def simulate(
+    mechanism: Mechanism,
+    q: Array,
+    effects: Sequence[str],
+    rng: np.random.Generator,
+    *,
+    noise: float = 0.0,
+    geometry_sigma: float = 0.0,
+    payload: Array | None = None,
+    inputs: Mapping[str, Array] | None = None,
+    input_units: Mapping[str, str] | None = None,
+    tool_point: Array | None = None,
+) -> Simulation:
+    """Measure `mechanism` at q (N, n) with an instrument at a random place and a random tool point.
+
+    effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
+    deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
+    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None.
+    Raises InputError for an effect that cannot be read or is not finite.
+    """
+    count = len(q)
+    unmeasured = np.full((count, 3), np.nan)
+    empty = Dataset(
+        joints=tuple(j.name for j in mechanism.joints),
+        q=q,
+        position=unmeasured,
+        rotation=unmeasured.copy(),
+        row=np.arange(1, count + 1),
+        payload=np.zeros(count) if payload is None else payload,
+        extras=inputs or {},
+        extra_units=input_units or {},
+        payload_given=payload is not None,
+        source="simulation",
+    )
+    poses = prepare(mechanism, empty)
+    registration = se3.exp(np.concatenate([rng.normal(0.0, INSTRUMENT_DISTANCE, 3), rng.uniform(-1.5, 1.5, 3)]))
+    tool = np.eye(4)
+    tool[:3, 3] = random_tool_point(rng) if tool_point is None else tool_point
+    placement = Placement({"": registration}, {"": tool}, {})
+    geometry = geometric_effects(mechanism) if geometry_sigma else ()
+    scale = np.array([1.0 if e.unit == "m" else 1.0 / LEVER for e in geometry])
+    theta = [geometry_sigma * scale * rng.normal(size=len(geometry))]
+    chosen = list(geometry)
+    for text in effects:
+        added, values = planted(text, mechanism, poses.states, rng)
+        chosen += added
+        theta.append(values)
+    model = ErrorModel(mechanism, tuple(chosen))
+    values = np.concatenate(theta)
+    tip = observe(model, poses, values, placement).tip[:, :3, 3]
+    position = tip + rng.normal(0.0, noise, tip.shape) if noise else tip
+    return Simulation(replace(empty, position=position), model, values, placement, noise)

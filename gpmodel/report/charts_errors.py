@@ -1,0 +1,169 @@
+"""Pictures of the error's size: the ladder, and its distribution before and after."""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.report.picture import (
+    AFTER,
+    AFTER_LIGHT,
+    BEFORE,
+    CLIP,
+    INK,
+    MUTED,
+    Picture,
+    Report,
+    beyond_standard,
+    log_axis,
+    numbers,
+    rms,
+    rows_only,
+    shortened,
+    step_title,
+)
+from gpmodel.wording import millimetres
+
+
+def pictures(report: Report) -> Iterator[Picture]:
+    """The pictures of error sizes that this report has numbers for."""
+    rungs = [r for r in report.get("ladder") or [] if _rms_of(r)[0] is not None]
+    if rungs:
+        steps = "; ".join(f"{step_title(report, r)} {millimetres(_rms_of(r)[0])} mm" for r in rungs)
+        yield Picture(
+            "ladder", "Error after each step", 4.7, 0.75 + 0.56 * len(rungs),
+            f"RMS of the 3-D error after each step of the model, {_side(rungs)}: {steps}.",
+            "Dots: RMS of the 3-D error; the thin line reaches to the largest error. The scale is logarithmic.",
+            partial(_ladder, report=report, rungs=rungs),
+        )  # fmt: skip
+    errors = _errors(report)
+    if errors:
+        said = "; ".join(f"{n} {millimetres(rms(e))} mm RMS" for n, e, _ in errors)
+        shown = [e for e in errors if e[0] != "registration and tool only"] or errors
+        shown = [shown[0], shown[-1]] if len(shown) > 1 else shown
+        which = _which(report)
+        yield Picture(
+            "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
+            f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
+            f"3-D error of {which}{', the same bins before and after' if len(shown) > 1 else ''}.",
+            partial(_histogram, errors=shown, floor=report.get("noise_floor_mm")),
+        )  # fmt: skip
+        yield Picture(
+            "cumulative", "How many poses are better than …", 4.9, 3.5,
+            f"Cumulative share of {which} over the 3-D error, one curve a step: {said}.",
+            f"Share of {which} whose 3-D error is below the value on the axis.",
+            partial(_cumulative, errors=errors, floor=report.get("noise_floor_mm")),
+        )  # fmt: skip
+
+
+def _rms_of(rung: Mapping[str, Any]) -> tuple[float | None, float | None]:
+    """RMS and largest error of the held-out poses; of the training poses where none were held out."""
+    side = rung.get("heldout") or {}
+    if side.get("rms_mm") is None:
+        side = rung.get("train") or {}
+    return side.get("rms_mm"), side.get("max_mm")
+
+
+def _side(rungs: list[Mapping[str, Any]]) -> str:
+    held = all((r.get("heldout") or {}).get("rms_mm") is not None for r in rungs)
+    return "held-out poses" if held else "training poses, none were held out"
+
+
+def _errors(report: Report) -> list[tuple[str, Array, str]]:
+    """Title, errors (mm) on held-out poses, and colour of each step of the ladder."""
+    stored = (report.get("plots") or {}).get("error_mm") or {}
+    out = []
+    rungs = report.get("ladder") or []
+    for k, rung in enumerate(rungs):
+        sides = stored.get(rung["step"]) or {}
+        error = numbers(sides.get("heldout") or sides.get("train"))
+        error = error[np.isfinite(error)]
+        if len(error):
+            last = k == len(rungs) - 1
+            middle = AFTER_LIGHT if beyond_standard(rung) else BEFORE
+            out.append((step_title(report, rung), error, AFTER if last else "#c9ced5" if k == 0 else middle))
+    return out
+
+
+def _which(report: Report) -> str:
+    held = int((report.get("data") or {}).get("heldout") or 0)
+    return f"{held} held-out poses" if held else "the training poses"
+
+
+def _ladder(figure: Any, report: Report, rungs: list[Mapping[str, Any]]) -> None:
+    axes = figure.subplots()
+    values = [_rms_of(r)[0] or 0.0 for r in rungs]
+    largest = [_rms_of(r)[1] or v for r, v in zip(rungs, values, strict=True)]
+    train = [(r.get("train") or {}).get("rms_mm") for r in rungs]
+    floor = report.get("noise_floor_mm")
+    seen = [v for v in (*values, *largest, *train, floor) if v]
+    log_axis(axes, 0.6 * min(seen), 1.4 * max(seen))
+    rows_only(axes, len(rungs), 0.95)
+    held = [(r.get("heldout") or {}).get("rms_mm") is not None for r in rungs]
+    for k, rung in enumerate(rungs):
+        colour = AFTER if k == len(rungs) - 1 or beyond_standard(rung) else BEFORE
+        axes.plot([values[k], largest[k]], [k, k], color=colour, lw=1.2, alpha=0.55, solid_capstyle="butt")
+        axes.plot(largest[k], k, "|", color=colour, ms=7, mew=1.2)
+        if train[k] and held[k]:
+            axes.plot(train[k], k, "o", mfc="white", mec=colour, mew=1.4, ms=6.5, zorder=3)
+        axes.plot(values[k], k, "o", color=colour, ms=8.5, zorder=4)
+        axes.annotate(f"{millimetres(values[k])} mm", (values[k], k), (0, 7), textcoords="offset points", ha="center",
+                      va="bottom", color=colour if colour == AFTER else MUTED, weight="bold", fontsize=9.5,
+                      bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
+    axes.set_yticks(range(len(rungs)), [fill(shortened(step_title(report, r), 36), 21) for r in rungs])
+    axes.tick_params(axis="y", length=0, labelcolor=INK)
+    if floor:
+        axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
+        axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
+    key = (
+        "3-D error, mm  (● RMS held out  ○ RMS train  | max)" if any(held) else "3-D error, mm   (● RMS train   | max)"
+    )
+    axes.set_xlabel(key)
+
+
+def _histogram(figure: Any, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
+    together = np.concatenate([e for _, e, _ in errors])
+    reach = min(together.max(), CLIP * np.percentile(together, 98))
+    count = int(np.clip(2 * np.sqrt(min(len(e) for _, e, _ in errors)), 10, 40))
+    bins = np.linspace(0, reach * 1.0001, count + 1)
+    panels = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for axes, (name, error, colour) in zip(panels, errors, strict=True):
+        axes.hist(error, bins, color=colour, rwidth=0.92)
+        axes.grid(axis="y")
+        axes.set_ylabel("poses")
+        axes.yaxis.get_major_locator().set_params(integer=True, nbins=4)
+        beyond = int(np.sum(error > bins[-1]))
+        note = f"\n{beyond} beyond the axis" if beyond else ""
+        axes.text(1.0, 0.98, f"{shortened(name, 38)}\n{millimetres(rms(error))} mm RMS{note}", ha="right", va="top",
+                  transform=axes.transAxes, color=AFTER if colour == AFTER else MUTED, weight="bold")  # fmt: skip
+        if floor:
+            axes.axvline(floor, color=INK, lw=1, ls=(0, (3, 3)))
+    if floor:
+        panels[-1].annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
+                            textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
+    panels[-1].set_xlabel("3-D error, mm")
+    panels[-1].set_xlim(0, bins[-1])
+
+
+def _cumulative(figure: Any, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
+    axes = figure.subplots()
+    named: set[str] = set()
+    low = min(np.percentile(e, 2) for _, e, _ in errors)
+    log_axis(axes, max(0.7 * low, 1e-7), 1.3 * max(e.max() for _, e, _ in errors) + 1e-7)
+    for name, error, colour in errors:
+        ordered = np.sort(error)
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        between = colour == AFTER_LIGHT
+        width = 2.2 if colour in (AFTER, BEFORE) else 1.4
+        label = "steps between" if between else shortened(name, 30)
+        axes.step(ordered, 100 * share, where="post", color=colour, lw=width, label=None if label in named else label)
+        named.add(label)
+    if floor:
+        axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
+    axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share of poses, %")
+    axes.grid(axis="both")
+    figure.legend(loc="outside upper left", ncols=2, labelcolor=MUTED, columnspacing=1.2)

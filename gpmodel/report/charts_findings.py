@@ -1,0 +1,115 @@
+"""Pictures of the fitted model: shapes of the effects found, error against rank, parameters."""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gpmodel.report.picture import AFTER, BEFORE, MUTED, Picture, Report, effect_name, log_axis, numbers, shortened
+from gpmodel.wording import millimetres, minus, pretty_unit
+
+MOST_PARAMETERS = 36
+KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
+
+
+def pictures(report: Report) -> Iterator[Picture]:
+    """The pictures of the fitted model that this report has numbers for."""
+    for shape in (report.get("plots") or {}).get("shapes") or []:
+        name = effect_name(report, int(shape["effect"]))
+        x_name = f"{shape.get('x_name', 'row')}, {pretty_unit(shape.get('x_unit') or '1')}".rstrip(", ")
+        if shape.get("x"):
+            yield Picture(
+                f"shape_{int(shape['effect']) + 1}", f"Shape of {name}", 4.9, 3.3,
+                f"Partial residual of {name} over {x_name}, with the fitted curve where it reads this input alone.",
+                "Dots: what the data ask for, everything else in the model removed. Line: the fitted effect.",
+                partial(_shape, shape=shape, x_name=x_name),
+            )  # fmt: skip
+    curve = [c for c in report.get("rank_curve") or [] if c.get("cv_rms_mm") is not None]
+    if len(curve) > 1:
+        best = min(curve, key=lambda c: c["cv_rms_mm"])
+        yield Picture(
+            "rank_curve", "Error against rank", 4.9, 3.3,
+            f"Cross-validated error over the condition limit; lowest {millimetres(best['cv_rms_mm'])} mm with "
+            f"{best['rank']} unknowns at a limit of {best['condition_limit']:g}.",
+            "How many unknowns these poses support; the number beside a dot is the rank kept there.",
+            partial(_rank, curve=curve, chosen=report.get("condition_limit")),
+        )  # fmt: skip
+    for name, title, unit, scale, shown_unit in KINDS:
+        chosen = [p for p in report.get("parameters") or [] if _drawable(p, unit)]
+        strongest = sorted(chosen, key=lambda p: -abs(p["value"]) / p["stderr"])[:MOST_PARAMETERS]
+        rest = "" if len(strongest) == len(chosen) else f" The {len(strongest)} most certain of {len(chosen)}."
+        if chosen:
+            chosen = [p for p in chosen if any(p is s for s in strongest)]
+            yield Picture(
+                name, title, 4.9, 0.75 + 0.175 * len(chosen),
+                f"{title} with one standard deviation, {len(chosen)} parameters; the table below has them.",
+                f"Value ± σ. Hollow: within 2 σ of zero.{rest}",
+                partial(_parameters, parameters=chosen, scale=scale, unit=shown_unit),
+            )  # fmt: skip
+
+
+def _drawable(parameter: Mapping[str, Any], unit: str) -> bool:
+    known = parameter.get("value") is not None and parameter.get("stderr")
+    return bool(known) and parameter.get("unit") == unit and parameter.get("kept", True)
+
+
+def _shape(figure: Any, shape: Mapping[str, Any], x_name: str) -> None:
+    axes = figure.subplots()
+    x, y = numbers(shape["x"]), numbers(shape["partial"])
+    held = np.array(shape.get("heldout") or np.zeros(len(x)), dtype=bool)
+    size = float(np.clip(1800 / len(x), 3, 18))
+    axes.axhline(0, color="#b9c0c9", lw=0.8)
+    axes.scatter(x[~held], y[~held], s=size, fc="white", ec=BEFORE, lw=1.0, label="train")
+    if held.any():
+        axes.scatter(x[held], y[held], s=size, color="#5d6875", lw=0, label="held out", zorder=3)
+    curve_x, curve_y = numbers(shape.get("curve_x")), numbers(shape.get("curve_y"))
+    if len(curve_x):
+        axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)
+    axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.get('y_unit', '')}".rstrip(", "))
+    for which in (axes.xaxis, axes.yaxis):
+        which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    axes.grid(axis="both")
+    figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
+
+
+def _rank(figure: Any, curve: list[Mapping[str, Any]], chosen: float | None) -> None:
+    axes = figure.subplots()
+    limit, rank, error = (numbers([c[k] for c in curve]) for k in ("condition_limit", "rank", "cv_rms_mm"))
+    log_axis(axes, 0.6 * limit.min(), 1.8 * limit.max())
+    if error.max() > 5 * error.min() > 0:
+        log_axis(axes, 0.8 * error.min(), 1.4 * error.max(), "y")
+    else:
+        axes.set_ylim(min(0.0, error.min()), 1.2 * error.max())
+    best = int(np.argmin(np.abs(np.log(limit / chosen)))) if chosen else int(np.argmin(error))
+    axes.plot(limit, error, "o-", color=BEFORE, lw=1.4, ms=4.5)
+    axes.plot(limit[best], error[best], "o", color=AFTER, ms=8.5)
+    last = None
+    for k in range(len(curve)):
+        if rank[k] != last or k == best:
+            here = k == best
+            axes.annotate(f"{rank[k]:.0f}{' unknowns' if here else ''}", (limit[k], error[k]), (0, 8),
+                          textcoords="offset points", ha="center", va="bottom", fontsize=8.5,
+                          color=AFTER if here else MUTED, weight="bold" if here else "normal")  # fmt: skip
+        last = rank[k]
+    axes.set(xlabel="condition limit", ylabel="cross-validated RMS, mm")
+    axes.grid(axis="both")
+
+
+def _parameters(figure: Any, parameters: list[Mapping[str, Any]], scale: float, unit: str) -> None:
+    axes = figure.subplots()
+    value = scale * numbers([p["value"] for p in parameters])
+    deviation = scale * numbers([p["stderr"] for p in parameters])
+    axes.set_ylim(len(parameters) - 0.4, -0.6)
+    axes.axvline(0, color="#b9c0c9", lw=1)
+    for row, (v, s) in enumerate(zip(value, deviation, strict=True)):
+        clear = abs(v) > 2 * s
+        colour = AFTER if clear else BEFORE
+        axes.plot([v - s, v + s], [row, row], color=colour, lw=1.6)
+        axes.plot(v, row, "o", mfc=colour if clear else "white", mec=colour, ms=4.5)
+    axes.set_yticks(range(len(parameters)), [shortened(str(p["name"]), 30) for p in parameters])
+    axes.tick_params(axis="y", length=0, labelsize=8)
+    axes.spines["left"].set_visible(False)
+    axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    axes.set_xlabel(unit)
+    axes.grid(axis="x")

@@ -1,0 +1,132 @@
+"""Pictures of where the residual is: arrows in the workspace from three sides, and its course along the rows."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.report.picture import AFTER, BEFORE, CLIP, INK, MUTED, RULE, Picture, Report, nice_length, numbers, rms
+from gpmodel.wording import millimetres, minus
+
+VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
+SHARE_OF_SPAN = 0.13
+ARROWS = 250
+"""At most this many poses are drawn, evenly chosen along the rows."""
+
+
+def pictures(report: Report) -> Iterator[Picture]:
+    """Arrows from above, from the side and from the front, one scale for the three; then the residual over the rows."""
+    yield from _arrow_pictures(report)
+    residual = (report.get("plots") or {}).get("residual_mm") or {}
+    if residual.get("final"):
+        before = numbers(residual.get("standard")) if report.get("effects") else numbers(None)
+        yield Picture(
+            "rows", "Residual along the rows", 10.2, 4.6,
+            "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
+            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. Filled dots: held out.",
+            partial(_rows, report=report, before=before, after=numbers(residual["final"])),
+        )  # fmt: skip
+
+
+def _arrow_pictures(report: Report) -> Iterator[Picture]:
+    plots = report.get("plots") or {}
+    residual = plots.get("residual_mm") or {}
+    points, after = numbers(plots.get("points_mm")), numbers(residual.get("final"))
+    if len(points) == 0 or points.shape != after.shape:
+        return
+    before = numbers(residual.get("standard")) if report.get("effects") else after
+    whole = np.isfinite(points).all(axis=1) & np.isfinite(after).all(axis=1) & np.isfinite(before).all(axis=1)
+    chosen = np.flatnonzero(whole)
+    chosen = chosen[:: max(1, -(-len(chosen) // ARROWS))]
+    if len(chosen) == 0:
+        return
+    points, before, after = points[chosen], before[chosen], after[chosen]
+    typical = float(np.percentile(np.linalg.norm(before, axis=1), 90))
+    span = float(np.ptp(points, axis=0).max())
+    magnification = SHARE_OF_SPAN * (span or 1.0) / (typical or 1.0)
+    key = nice_length(0.16 * (span or 1.0) / magnification)
+    some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
+    models = "standard model (grey) and of the final model (blue)" if report.get("effects") else "standard model"
+    colours = "Grey before, blue after. " if report.get("effects") else ""
+    for name, i, j in VIEWS:
+        yield Picture(
+            f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
+            f"Residual of the {models} as arrows at the nominal positions: {'xyz'[i]} and {'xyz'[j]}.",
+            f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
+            partial(_arrows, points=points, before=before if report.get("effects") else None, after=after, plane=(i, j),
+                    magnification=magnification, key=key),
+        )  # fmt: skip
+
+
+def _arrows(
+    figure: Any,
+    points: Array,
+    before: Array | None,
+    after: Array,
+    plane: tuple[int, int],
+    magnification: float,
+    key: float,
+) -> None:
+    axes = figure.subplots()
+    i, j = plane
+    span = float(np.ptp(points, axis=0).max()) or 1.0
+    axes.scatter(points[:, i], points[:, j], s=3, color="#b9c0c9", lw=0)
+    for residual, colour in ((before, BEFORE), (after, AFTER)):
+        if residual is not None:
+            axes.quiver(points[:, i], points[:, j], residual[:, i], residual[:, j], color=colour, angles="xy",
+                        scale_units="xy", scale=1.0 / magnification, width=0.006, headwidth=3.6, headlength=4.0,
+                        headaxislength=3.6)  # fmt: skip
+    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    half = 0.62 * span
+    axes.set_xlim(middle[i] - half, middle[i] + half)
+    axes.set_ylim(middle[j] - half, middle[j] + half)
+    left, low = middle[i] - 0.58 * span, middle[j] - 0.58 * span
+    axes.plot([left, left + key * magnification], [low, low], color=INK, lw=2.2, solid_capstyle="butt")
+    axes.text(left, low + 0.02 * span, f"{key:g} mm", color=INK, fontsize=8.5, va="bottom")
+    axes.set_aspect("equal")
+    axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
+    for which in (axes.xaxis, axes.yaxis):
+        which.get_major_locator().set_params(nbins=5)
+        which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    axes.tick_params(labelcolor=MUTED)
+    axes.grid(axis="both")
+
+
+def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    held = np.array((report.get("plots") or {}).get("heldout_mask") or np.zeros(len(after)), dtype=bool)
+    outliers = [int(r) for r in (report.get("data") or {}).get("outliers") or []]
+    row = np.arange(1, len(after) + 1)
+    everything = np.abs(np.concatenate([before.reshape(-1), after.reshape(-1)]))
+    everything = everything[np.isfinite(everything)]
+    if not len(everything):
+        return
+    reach = 1.08 * min(everything.max(), CLIP * np.percentile(everything, 98)) or 1.0
+    size = float(np.clip(900 / len(row), 2, 16))
+    series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]
+    for axis, axes in enumerate(panels):
+        axes.axhline(0, color="#b9c0c9", lw=0.8)
+        for values, colour, _ in series:
+            if len(values) == len(row):
+                clipped = np.clip(values[:, axis], -reach, reach)
+                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9)
+                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9)
+        for outlier in outliers:
+            axes.axvline(outlier, color=RULE, lw=3, zorder=0)
+        axes.set_ylabel(f"{'xyz'[axis]}, mm")
+        axes.set_ylim(-reach * 1.05, reach * 1.05)
+        axes.grid(axis="y")
+        axes.yaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    for outlier in outliers[:12]:
+        panels[0].annotate(f"outlier {outlier}", (outlier, 1.0), xycoords=("data", "axes fraction"), ha="center",
+                           va="bottom", fontsize=8, color=MUTED)  # fmt: skip
+    panels[-1].set_xlabel("row of the table")
+    panels[-1].set_xlim(0, len(row) + 1)
+    for values, colour, name in series:
+        if len(values):
+            panels[0].scatter(
+                [], [], s=18, color=colour, label=f"{name}, {millimetres(rms(np.linalg.norm(values, axis=1)))} mm RMS"
+            )
+    figure.legend(loc="outside upper right", ncols=2, labelcolor="markeredgecolor")

@@ -1,0 +1,106 @@
+"""Findings in an engineer's terms: one number, its deviation and a basis, whatever the number of unknowns."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.families.candidate import Candidate
+from gpmodel.model.states import PAYLOAD_SHARE, States
+
+_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """value ± stderr of a finding, and the basis it multiplies."""
+
+    value: float
+    stderr: float
+    basis: str
+    unit: str
+    unique_share: float
+
+
+def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
+    """Where a candidate's effects sit among the model's."""
+    at = {e.name: i for i, e in enumerate(calibration.model.effects)}
+    return [at[e.name] for e in candidate.effects]
+
+
+def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
+    """One number for a finding.
+
+    A single effect: its unknown. A sine and cosine pair: amplitude A and phase p of A sin(x + p). One basis along
+    several axes: the length of the vector of those in the first one's unit. A larger set: the RMS over the poses of its
+    sum. With the deviation propagated through the covariance.
+    """
+    at = indices(calibration, candidate)
+    theta = calibration.theta[at]
+    deviation = np.nan_to_num(calibration.stderr[at])
+    covariance = calibration.correlation[np.ix_(at, at)] * np.outer(deviation, deviation)
+    share = float(np.min(calibration.unique_share[at]))
+    unit = candidate.effects[0].unit
+    bases = [str(e.terms[0].basis) for e in candidate.effects]
+    if len(at) == 1:
+        return Quantity(float(theta[0]), float(deviation[0]), bases[0], unit, share)
+    if len(at) == 2 and bases[0].startswith("sin(") and bases[1] == f"cos{bases[0][3:]}":
+        amplitude = float(np.hypot(*theta))
+        slope = theta / amplitude if amplitude else np.array([1.0, 0.0])
+        phase = float(np.arctan2(theta[1], theta[0]))
+        return Quantity(
+            amplitude, float(np.sqrt(slope @ covariance @ slope)), f"{bases[0][:-1]} {phase:+.3f})", unit, share
+        )
+    if len(set(bases)) == 1:
+        along = np.where([e.unit == unit for e in candidate.effects], theta, 0.0)
+        length = float(np.linalg.norm(along))
+        slope = along / length if length else np.ones(len(at))
+        return Quantity(length, float(np.sqrt(slope @ covariance @ slope)), bases[0], unit, share)
+    shapes = np.array([e.terms[0].basis(states) for e in candidate.effects])
+    total = theta @ shapes
+    rms = float(np.sqrt(np.mean(total**2)))
+    slope = shapes @ total / (len(total) * rms) if rms else np.zeros(len(at))
+    text = " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, bases, strict=True))
+    if len(bases) > 6:
+        text = f"curve of {', '.join(candidate.effects[0].inputs)}, {len(bases) // 2} harmonics"
+    return Quantity(rms, float(np.sqrt(slope @ covariance @ slope)), text, unit, share)
+
+
+def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
+    """Σ θ φ (N,) of a finding over the poses of `states`, along its first term; of one basis along several axes, φ
+    times the length of their vector."""
+    if len({str(e.terms[0].basis) for e in candidate.effects}) == 1:
+        term = candidate.effects[0].terms[0]
+        return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
+    theta = calibration.theta[indices(calibration, candidate)]
+    return np.array([e.terms[0].basis(states) * e.terms[0].weight for e in candidate.effects]).T @ theta
+
+
+def read_columns(inputs: Sequence[str]) -> list[str]:
+    """The inputs of an effect as the report lists them: a payload's own torque is the payload and the torque."""
+    out: list[str] = []
+    for name in inputs:
+        own = name.startswith(f"{PAYLOAD_SHARE}torque_")
+        out += ["payload", name.removeprefix(PAYLOAD_SHARE)] if own else [name]
+    return list(dict.fromkeys(out))
+
+
+def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, str]:
+    """Translation of joint names, and of the loads named after them, into the names of the table's columns."""
+    out = {}
+    for joint, column in zip(joints, columns, strict=True):
+        out[joint] = column
+        for prefix in ("torque", "payload_torque", "approach"):
+            out[f"{prefix}_{joint}"] = f"{prefix}_{column}"
+        for axis in "xyz":
+            for prefix in ("force", "moment"):
+                out[f"{prefix}_{joint}_{axis}"] = f"{prefix}_{column}_{axis}"
+    return out
+
+
+def translate(text: str, names: Mapping[str, str]) -> str:
+    """`text` with whole words replaced: `J1` is never matched inside `J10`."""
+    return _WORD.sub(lambda match: names.get(match[0], match[0]), text)

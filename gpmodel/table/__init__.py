@@ -1,0 +1,1 @@
+"""Measured tables: reading, units, splits, writing."""

@@ -1,0 +1,92 @@
+"""The measured table: rows of poses, SI inside, immutable."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.errors import InputError
+
+LABELS = ("group", "repeat", "setup", "tool")
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """N poses of a mechanism with n joints.
+
+    q: (N, n) joint values, rad or m, in the mechanism's order. position: (N, 3) in the instrument's frame, m,
+    NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
+    labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
+    in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
+    columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
+    """
+
+    joints: tuple[str, ...]
+    q: Array
+    position: Array
+    rotation: Array
+    row: IntArray
+    payload: Array
+    distances: Mapping[str, Array] = field(default_factory=dict)
+    labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
+    extras: Mapping[str, Array] = field(default_factory=dict)
+    extra_units: Mapping[str, str] = field(default_factory=dict)
+    payload_given: bool = False
+    source: str = "table"
+    sha256: str = ""
+    columns: tuple[str, ...] = ()
+    extra_names: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "position", "rotation", "row", "payload"):
+            getattr(self, name).setflags(write=False)
+        for name in ("distances", "labels", "extras", "extra_units", "extra_names"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def has_rotation(self) -> bool:
+        return bool(np.isfinite(self.rotation).any())
+
+    def label(self, column: str) -> NDArray[np.str_]:
+        """Text labels (N,) of group, repeat, setup or tool."""
+        return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
+
+    def codes(self, column: str) -> tuple[list[str], IntArray]:
+        """Distinct labels in order of first appearance, and each row's index into them."""
+        labels = self.label(column)
+        names = list(dict.fromkeys(labels.tolist()))
+        index = {name: i for i, name in enumerate(names)}
+        return names, np.array([index[x] for x in labels.tolist()], dtype=np.int64)
+
+    def subset(self, rows: IntArray | Sequence[int] | NDArray[np.bool_]) -> "Dataset":
+        """The same table with some rows only."""
+        take = np.asarray(rows)
+        return replace(
+            self,
+            q=self.q[take],
+            position=self.position[take],
+            rotation=self.rotation[take],
+            row=self.row[take],
+            payload=self.payload[take],
+            distances={k: v[take] for k, v in self.distances.items()},
+            labels={k: v[take] for k, v in self.labels.items()},
+            extras={k: v[take] for k, v in self.extras.items()},
+        )
+
+
+def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
+    """The same poses with `payload` (kg) carried at every row, where one is given.
+
+    Raises InputError when the table has its own.
+    """
+    if payload is None:
+        return dataset
+    if dataset.payload_given:
+        raise InputError(f"{dataset.source}: has a payload column and --payload is given; expected one of the two")
+    return replace(dataset, payload=np.full(len(dataset), payload))

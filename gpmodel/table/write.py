@@ -1,0 +1,41 @@
+"""Datasets written back as tables."""
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.table.dataset import Dataset
+
+
+def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
+    """Text cells with units in the headers: joints [deg] or [mm], inputs, payload [kg], labels, what was measured.
+
+    Unmeasured components are empty cells.
+    """
+    columns: dict[str, list[str]] = {}
+    for joint, values in zip(mechanism.joints, dataset.q.T, strict=True):
+        header, scaled = joint_column(joint.name, joint.kind, values)
+        columns[header] = _cells(scaled, 9)
+    for name, values in dataset.extras.items():
+        columns[f"{name} [{dataset.extra_units[name]}]"] = _cells(values, 9)
+    if dataset.payload_given:
+        columns["payload [kg]"] = _cells(dataset.payload, 6)
+    columns |= {name: list(values) for name, values in dataset.labels.items()}
+    for i, axis in enumerate("xyz"):
+        if np.isfinite(dataset.position[:, i]).any():
+            columns[f"{axis} [mm]"] = _cells(1e3 * dataset.position[:, i], 6)
+    if dataset.has_rotation:
+        for i, axis in enumerate("xyz"):
+            columns[f"r{axis} [deg]"] = _cells(np.degrees(dataset.rotation[:, i]), 9)
+    for name, values in dataset.distances.items():
+        columns[f"{name} [mm]"] = _cells(1e3 * values, 6)
+    return pd.DataFrame(columns)
+
+
+def joint_column(name: str, kind: str, values: np.ndarray) -> tuple[str, np.ndarray]:
+    """Header and values of a joint column as it is written: [deg] for revolute joints, [mm] for prismatic ones."""
+    return (f"{name} [deg]", np.degrees(values)) if kind == "revolute" else (f"{name} [mm]", 1e3 * values)
+
+
+def _cells(values: np.ndarray, digits: int) -> list[str]:
+    return ["" if np.isnan(v) else f"{v:.{digits}f}" for v in values]

@@ -1,0 +1,246 @@
+"""The fit and what it says of itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import NOISE, Truth, bare, measure, mechanism, random_placement, residuals, true_tips
+
+from gpmodel.calibration.gauss_newton import calibrate, errors_on, pose_error
+from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.errors import InputError
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import Effect, drive_effect, effect_at
+from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+
+SEEN = {"position": ("position",), "pose": ("position", "rotation"), "distance": ("distance",)}
+
+
+def few(name: str) -> tuple[Effect, ...]:
+    """Effects that no registration or tool can pass for."""
+    joints = mechanism(name).joints
+    return (
+        drive_effect("zero 3", joints[2], Expression("1")),
+        drive_effect("zero 4", joints[3], Expression("1")),
+        drive_effect("sin", joints[3], Expression(f"sin(2*{joints[3].name})")),
+        drive_effect("cos", joints[3], Expression(f"cos(2*{joints[3].name})")),
+        effect_at("drift", "base", "Ry", Expression("row/50")),
+    )
+
+
+def fitted(see: str, seed: int, name: str = "ur5", count: int = 50) -> tuple[Truth, object]:
+    theta = 1e-3 * np.random.default_rng(seed).normal(size=5)
+    truth = measure(name, few(name), theta, seed, count=count, geometry=0.0, see=SEEN[see])
+    return truth, calibrate(truth.model, truth.poses, robust=False)
+
+
+@pytest.mark.parametrize("see", SEEN)
+def test_deviations_are_neither_small_nor_large(see: str) -> None:
+    """Errors whitened by the covariance the fit states have a spread of 1, and so has the noise over its estimate."""
+    scores, noise = [], []
+    for seed in range(60):
+        truth, fit = fitted(see, seed)
+        assert fit.status == "converged"
+        whiten = np.linalg.inv(np.linalg.cholesky(fit.correlation))
+        scores.append(whiten @ ((fit.theta - truth.theta) / fit.stderr))
+        noise.append(fit.sigma / NOISE)
+    assert np.std(scores) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(scores)) < 0.2
+    if see != "pose":
+        assert np.mean(noise) == pytest.approx(1.0, abs=0.025)
+
+
+def test_correlation_is_that_of_repeated_fits() -> None:
+    fits = [fitted("position", seed, count=30) for seed in range(40)]
+    misses = np.array([fit.theta - truth.theta for truth, fit in fits])
+    expected = np.mean([fit.correlation for _, fit in fits], axis=0)
+    strong = np.abs(expected) > 0.3
+    np.testing.assert_allclose(np.corrcoef(misses.T)[strong], expected[strong], atol=0.4)
+    assert np.allclose(np.diag(expected), 1.0)
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "ur5", "dh"])
+def test_the_complete_set_predicts_unseen_poses_to_the_noise(name: str) -> None:
+    truth = measure(name, (), (), 11, count=110)
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
+    fresh = prepare(truth.model.mechanism, bare(name, 60, 99, payload=False))
+    clean = prepare(truth.model.mechanism, replace(fresh.dataset, position=true_tips(truth, fresh)))
+    assert np.sqrt(np.mean(errors_on(fit, clean) ** 2)) < np.sqrt(3) * NOISE
+    assert fit.sigma == pytest.approx(NOISE, rel=0.2)
+
+
+def test_exact_data_are_fitted_exactly() -> None:
+    truth = measure("irb6400r", few("irb6400r"), 1e-3 * np.arange(1, 6), 2, count=60, noise=0.0, geometry=0.0)
+    fit = calibrate(truth.model, truth.poses)
+    np.testing.assert_allclose(fit.theta, truth.theta, rtol=1e-6)
+    for label, frame in truth.placement.registration.items():
+        np.testing.assert_allclose(fit.placement.registration[label], frame, atol=1e-7)
+    np.testing.assert_allclose(fit.placement.tool[""], truth.placement.tool[""], atol=1e-7)
+    assert fit.error.max() < 1e-8
+
+
+@pytest.mark.parametrize("see", ["position", "pose"])
+def test_several_setups_and_tools_are_identified_together(see: str) -> None:
+    theta = 1e-3 * np.array([1.0, -1.0, 0.5, 0.5, 0.3])
+    truth = measure("irb6400r", few("irb6400r"), theta, 3, geometry=0.0, setups=3, tools=2, see=SEEN[see])
+    fit = calibrate(truth.model, truth.poses)
+    assert (np.abs(fit.theta - theta) < 4 * fit.stderr).all()
+    for label, frame in truth.placement.registration.items():
+        np.testing.assert_allclose(fit.placement.registration[label], frame, atol=3e-4)
+    for label, frame in truth.placement.tool.items():
+        np.testing.assert_allclose(fit.placement.tool[label][:3, 3], frame[:3, 3], atol=1e-4)
+    alone = calibrate(truth.model, truth.poses.subset(np.flatnonzero(truth.poses.dataset.label("setup") == "s0")))
+    assert (fit.stderr < alone.stderr).all()
+
+
+@pytest.mark.parametrize("see", [("position",), ("position", "rotation", "distance")])
+def test_placement_columns_are_the_derivatives_of_its_steps(see: tuple[str, ...]) -> None:
+    truth = measure("ur5", (), (), 5, count=12, noise=0.0, setups=2, tools=2, see=see)
+    use = np.ones(12, dtype=bool)
+    problem = linearise(truth.model, truth.poses, truth.theta, truth.placement, 1.0, use)
+    for k in range(problem.placement):
+        step = np.zeros(problem.placement)
+        moved = []
+        for side in (1, -1):
+            step[k] = side * 1e-6
+            there = placement_after(truth.poses, problem.observed, truth.placement, step)
+            moved.append(np.nan_to_num(residuals(truth, there, truth.theta, truth.model)))
+        numeric = (moved[1] - moved[0])[problem.weights > 0] / 2e-6
+        np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6, err_msg=problem.placement_names[k])
+
+
+def test_what_is_returned_is_what_was_optimised() -> None:
+    truth = measure("irb6400r", (), (), 6)
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
+    seen = observe(fit.model, truth.poses, fit.theta, fit.placement)
+    np.testing.assert_array_equal(fit.error, pose_error(measured_minus(seen, truth.poses.dataset)))
+    np.testing.assert_array_equal(errors_on(fit, truth.poses), fit.error)
+    assert (fit.theta[~fit.kept] == 0.0).all()
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        step = 3 * np.nan_to_num(fit.stderr) * rng.normal(size=len(fit.theta))
+        worse = observe(fit.model, truth.poses, fit.theta + step, fit.placement)
+        assert np.sum(pose_error(measured_minus(worse, truth.poses.dataset)) ** 2) > np.sum(fit.error**2)
+
+
+def test_outliers_are_listed_by_row_and_do_not_move_the_fit() -> None:
+    truth = measure("irb6400r", few("irb6400r"), 1e-3 * np.ones(5), 8, count=60, geometry=0.0)
+    bumped = truth.poses.dataset.position.copy()
+    bumped[[13, 41]] += [[2e-3, 0, 0], [0, -1e-3, 1e-3]]
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=bumped))
+    fit, clean = calibrate(truth.model, poses), calibrate(truth.model, truth.poses)
+    assert sorted(fit.outliers) == [13, 41]
+    assert len(clean.outliers) == 0
+    assert (np.abs(fit.theta - clean.theta) < 0.5 * clean.stderr).all()
+    assert fit.error[[13, 41]].min() > 1e-3
+    spoilt = calibrate(truth.model, poses, robust=False)
+    assert len(spoilt.outliers) == 0
+    assert spoilt.sigma > 3 * fit.sigma
+
+
+def test_dropped_parameters_are_named_and_carry_no_deviation() -> None:
+    truth = measure("irb6400r", (), (), 9)
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    fit = calibrate(model, truth.poses)
+    assert set(fit.dropped) == {e.name for e, k in zip(model.effects, fit.kept, strict=True) if not k}
+    assert 5 < len(fit.dropped) < 20
+    assert np.isnan(fit.stderr[~fit.kept]).all()
+    assert np.isfinite(fit.stderr[fit.kept]).all()
+    assert (fit.unique_share[fit.kept] > 0).all()
+    assert fit.rank == 9 + fit.kept.sum()
+
+
+def test_the_condition_limit_is_a_visible_choice() -> None:
+    truth = measure("irb6400r", (), (), 9)
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    fits = [calibrate(model, truth.poses, condition_limit=limit) for limit in (3.0, 50.0, 1e5)]
+    assert [f.condition_limit for f in fits] == [3.0, 50.0, 1e5]
+    assert fits[0].rank < fits[1].rank <= fits[2].rank
+    chosen = calibrate(model, truth.poses)
+    errors = {c.condition_limit: c.cv_rms for c in chosen.rank_curve}
+    assert errors[chosen.condition_limit] == min(errors.values())
+
+
+def test_a_parameter_nothing_shows_is_dropped_before_its_column_is_scaled() -> None:
+    """Errors of the frame in which rotations are seen, about an axis through the measured point, move nothing."""
+    truth = measure("ur5", (), (), 9, count=40, geometry=0.0)
+    spin = effect_at("spin", "tool", "Rx")
+    tiny = effect_at("tiny", "base", "Tx", Expression("1e-13*sin(elbow_joint)"))
+    data = truth.poses.dataset
+    placed = replace(truth.placement, tool={"": np.eye(4)})
+    seen = observe(truth.model, truth.poses, truth.theta, placed).tip[:, :3, 3]
+    poses = prepare(truth.model.mechanism, replace(data, position=seen + NOISE * np.sin(np.arange(120).reshape(40, 3))))
+    fit = calibrate(ErrorModel(truth.model.mechanism, (spin, tiny)), poses)
+    assert fit.dropped == ("spin", "tiny")
+    assert fit.status == "converged"
+
+
+def test_partners_name_what_cannot_be_told_apart_and_shares_say_how_little_is_left() -> None:
+    name = "irb6400r"
+    joint = mechanism(name).joints[1]
+    pair = (drive_effect("a", joint, Expression("sin(J2)")), drive_effect("b", joint, Expression("J2 - 0.1*J2**3")))
+    truth = measure(name, pair, (1e-3, 0.0), 10, geometry=0.0)
+    fit = calibrate(truth.model, truth.poses)
+    assert fit.unique_share.max() < 0.5
+    assert dict(fit.partners()["a"])["b"] == pytest.approx(fit.correlation[0, 1])
+    assert abs(fit.correlation[0, 1]) > 0.8
+
+
+def test_a_second_fit_from_the_first_agrees_and_changes_nothing_in_place() -> None:
+    truth = measure("irb6400r", (), (), 12)
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    first = calibrate(model, truth.poses)
+    kept = first.theta.copy(), {k: v.copy() for k, v in first.placement.registration.items()}
+    second = calibrate(model, truth.poses, start=first, condition_limit=first.condition_limit)
+    np.testing.assert_allclose(second.error, first.error, atol=1e-9)
+    np.testing.assert_array_equal(first.theta, kept[0])
+    np.testing.assert_array_equal(first.placement.registration[""], kept[1][""])
+    assert geometric_effects(truth.model.mechanism) == model.effects
+
+
+def test_the_sign_and_side_of_an_offset_are_those_of_the_joint() -> None:
+    """A controller that adds 2 mrad to what it reports of J3 has a zero error of -2 mrad."""
+    truth = measure("ur5", (), (), 13, count=40, geometry=0.0)
+    q = truth.poses.dataset.q.copy()
+    q[:, 2] += 2e-3
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, q=q))
+    fit = calibrate(ErrorModel(truth.model.mechanism, few("ur5")[:1]), poses)
+    assert fit.theta[0] == pytest.approx(-2e-3, abs=4 * fit.stderr[0])
+
+
+def test_fewer_measurements_than_unknowns_are_refused() -> None:
+    truth = measure("ur5", (), (), 14, count=4)
+    with pytest.raises(InputError, match=r"12 measured values for .* unknowns; expected more poses"):
+        calibrate(ErrorModel(truth.model.mechanism, few("ur5")), truth.poses)
+
+
+def test_wrong_joint_values_are_a_status_with_a_reason_or_a_large_sigma_and_never_a_crash() -> None:
+    truth = measure("ur5", (), (), 15, count=40)
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, q=np.degrees(truth.poses.dataset.q)))
+    fit = calibrate(ErrorModel(truth.model.mechanism, few("ur5")), poses)
+    assert fit.status in ("converged", "stalled", "diverged")
+    assert fit.reason
+    assert fit.sigma > 0.05
+
+
+def test_an_instrument_that_sees_no_absolute_point_identifies_the_tool_and_its_anchors() -> None:
+    truth, fit = fitted("distance", 4, count=80)
+    for anchor, point in truth.placement.anchors.items():
+        np.testing.assert_allclose(fit.placement.anchors[anchor], point, atol=2e-3)
+    np.testing.assert_allclose(fit.placement.tool[""][:3, 3], truth.placement.tool[""][:3, 3], atol=1e-3)
+
+
+def test_empty_cells_cost_only_their_own_component() -> None:
+    truth = measure("ur5", few("ur5"), 1e-3 * np.ones(5), 16, count=60, geometry=0.0)
+    holes = truth.poses.dataset.position.copy()
+    holes[5:15, 2] = np.nan
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=holes))
+    fit = calibrate(truth.model, poses)
+    assert (np.abs(fit.theta - truth.theta) < 4 * fit.stderr).all()
+    assert np.isfinite(fit.error).all()
+
+
+def test_random_placements_differ() -> None:
+    first, second = (random_placement(bare("ur5", 5), np.random.default_rng(s)) for s in (0, 1))
+    assert not np.allclose(first.registration[""], second.registration[""])

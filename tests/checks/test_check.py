@@ -1,0 +1,190 @@
+"""Judging tables: what is odd is said, what is fine is not."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli_cases import robot, run, table, write
+
+from gpmodel.checks.counting import unknowns
+from gpmodel.checks.judge import check_dataset, refuse
+from gpmodel.checks.mixed_up import least_misfit, misfit, misreading
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics.se3 import exp, rotation_vector
+from gpmodel.planning.simulate import Simulation
+from gpmodel.table.dataset import Dataset
+
+ARMS = ["irb6400r", "ur5", "panda"]
+
+
+def warnings_of(mechanism: Mechanism, dataset: Dataset) -> list[str]:
+    findings = check_dataset(mechanism, prepare(mechanism, dataset))
+    assert {f.severity for f in findings} <= {"warning", "note"}, findings
+    return [f.text for f in findings if f.severity == "warning"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("arm", ARMS)
+def test_good_tables_of_real_arms_pass_without_a_warning(arm: str, seed: int) -> None:
+    mechanism, made = robot(60, seed, arm)
+    assert warnings_of(mechanism, made.dataset) == []
+
+
+def test_nothing_undeclared_is_taken_for_a_misreading() -> None:
+    mechanism, made = robot(
+        60, geometry_sigma=2e-3, effects=("base_compliance=5e-6", "joint_compliance J3=2e-6"), noise=3e-4
+    )
+    assert misreading(mechanism, made.dataset) is None
+
+
+def copied(made: Simulation) -> Dataset:
+    return made.dataset.subset([*range(60), 7])
+
+
+def measured_again(made: Simulation) -> Dataset:
+    again = made.dataset.subset([*range(60), 7])
+    return replace(again, position=again.position + np.array([0.0, 0.0, 1e-5]) * (np.arange(61) == 60)[:, None])
+
+
+def still(made: Simulation) -> Dataset:
+    return made.dataset
+
+
+def outlier(made: Simulation) -> Dataset:
+    shift = np.zeros((60, 3))
+    shift[[11, 39]] = (0.004, -0.003, 0.0)
+    return replace(made.dataset, position=made.dataset.position + shift)
+
+
+def moved(made: Simulation) -> Dataset:
+    after = (np.arange(60) >= 25)[:, None]
+    return replace(made.dataset, position=made.dataset.position + after * np.array([2e-4, 0.0, 1e-4]))
+
+
+ODD: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
+    "a copied row": (copied, ("rows 8 and 8 hold the same measurement twice",)),
+    "a repeated pose": (measured_again, ("repeat a pose", "'repeat'")),
+    "outliers": (outlier, ("rows 12, 40 are outliers", "5")),
+    "the set-up moved": (moved, ("change along the rows", "after row 2", "'setup'")),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_odd_tables_are_warned_of(case: str) -> None:
+    make, said = ODD[case]
+    mechanism, made = robot(60)
+    warnings = warnings_of(mechanism, make(made))
+    assert len(warnings) == 1, warnings
+    for words in said:
+        assert words in warnings[0]
+
+
+@pytest.mark.parametrize(("span", "said"), [(0.0, "J4 does not move"), (0.1, "J4 moves only")])
+def test_small_joint_ranges_are_warned_of(span: float, said: str) -> None:
+    mechanism, made = robot(60)
+    q = made.dataset.q.copy()
+    q[:, 3] = 0.5 + span * np.linspace(0.0, 1.0, 60)
+    tips = prepare(mechanism, replace(made.dataset, q=q))
+    position = observe(made.model, tips, made.theta, made.placement).tip[:, :3, 3]
+    noisy = position + np.random.default_rng(0).normal(0.0, 3e-5, position.shape)
+    warnings = warnings_of(mechanism, replace(made.dataset, q=q, position=noisy))
+    assert any(said in text for text in warnings)
+
+
+def with_rotations(turn: np.ndarray) -> tuple[Mechanism, Dataset]:
+    mechanism, made = robot(60)
+    tip = observe(made.model, prepare(mechanism, made.dataset), made.theta, made.placement).tip
+    return mechanism, replace(made.dataset, rotation=rotation_vector(tip[:, :3, :3]) @ turn.T)
+
+
+def test_rotations_that_fit_pass_and_those_in_other_axes_are_warned_of() -> None:
+    assert warnings_of(*with_rotations(np.eye(3))) == []
+    quarter = exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.pi / 2]))[:3, :3]
+    assert any("rx, ry, rz miss" in text for text in warnings_of(*with_rotations(quarter)))
+
+
+@pytest.mark.parametrize(("arm", "expected"), [("irb6400r", 27), ("ur5", 27), ("panda", 31)])
+def test_unknowns_are_registration_tool_and_what_poses_can_tell_apart(arm: str, expected: int) -> None:
+    mechanism, made = robot(10, name=arm)
+    assert unknowns(mechanism, made.dataset, geometric_effects(mechanism)) == expected
+    assert unknowns(mechanism, made.dataset, ()) == 9
+
+
+def test_more_setups_and_tools_are_more_unknowns() -> None:
+    mechanism, made = robot(10)
+    half = np.repeat(["a", "b"], 5)
+    labelled = replace(made.dataset, labels={"setup": half, "tool": half})
+    assert unknowns(mechanism, labelled, ()) == 18
+
+
+def test_fewer_parameters_need_fewer_poses() -> None:
+    mechanism, made = robot(8)
+    poses = prepare(mechanism, made.dataset)
+    with pytest.raises(InputError, match="24 measured values for 27 unknowns"):
+        refuse(mechanism, poses)
+    refuse(mechanism, poses, ())
+
+
+def test_noise_floor_is_noted() -> None:
+    mechanism, made = robot(20)
+    twice = made.dataset.subset(np.repeat(np.arange(20), 2))
+    noisy = twice.position + np.random.default_rng(0).normal(0.0, 1e-5, (40, 3))
+    labelled = replace(twice, position=noisy, labels={"repeat": np.repeat(np.arange(20).astype(str), 2)})
+    findings = check_dataset(mechanism, prepare(mechanism, labelled))
+    (note,) = [f.text for f in findings if f.severity == "note"]
+    assert float(note.split()[2]) == pytest.approx(1e-2 * np.sqrt(3), rel=0.25)
+
+
+def test_check_prints_what_it_found(tmp_path: object) -> None:
+    from pathlib import Path
+
+    folder = Path(str(tmp_path))
+    path = write(table(60), folder / "measured.csv")
+    result = run("check", path, "--mechanism", "irb6400r", "--out", folder / "out")
+    assert result.exit_code == 0
+    assert "60 poses of irb6400r" in result.stdout
+    assert "no warnings" in result.stdout
+    assert (folder / "out" / "check.json").exists()
+    assert run("check", path, "--mechanism", "irb6400r", "--quiet").stdout == ""
+
+
+def test_distances_that_fit_pass() -> None:
+    mechanism, made = robot(60)
+    placement = replace(made.placement, anchors={"distance_A": np.array([2.0, 1.0, 0.3])})
+    named = replace(made.dataset, distances={"distance_A": np.zeros(60)})
+    length = observe(made.model, prepare(mechanism, named), made.theta, placement).distances[:, 0]
+    noisy = length + np.random.default_rng(0).normal(0.0, 3e-5, 60)
+    unmeasured = np.full((60, 3), np.nan)
+    assert warnings_of(mechanism, replace(named, position=unmeasured, distances={"distance_A": noisy})) == []
+
+
+def test_a_few_gross_errors_are_no_misreading() -> None:
+    mechanism, made = robot(60)
+    position = made.dataset.position.copy()
+    position[[3, 30]] = position[[30, 3]]
+    assert misreading(mechanism, replace(made.dataset, position=position)) is None
+
+
+def test_two_tools_are_no_misreading() -> None:
+    mechanism, made = robot(60)
+    half = np.arange(60) % 2 == 0
+    tips = [
+        observe(made.model, prepare(mechanism, made.dataset), made.theta, replace(made.placement, tool={"": tool})).tip
+        for tool in (made.placement.tool[""], exp(np.array([0.3, 0.2, 0.5, 0.0, 0.0, 0.0])))
+    ]
+    position = np.where(half[:, None], tips[0][:, :3, 3], tips[1][:, :3, 3])
+    labels = {"tool": np.where(half, "short", "long")}
+    assert misreading(mechanism, replace(made.dataset, position=position)) is not None
+    assert misreading(mechanism, replace(made.dataset, position=position, labels=labels)) is None
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_registration_and_tool_come_below_the_least_misfit(arm: str) -> None:
+    mechanism, made = robot(40, name=arm)
+    position = made.dataset.position + np.random.default_rng(0).normal(0.0, 0.01, (40, 3))
+    bound, reached = (f(mechanism, made.dataset.q, position) for f in (least_misfit, misfit))
+    assert 0.5 * reached < bound <= reached

@@ -1,0 +1,251 @@
+"""The program: its commands, its statuses, and what it leaves behind."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from cli_cases import one_line, run, table, write
+
+from gpmodel.cli import main as cli
+from gpmodel.errors import GpModelError, InputError
+from gpmodel.files import finished_folder, to_json, write_text
+from gpmodel.mechanism import registry as plugins
+
+OURS = ["check", "calibrate", "predict", "compensate", "simulate", "poses"]
+
+
+def test_help_lists_every_command() -> None:
+    result = run("--help")
+    assert result.exit_code == 0
+    for name in cli.COMMANDS:
+        assert f"\n  {name} " in result.stdout
+
+
+def test_no_arguments_show_the_help() -> None:
+    assert run().stdout == run("--help").stdout
+
+
+def test_help_imports_no_numbers() -> None:
+    code = "import sys; from gpmodel.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+    code += "print(sorted({'numpy', 'pandas', 'pint', 'pinocchio', 'matplotlib'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_every_command_has_help_seed_out_and_quiet(name: str) -> None:
+    result = run(name, "--help")
+    assert result.exit_code == 0
+    for option in ("--seed", "--out", "--quiet"):
+        assert option in result.stdout
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_usage_errors_are_one_line(name: str) -> None:
+    assert f"gpmodel {name} --help" in one_line(run(name, "--no-such-option"), 2)
+
+
+def test_unknown_command_is_one_line() -> None:
+    assert "No such command 'colour'" in one_line(run("colour"), 2)
+
+
+def test_one_blas_thread_is_the_default() -> None:
+    bare = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    code = "import gpmodel.cli.main, os; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=bare)
+    assert done.stdout.split() == ["1", "1"]
+
+
+FAILURES: list[tuple[BaseException, int, str]] = [
+    (InputError("column 'x': wrong"), 2, "gpmodel: column 'x': wrong"),
+    (GpModelError("two\nlines"), 2, "gpmodel: two lines"),
+    (OSError(28, "No space left on device", "report.json"), 2, "No space left on device"),
+    (KeyboardInterrupt(), 130, "interrupted"),
+    (click.Abort(), 130, "interrupted"),
+    (KeyError("theta"), 1, "a defect of gpmodel"),
+    (ZeroDivisionError("no\nreason"), 1, "ZeroDivisionError: no reason"),
+]
+
+
+@pytest.mark.parametrize(("error", "status", "said"), FAILURES)
+def test_every_error_is_one_line_and_a_status(
+    error: BaseException, status: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @click.command()
+    def broken() -> None:
+        raise error
+
+    monkeypatch.setattr(cli.Program, "get_command", lambda self, ctx, name: broken)
+    assert said in one_line(run("check"), status)
+    shown = run("--debug", "check")
+    assert shown.exit_code == status
+    assert ("Traceback" in shown.stderr) == (status != 130)
+
+
+def test_command_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugin = EntryPoint("extra", "cli_plugin:extra", cli.PLUGINS)
+
+    @click.command()
+    def extra() -> None:
+        click.echo("from outside")
+
+    monkeypatch.setattr(EntryPoint, "load", lambda self: extra)
+    monkeypatch.setattr(cli, "entry_points", lambda group, name="extra": [plugin] if name == "extra" else [])
+    assert "extra " in run("--help").stdout
+    assert run("extra").stdout == "from outside\n"
+
+
+def test_mechanisms_are_asked_of_every_provider(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str | None, object]] = []
+
+    def nobody(name: str, *, frame: str | None = None, payload_com: object = None) -> None:
+        asked.append((name, frame, payload_com))
+
+    providers = [EntryPoint(n, "gpmodel.errors:load_mechanism", plugins.PROVIDERS) for n in ("one", "two")]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: providers)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: nobody)
+    with pytest.raises(InputError, match="'ghost' is unknown"):
+        plugins.load_mechanism("ghost", frame="tip", payload_com=(0, 0, 1))
+    assert asked == [("ghost", "tip", (0, 0, 1))] * 2
+
+
+def test_unknown_mechanism_lists_the_known_ones() -> None:
+    with pytest.raises(InputError, match=r"irb6400r.*ur5.*panda|irb6400r.*panda.*ur5"):
+        plugins.load_mechanism("ghost")
+
+
+def test_broken_provider_is_named_only_when_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = plugins.entry_points(group=plugins.PROVIDERS)
+    broken = EntryPoint("broken", "no_such_module:load", plugins.PROVIDERS)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [broken, *real])
+    assert plugins.load_mechanism("irb6400r").name == "irb6400r"
+    with pytest.raises(InputError, match="provider 'broken' cannot be loaded"):
+        plugins.load_mechanism("ghost")
+
+
+def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
+    frame = table(60, effects=("base_compliance=3e-7",))
+    path, out = write(frame, tmp_path / "measured.csv"), tmp_path / "deep" / "out"
+    result = run("calibrate", path, "--mechanism", "irb6400r", "--effect", "base_compliance", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    assert "base compliance" in result.stdout
+    report = json.loads((out / "report.json").read_text())
+    assert {"schema", "command", "versions", "seed", "data", "mechanism", "ladder", "effects", "verdict"} <= set(report)
+    assert report["data"]["train"] + report["data"]["heldout"] == 60
+    assert [rung["step"] for rung in report["ladder"]] == ["registration", "standard", "base_compliance"]
+    errors = [rung["heldout"]["rms_mm"] for rung in report["ladder"]]
+    assert errors[0] > 2 * errors[1] > 10 * errors[2]
+    assert errors[2] < 0.1
+    (effect,) = report["effects"]
+    assert effect["value"] == pytest.approx(3e-7, abs=4 * effect["stderr"])
+    assert effect["inputs"] == ["moment_base_x", "moment_base_y"]
+    assert sorted(p.name for p in out.iterdir()) == ["model.json", "report.json"]
+
+
+def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
+    path = write(table(), tmp_path / "measured.csv")
+    reports = []
+    for i, workers in enumerate((1, 2)):
+        result = run(
+            "calibrate",
+            path,
+            "--mechanism",
+            "irb6400r",
+            "--seed",
+            5,
+            "--workers",
+            workers,
+            "--quiet",
+            "--out",
+            tmp_path / str(i),
+        )
+        assert result.stdout == ""
+        reports.append(json.loads((tmp_path / str(i) / "report.json").read_text()))
+        del reports[-1]["seconds"], reports[-1]["command"]
+    assert reports[0] == reports[1]
+
+
+def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
+    path = write(table(), tmp_path / "measured.csv")
+    result = run(
+        "calibrate", path, "--mechanism", "irb6400r", "--holdout", 0, "--standard", "none", "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 0, result.stderr
+    report = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert report["data"]["heldout"] == 0
+    assert report["ladder"][0]["heldout"]["rms_mm"] is None
+    assert report["parameters"] == []
+
+
+def test_predict_says_that_a_model_reads_the_rows(tmp_path: Path) -> None:
+    path = write(table(60), tmp_path / "t.csv")
+    for effect, said in (("drift", 1), ("gear_ratio J3", 0)):
+        out = tmp_path / effect.replace(" ", "_")
+        run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out)
+        assert run("predict", out / "model.json", path).stderr.count("the model reads row") == said
+        assert run("predict", out / "model.json", path, "--quiet").stderr == ""
+
+
+def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None:
+    frame = table(30)
+    path = write(frame.assign(note="as found"), tmp_path / "measured.csv")
+    assert run("calibrate", path, "--mechanism", "irb6400r", "--quiet", "--out", tmp_path / "o").exit_code == 0
+    joints = write(frame[[f"J{i} [deg]" for i in range(1, 7)]].assign(who="me"), tmp_path / "poses.csv")
+    result = run("predict", tmp_path / "o" / "model.json", joints)
+    header, first, *_ = result.stdout.splitlines()
+    assert header == ",".join([*(f"J{i} [deg]" for i in range(1, 7)), "who", "x [mm]", "y [mm]", "z [mm]"])
+    predicted = np.array(first.split(",")[-3:], dtype=float)
+    measured = frame[["x [mm]", "y [mm]", "z [mm]"]].astype(float).to_numpy()[0]
+    assert np.linalg.norm(predicted - measured) < 0.3
+    beside = run("predict", tmp_path / "o" / "model.json", path, "--out", tmp_path / "o")
+    assert "30 poses predicted" in beside.stdout
+    assert (
+        (tmp_path / "o" / "predicted.csv")
+        .read_text()
+        .splitlines()[0]
+        .endswith("note,predicted_x [mm],predicted_y [mm],predicted_z [mm]")
+    )
+
+
+def test_a_folder_is_finished_or_not_there(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def fails() -> None:
+        with finished_folder(out) as folder:
+            (folder / "a").write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fails()
+    assert list(tmp_path.iterdir()) == []
+    for text in ("first", "second"):
+        with finished_folder(out) as folder:
+            (folder / "figures").mkdir()
+            (folder / "figures" / "a").write_text(text)
+        (out / "mine").write_text("kept")
+    assert (out / "figures" / "a").read_text() == "second"
+    assert (out / "mine").read_text() == "kept"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.json"
+    write_text(path, "one")
+    write_text(path, "two")
+    assert path.read_text() == "two"
+    assert [p.name for p in path.parent.iterdir()] == ["a.json"]
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(path / "below", "three")
+
+
+def test_json_has_no_nan() -> None:
+    text = to_json(
+        {"a": np.nan, "b": np.float64(1.5), "c": np.array([1, 2]), "d": (np.inf, None, True), "e": np.int64(3)}
+    )
+    assert json.loads(text) == {"a": None, "b": 1.5, "c": [1, 2], "d": [None, None, True], "e": 3}

@@ -1,0 +1,195 @@
+"""`gpmodel discover` and `gpmodel demo`: from a file to a folder of results, whole or none."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import one_line, run, table, write
+from loop_cases import quick_search
+
+from gpmodel.application.model_file import load_model
+from gpmodel.calibration.gauss_newton import pose_error
+from gpmodel.cli import discover as discover_command
+from gpmodel.discovery import checkpoint
+from gpmodel.discovery import explore as search
+from gpmodel.model.error_model import measured_minus, observe, prepare
+from gpmodel.table.read import read_table
+
+RESULTS = {"report.html", "report.json", "model.json", "calibrated.urdf", "figures"}
+GEAR = "gear_harmonic J4=200 arcsec"
+
+
+@pytest.fixture(autouse=True)
+def quick() -> Iterator[None]:
+    with quick_search(), mock.patch.object(discover_command, "RUNS_A_MINUTE", 1):
+        yield
+
+
+def discover(*arguments: object) -> dict:  # type: ignore[type-arg]
+    """The report of a run that ends well."""
+    result = run("discover", *arguments, "--mechanism", "irb6400r", "--quiet", "--workers", 1)
+    assert (result.exit_code, result.stdout, result.stderr) == (0, "", ""), result.output
+    out = Path(str(arguments[arguments.index("--out") + 1]))
+    return json.loads((out / "report.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(table(70, effects=(GEAR,)), tmp_path_factory.mktemp("table") / "cell.csv")
+
+
+@pytest.fixture(scope="module")
+def done(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of one finished run."""
+    out = tmp_path_factory.mktemp("runs") / "out"
+    with quick_search(), mock.patch.object(discover_command, "RUNS_A_MINUTE", 1):
+        discover(measured, "--out", out, "--noise", "0.03mm")
+    return out
+
+
+def test_it_leaves_the_results_and_nothing_else(done: Path) -> None:
+    assert {p.name for p in done.iterdir()} == RESULTS
+    assert list((done / "figures").glob("*.png"))
+    report = json.loads((done / "report.json").read_text())
+    assert [e["name"] for e in report["effects"]] == ["gear error, 2 per turn, J4"]
+    assert report["noise_floor_mm"] == pytest.approx(0.03)
+    assert len(report["data"]["sha256"]) == 64
+    assert "gear error, 2 per turn, J4" in (done / "report.html").read_text()
+
+
+def test_the_saved_model_is_the_optimised_one(done: Path, measured: Path) -> None:
+    """Read back from text and put to the table, it beats the last rung, which saw the training poses alone."""
+    saved = load_model(done / "model.json")
+    poses = prepare(saved.mechanism, read_table(measured, saved.mechanism))
+    errors = pose_error(measured_minus(observe(saved.model, poses, saved.theta, saved.placement), poses.dataset))
+    report = json.loads((done / "report.json").read_text())
+    values = {p["name"]: p["value"] for p in report["parameters"]}
+    assert dict(zip((e.name for e in saved.model.effects), saved.theta, strict=True)) == pytest.approx(values)
+    last = report["plots"]["error_mm"][report["ladder"][-1]["step"]]
+    before = np.array([*last["train"], *last["heldout"]])
+    assert 0.8 * np.sum(before**2) < np.sum((1e3 * errors) ** 2) < np.sum(before**2)
+
+
+def test_the_model_predicts_the_table_it_came_from(done: Path, measured: Path, tmp_path: Path) -> None:
+    frame = pd.read_csv(measured)
+    joints = write(frame[[c for c in frame if c.startswith("J")]], tmp_path / "joints.csv")
+    result = run("predict", done / "model.json", joints, "--out", tmp_path / "predicted.csv", "--quiet")
+    assert result.exit_code == 0, result.stderr
+    predicted = pd.read_csv(tmp_path / "predicted.csv")
+    miss = [predicted[f"{a} [mm]"] - frame[f"{a} [mm]"] for a in "xyz"]
+    assert np.sqrt(np.mean(np.sum(np.square(miss), axis=0))) < 0.06
+
+
+def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
+    done: Path, measured: Path, tmp_path: Path
+) -> None:
+    result = run(
+        "discover", measured, "--mechanism", "irb6400r", "--quiet", "--workers", 2, "--out", tmp_path / "two",
+        "--noise", "0.03mm",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    reports = [json.loads((p / "report.json").read_text()) for p in (done, tmp_path / "two")]
+    for report in reports:
+        del report["seconds"], report["command"]
+    assert reports[0] == reports[1]
+    assert (done / "model.json").read_text() == (tmp_path / "two" / "model.json").read_text()
+
+
+def test_interrupted_it_keeps_what_it_finished_and_goes_on_to_the_same_numbers(
+    done: Path, measured: Path, tmp_path: Path
+) -> None:
+    finished = checkpoint.save
+    out = tmp_path / "cut"
+
+    def save_then_stop(*arguments: object) -> None:
+        finished(*arguments)  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+
+    with mock.patch.object(checkpoint, "save", save_then_stop):
+        stopped = run("discover", measured, "--mechanism", "irb6400r", "--quiet", "--out", out, "--noise", "0.03mm")
+    assert stopped.exit_code == 130
+    assert {p.name for p in out.iterdir()} == {checkpoint.NAME}
+    resumed = run("discover", "--resume", out, "--quiet")
+    assert resumed.exit_code == 0, resumed.output
+    assert {p.name for p in out.iterdir()} == RESULTS
+    reports = [json.loads((p / "report.json").read_text()) for p in (done, out)]
+    for report in reports:
+        del report["seconds"], report["command"]
+    assert reports[0] == reports[1]
+
+
+def test_finding_nothing_is_a_success_and_says_so(tmp_path: Path) -> None:
+    report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out")
+    assert report["effects"] == []
+    assert "nothing was added" in report["verdict"]
+
+
+def test_progress_says_what_is_tried_and_where_the_report_is(tmp_path: Path) -> None:
+    result = run(
+        "discover", write(table(60, seed=3), tmp_path / "t.csv"), "--mechanism", "irb6400r", "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 0
+    for said in ("standard model", "round 1", "evolving", "writing the report"):
+        assert said in result.stderr
+    assert result.stdout.strip() == f"report: {tmp_path / 'o' / 'report.html'}"
+
+
+BAD: dict[str, tuple[list[str], str]] = {
+    "no table": (["--mechanism", "irb6400r"], "expected a TABLE and --mechanism M, or --resume DIR"),
+    "no mechanism": (["{table}"], "expected a TABLE and --mechanism M, or --resume DIR"),
+    "no such table": (["missing.csv", "--mechanism", "irb6400r"], "missing.csv"),
+    "unknown mechanism": (["{table}", "--mechanism", "irb9"], "irb9"),
+    "holdout": (["{table}", "--mechanism", "irb6400r", "--holdout", "30"], "expected a share between 0 and 1"),
+    "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
+    "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
+    "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
+    "nothing to resume": (["--resume", "nowhere"], "no progress.json there"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_writes_nothing(
+    case: str, measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments, said = BAD[case]
+    line = one_line(run("discover", *[a.format(table=measured) for a in arguments], "--out", "out", "--quiet"), 2)
+    assert said in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_a_file_is_refused_before_anything_is_computed(measured: Path, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    line = one_line(run("discover", measured, "--mechanism", "irb6400r", "--out", tmp_path / "taken", "--quiet"), 2)
+    assert "is a file; expected a folder" in line
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_too_few_poses_are_refused(tmp_path: Path) -> None:
+    frame: pd.DataFrame = table(4)
+    path = write(frame, tmp_path / "few.csv")
+    one_line(run("discover", path, "--mechanism", "irb6400r", "--out", tmp_path / "out", "--quiet"), 2)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
+    result = run("demo", "--out", tmp_path / "demo", "--workers", 1)
+    assert result.exit_code == 0, result.output
+    assert {p.name for p in (tmp_path / "demo").iterdir()} == RESULTS
+    report = json.loads((tmp_path / "demo" / "report.json").read_text())
+    assert report["verdict"] in result.stdout
+    assert str(tmp_path / "demo" / "report.html") in result.stdout
+
+
+@pytest.mark.slow
+def test_the_demo_finds_what_was_planted(tmp_path: Path) -> None:
+    full = mock.patch.multiple(search, POPULATION=1024, GENERATIONS=40)
+    with full, mock.patch.object(discover_command, "RUNS_A_MINUTE", 4):
+        assert run("demo", "--out", tmp_path / "demo", "--quiet").exit_code == 0
+    report = json.loads((tmp_path / "demo" / "report.json").read_text())
+    assert report["effects"]
+    assert report["ladder"][-1]["heldout"]["rms_mm"] < 0.6 * report["ladder"][1]["heldout"]["rms_mm"]

@@ -1,0 +1,88 @@
+"""`gpmodel evolve`: what it prints and leaves, that it resumes, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from gpmodel.cli.evolve import evolve, settings_for
+from gpmodel.cli.simulate import simulate
+from gpmodel.errors import InputError
+from gpmodel.evolution.runs import load_runs
+from gpmodel.formula.parse import parse
+
+QUICK = ["--mechanism", "irb6400r", "--population", "200", "--generations", "3", "--runs", "2"]
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("evolve") / "poses.csv"
+    options = ["--mechanism", "irb6400r", "--poses", "60", "--effect", "gear_harmonic J4=200 arcsec", "--out", path]
+    assert CliRunner().invoke(simulate, [str(o) for o in options], catch_exceptions=False).exit_code == 0
+    return path
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(evolve, [str(a) for a in arguments], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("space", ["cartesian", "slot"])
+def test_both_representations_are_counted_beside_shuffled_runs(space: str, table: Path, tmp_path: Path) -> None:
+    result = run(table, *QUICK, "--space", space, "--out", tmp_path)
+    assert "on shuffled errors" in result.output
+    report = json.loads((tmp_path / "evolve.json").read_text())
+    counted = report["histogram"]
+    assert counted["runs"] == counted["shuffled_runs"] == {"linear": 2, "tree": 2}
+    assert len(report["runs"]) == 8
+    for kind in ("linear", "tree"):
+        programs = [parse(r["program"]) for r in report["runs"] if r["representation"] == kind and not r["shuffled"]]
+        expected = [sum(name in program.inputs for program in programs) for name in counted["inputs"]]
+        assert counted["counts"][kind] == expected
+    assert {"x", "y", "z", "J1", "J6"} <= set(counted["inputs"])
+    assert len((tmp_path / "programs.txt").read_text().splitlines()) == 4
+
+
+def test_an_interrupted_run_goes_on_to_the_same_numbers(table: Path, tmp_path: Path) -> None:
+    options = [*QUICK, "--representation", "linear", "--space", "slot"]
+    run(table, *options, "--out", tmp_path / "whole", "--checkpoint", tmp_path / "runs.json")
+    saved = json.loads((tmp_path / "runs.json").read_text())
+    assert len(saved["runs"]) == 4
+    saved["runs"] = saved["runs"][:2]
+    (tmp_path / "runs.json").write_text(json.dumps(saved))
+    run(table, *options, "--out", tmp_path / "resumed", "--checkpoint", tmp_path / "runs.json", "--workers", 1)
+    whole, resumed = (json.loads((tmp_path / name / "evolve.json").read_text()) for name in ("whole", "resumed"))
+    for first, second in zip(whole["runs"], resumed["runs"], strict=True):
+        assert (first["program"], first["gain"]) == (second["program"], second["gain"])
+
+
+def test_a_checkpoint_of_another_request_is_refused(table: Path, tmp_path: Path) -> None:
+    options = [*QUICK, "--representation", "linear", "--space", "slot", "--checkpoint", tmp_path / "runs.json"]
+    run(table, *options)
+    with pytest.raises(InputError, match="another request \\(seed differ\\)"):
+        run(table, *options, "--seed", 1)
+    (tmp_path / "runs.json").write_text("{")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_runs(tmp_path / "runs.json", {})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--representation", "forest"], "expected linear or tree"),
+        (["--operators", "thesis,sinus"], "unknown 'sinus'"),
+        (["--population", "20"], "too small to select"),
+    ],
+)
+def test_bad_options_are_one_clear_line(options: list[str], message: str, table: Path) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        run(table, "--mechanism", "irb6400r", *options)
+    assert "\n" not in str(caught.value)
+
+
+def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
+    linear, tree = settings_for("cartesian", ["linear", "tree"], None, None, None, None, 0)
+    assert (linear.population, linear.length, linear.selected) == (65536, 160, 0.05)
+    assert (linear.crossover, linear.mutation, linear.operators) == (0.01, 0.01, "thesis")
+    assert 10 <= tree.depth <= 15
+    assert settings_for("slot", ["linear"], None, None, 2.0, None, 0)[0].generations > 10**5

@@ -1,0 +1,149 @@
+"""Evolved programs as effects, and the histogram of the inputs they refer to."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from effect_cases import MECHANISMS, bare, mechanism
+from loop_cases import found, quick
+
+from gpmodel.discovery.explore import expression_text, parts, readable_inputs, referenced, steady
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Builder, Program
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.error_model import prepare
+from gpmodel.model.states import states_of
+
+STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 40))
+INPUTS, WRITTEN = readable_inputs(STATES, np.arange(40))
+UNARY = ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "square", "tanh")
+BINARY = ("add", "subtract", "multiply", "divide", "min", "max")
+
+
+def random_program(seed: int) -> Program:
+    """A program of up to a dozen operators over inputs and constants."""
+    rng = np.random.default_rng(seed)
+    builder = Builder()
+    nodes = [builder.input(str(n)) for n in rng.choice(INPUTS.names, 3)]
+    nodes.append(builder.constant(float(f"{rng.normal():.4g}")))
+    for _ in range(rng.integers(1, 12)):
+        if rng.random() < 0.5:
+            nodes.append(builder.apply(str(rng.choice(UNARY)), int(rng.choice(nodes))))
+        else:
+            nodes.append(builder.apply(str(rng.choice(BINARY)), *(int(n) for n in rng.choice(nodes, 2))))
+    return builder.program([nodes[-1]])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_text_of_a_program_is_the_program(seed: int) -> None:
+    """Over the table's own columns, to the five digits its constants are written with."""
+    program = random_program(seed)
+    values = dict(zip(INPUTS.names, INPUTS.values, strict=True))
+    with np.errstate(all="ignore"):
+        direct = program.evaluate(values)[0]
+        written = Expression(expression_text(program, WRITTEN))(STATES)
+    there = np.isfinite(direct) & (np.abs(direct) < 1e6)
+    np.testing.assert_allclose(written[there], direct[there], rtol=1e-6, atol=1e-6)
+
+
+def test_a_program_that_is_an_input_is_that_column_unscaled() -> None:
+    builder = Builder()
+    program = builder.program([builder.input("torque_J2")])
+    assert expression_text(program, WRITTEN) == "torque_J2"
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_inputs_are_of_order_one_and_written_as_they_are_scaled(name: str) -> None:
+    states = states_of(mechanism(name), bare(name, 30))
+    inputs, written = readable_inputs(states, np.arange(30))
+    assert set(written) == set(inputs.names)
+    for column, values in zip(inputs.names, inputs.values, strict=True):
+        np.testing.assert_allclose(Expression(written[column])(states), values, atol=1e-12)
+        assert 1e-3 < np.abs(values).max() < 10
+    assert {j.name for j in mechanism(name).joints} <= set(inputs.names)
+    assert {"temperature", "payload", "row"} <= set(inputs.names)
+
+
+def test_constant_columns_and_reactions_are_not_offered() -> None:
+    data = bare("irb6400r", 20, payload=False)
+    states = prepare(mechanism("irb6400r"), data).states
+    names = readable_inputs(states, np.arange(20))[0].names
+    assert not {"payload", "force_base_z"} & set(names)
+    assert not any(n.startswith(("force_", "moment_J")) for n in names)
+    assert {"torque_J2", "moment_base_x"} <= set(names)
+
+
+def runs(*inputs: str) -> list:  # type: ignore[type-arg]
+    """Stand-ins for runs, each with the inputs that its best program refers to, joined by +."""
+    return [SimpleNamespace(best=SimpleNamespace(program=SimpleNamespace(inputs=tuple(i.split("+"))))) for i in inputs]
+
+
+def test_the_histogram_counts_runs_by_representation_beside_the_null() -> None:
+    tried = {"linear": runs("a", "a+b", "a"), "tree": runs("a", "c", "a+c")}
+    histogram = referenced(("a", "b", "c"), tried, runs("b", "c", "b+c"), lambda run: 5.0, [0.0, 1.0, 2.0])
+    assert histogram.linear == (3, 1, 0)
+    assert histogram.tree == (2, 0, 2)
+    assert histogram.shuffled == (0, 2, 2)
+    assert all(0.0 <= p <= 1.0 for p in histogram.p_values)
+
+
+def test_an_input_counts_only_where_it_stands_out_of_the_null_in_number_and_in_what_it_saves() -> None:
+    null = list(np.random.default_rng(0).gumbel(0.0, 1.0, 12))
+    tried = {"linear": runs(*6 * ["a"]), "tree": runs(*6 * ["a"])}
+    innocent, same = runs(*12 * ["b"]), runs(*12 * ["a"])
+    assert referenced(("a", "b"), tried, innocent, lambda run: 40.0, null).significant == ("a",)
+    assert referenced(("a", "b"), tried, same, lambda run: 40.0, null).significant == ()
+    assert referenced(("a", "b"), tried, innocent, lambda run: 0.5, null).significant == ()
+
+
+def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
+    answer = found("windup", 0)
+    for entry in answer.rounds:
+        offered = entry.exploration.candidates
+        assert len({c.name for c in offered}) == len(offered) > 0
+        for candidate in offered:
+            assert candidate.found_by == "evolved"
+            assert candidate.family == ""
+            assert candidate.cost > 0
+            assert set(candidate.effects[0].inputs) <= set(answer.poses.states.columns)
+
+
+def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_robot_none() -> None:
+    first = found("windup", 0).rounds[0].exploration.histogram
+    at = first.inputs.index("torque_J3")
+    real = [a + b for a, b in zip(first.linear, first.tree, strict=True)]
+    assert real[at] == max(real) > first.shuffled[at]
+    assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
+
+
+def test_every_round_has_its_own_null() -> None:
+    for entry in quick().rounds:
+        assert len(entry.exploration.null_nats) >= 2
+        assert np.isfinite(entry.exploration.null_nats).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "steadies"),
+    [
+        ("J4*J5", True),
+        ("sin(2*J2)*cos(J4)", True),
+        ("exp(-(J3 - 0.5)**2/0.1)", True),
+        ("max(torque_J2 - 500, 0)", True),
+        ("abs(J2 - J3)", True),
+        ("J1/x", False),
+        ("1/sin(J5)", False),
+        ("exp(1/J3)", False),
+    ],
+)
+def test_a_shape_with_a_pole_between_the_poses_is_no_candidate(text: str, steadies: bool) -> None:
+    candidate = Candidate(text, (drive_effect(text, mechanism("irb6400r").joints[0], Expression(text)),), "", 1.0)
+    assert steady(candidate, STATES, STATES.between()) is steadies
+
+
+@pytest.mark.parametrize(("text", "count"), [("J1", 1), ("J1, sin(J2)", 3), ("J1, sin(J2), J3*J4", 7)])
+def test_a_program_is_offered_with_every_choice_of_its_outputs(text: str, count: int) -> None:
+    found = parts(parse(text))
+    assert found[0] == parse(text)
+    assert len(set(found)) == len(found) == count

@@ -1,0 +1,233 @@
+"""The loop: finds what is there, adds nothing where nothing is, and never looks at what it holds out."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from effect_cases import measure, numbers
+from loop_cases import (
+    ARM,
+    CASES,
+    QUICK,
+    SMALL,
+    against_the_oracle,
+    found,
+    quick,
+    quick_search,
+    rms,
+    robot,
+    small_search,
+)
+
+from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.discovery.loop import Discovery, Finding, Options, Round, discover
+from gpmodel.families.candidate import Candidate
+from gpmodel.model.error_model import ErrorModel, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.split import hold_out
+
+NONE = Options(max_effects=0)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_nothing_is_added_where_nothing_is_undeclared(seed: int) -> None:
+    answer = found("nothing", seed)
+    assert answer.findings == ()
+    assert [s.name for s in answer.steps] == ["registration", "standard"]
+    assert answer.stopped == "nothing else stands out of chance"
+    assert len(answer.rounds) == 1
+
+
+@pytest.mark.parametrize("case", ["gear", "windup"])
+def test_what_is_undeclared_is_found_and_worth_an_oracle(case: str) -> None:
+    answer = found(case, 0)
+    inputs = {i for f in answer.findings for e in f.candidate.effects for i in e.inputs}
+    assert inputs >= CASES[case].inputs
+    assert against_the_oracle(case, 0, answer) < 1.25
+    assert rms(answer.steps[-1].heldout_error) < 0.5 * rms(answer.steps[1].heldout_error)
+
+
+def test_a_named_effect_gets_its_name_and_its_size() -> None:
+    answer = found("gear", 0)
+    (finding,) = answer.findings
+    assert finding.candidate.family == "gear_harmonic"
+    assert finding.candidate.name == "gear error, 2 per turn, J4"
+    truth, _, _ = robot("gear", 0)
+    at = [e.name for e in answer.final.model.effects].index(finding.candidate.effects[0].name)
+    assert (np.abs(answer.final.theta[at : at + 2] - truth.theta[-2:]) < 3.5 * answer.final.stderr[at : at + 2]).all()
+
+
+def test_what_no_family_describes_is_an_expression_that_was_evolved() -> None:
+    first = found("windup", 0).findings[0].candidate
+    assert (first.family, first.found_by) == ("", "evolved")
+    assert "torque_J3" in first.name
+
+
+def test_shuffled_residuals_hold_nothing() -> None:
+    """The same residuals as of the robot with a gear error, in another order."""
+    truth, train, heldout = robot("gear", 0)
+    arm = truth.model.mechanism
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
+    smooth = observe(fit.model, truth.poses, fit.theta, fit.placement).tip[:, :3, 3]
+    residual = truth.poses.dataset.position - smooth
+    order = np.random.default_rng(3).permutation(len(residual))
+    poses = prepare(arm, replace(truth.poses.dataset, position=smooth + residual[order]))
+    with small_search():
+        assert discover(arm, poses, train, heldout, SMALL).findings == ()
+
+
+def test_the_before_figure_is_registered_and_every_rung_is_on_the_same_poses() -> None:
+    answer = found("gear", 0)
+    truth, train, heldout = robot("gear", 0)
+    alone = calibrate(ErrorModel(truth.model.mechanism, ()), truth.poses.subset(train))
+    np.testing.assert_array_equal(answer.steps[0].heldout_error, errors_on(alone, truth.poses.subset(heldout)))
+    assert rms(answer.steps[0].train_error) < 5e-3
+    assert {len(s.heldout_error) for s in answer.steps} == {len(heldout)}
+    assert {len(s.train_error) for s in answer.steps} == {len(train)}
+    errors = [rms(s.train_error) for s in answer.steps]
+    assert errors == sorted(errors, reverse=True)
+    for step in answer.steps:
+        again = errors_on(step.calibration, truth.poses.subset(heldout))
+        np.testing.assert_array_equal(step.heldout_error, again)
+
+
+def test_the_final_model_is_the_findings_refitted_on_all_poses() -> None:
+    answer = found("gear", 0)
+    added = tuple(e for f in answer.findings for e in f.candidate.effects)
+    assert answer.final.model.effects == (*answer.standard_model, *added)
+    assert answer.steps[-1].calibration.model == answer.final.model
+    assert len(answer.final.error) == 80
+
+
+def test_held_out_poses_choose_nothing() -> None:
+    """Their measurements replaced by nonsense change no finding, no number and no fit but the final one."""
+    truth, train, heldout = robot("gear", 0)
+    position = truth.poses.dataset.position.copy()
+    position[heldout] += np.random.default_rng(9).normal(0.0, 0.05, (len(heldout), 3))
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=position))
+    with quick_search():
+        spoilt = discover(truth.model.mechanism, poses, train, heldout, QUICK)
+    clean = quick()
+    assert clean.findings
+    assert [f.candidate for f in spoilt.findings] == [f.candidate for f in clean.findings]
+    for one, other in zip(spoilt.steps, clean.steps, strict=True):
+        np.testing.assert_array_equal(one.calibration.theta, other.calibration.theta)
+        np.testing.assert_array_equal(one.train_error, other.train_error)
+        assert rms(one.heldout_error) > 10 * rms(other.heldout_error)
+    for a, b in zip(spoilt.rounds, clean.rounds, strict=True):
+        assert [h.p_value for h in a.hypotheses] == [h.p_value for h in b.hypotheses]
+        np.testing.assert_array_equal(a.exploration.null_nats, b.exploration.null_nats)
+
+
+def test_the_number_of_workers_changes_no_number() -> None:
+    truth, train, heldout = robot("gear", 0)
+    with quick_search():
+        two = discover(truth.model.mechanism, truth.poses, train, heldout, replace(QUICK, workers=2))
+    assert numbers(two) == numbers(quick())
+
+
+class Interrupted(Exception):
+    pass
+
+
+def test_an_interrupted_run_goes_on_to_the_same_numbers() -> None:
+    truth, train, heldout = robot("gear", 0)
+    kept: list[tuple[tuple[Finding, ...], tuple[Round, ...]]] = []
+
+    def say(text: str) -> None:
+        if text.startswith("round 2"):
+            raise Interrupted
+
+    def start() -> Discovery:
+        return discover(
+            truth.model.mechanism, truth.poses, train, heldout, QUICK, say,
+            keep=lambda findings, rounds: kept.append((tuple(findings), tuple(rounds))),
+        )  # fmt: skip
+
+    with quick_search():
+        with pytest.raises(Interrupted):
+            start()
+        assert [len(rounds) for _, rounds in kept] == [1]
+        resumed = discover(truth.model.mechanism, truth.poses, train, heldout, QUICK, resume=kept[-1])
+    assert numbers(resumed) == numbers(quick())
+
+
+def test_a_finished_run_resumed_searches_no_more() -> None:
+    truth, train, heldout = robot("nothing", 0)
+    done = found("nothing", 0)
+    said: list[str] = []
+    again = discover(
+        truth.model.mechanism, truth.poses, train, heldout, SMALL, said.append, resume=(done.findings, done.rounds)
+    )
+    assert numbers(again) == numbers(done)
+    assert not any(text.startswith("round") for text in said)
+
+
+def test_limits_of_effects_and_minutes_are_kept_and_told() -> None:
+    truth, train, heldout = robot("gear", 0)
+    arm = truth.model.mechanism
+    stopped = discover(arm, truth.poses, train, heldout, NONE)
+    assert stopped.stopped == "stopped at 0 effects"
+    assert stopped.rounds == ()
+    done = quick()
+    late = discover(
+        arm, truth.poses, train, heldout, replace(QUICK, minutes=0.0), resume=(done.findings, done.rounds[:1])
+    )
+    assert "there may be more to find" in late.stopped
+    assert len(late.findings) == 1
+
+
+def test_a_known_effect_is_in_the_standard_model_and_not_found_again() -> None:
+    truth, train, heldout = robot("gear", 0)
+    known = Candidate("gear error, 2 per turn, J4", CASES["gear"].effects, "gear_harmonic", 4.0)
+    with small_search():
+        answer = discover(
+            truth.model.mechanism,
+            truth.poses,
+            train,
+            heldout,
+            replace(SMALL, known=(known,), representations=("linear",)),
+        )
+    assert answer.findings == ()
+    assert set(known.effects) <= set(answer.final.model.effects)
+    assert rms(answer.steps[1].heldout_error) < 1e-4
+
+
+def test_the_standard_model_is_a_choice_and_the_condition_limit_too() -> None:
+    truth, train, heldout = robot("nothing", 0)
+    arm = truth.model.mechanism
+    few = geometric_effects(arm)[:12]
+    answer = discover(arm, truth.poses, train, heldout, replace(NONE, standard=few, condition_limit=50.0))
+    assert answer.final.model.effects == few
+    assert {s.calibration.condition_limit for s in answer.steps} == {50.0}
+
+
+def test_options_are_never_edited() -> None:
+    with pytest.raises(FrozenInstanceError):
+        Options().runs = 3  # type: ignore[misc]
+    assert Options() == Options()
+
+
+def test_several_setups_and_tools_go_through_the_loop() -> None:
+    truth = measure(ARM, CASES["gear"].effects, (1e-3, 1e-3), 4, setups=2, tools=2)
+    train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(0))
+    answer = discover(truth.model.mechanism, truth.poses, train, heldout, NONE)
+    assert set(answer.final.placement.registration) == {"s0", "s1"}
+    assert set(answer.final.placement.tool) == {"t0", "t1"}
+    assert rms(answer.steps[0].heldout_error) < 5e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2, 10))
+def test_nothing_is_added_with_the_search_of_the_program(seed: int) -> None:
+    assert found("nothing", seed, Options(runs=4, workers=2), small=False).findings == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2, 5))
+@pytest.mark.parametrize("case", ["gear", "windup"])
+def test_effects_are_found_with_the_search_of_the_program(case: str, seed: int) -> None:
+    answer = found(case, seed, Options(runs=4, workers=2), small=False)
+    inputs = {i for f in answer.findings for e in f.candidate.effects for i in e.inputs}
+    assert inputs >= CASES[case].inputs
+    assert against_the_oracle(case, seed, answer) < 1.25

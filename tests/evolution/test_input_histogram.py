@@ -1,0 +1,69 @@
+"""The histogram of referenced inputs and what it claims."""
+
+import numpy as np
+import pytest
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.input_histogram import RunRecord, histogram
+from gpmodel.formula.parse import parse
+
+INPUTS = ("J1", "J2", "J3", "J4")
+
+
+def records(texts: list[str], strengths: np.ndarray, *, shuffled: bool, kind: str = "linear") -> list[RunRecord]:
+    return [
+        RunRecord(kind, shuffled, parse(text), float(strength)) for text, strength in zip(texts, strengths, strict=True)
+    ]
+
+
+def chance_runs(count: int, rng: np.random.Generator) -> list[RunRecord]:
+    texts = [f"sin({INPUTS[k]})" for k in rng.integers(0, 4, count)]
+    return records(texts, rng.gumbel(4.0, 1.0, count), shuffled=True)
+
+
+def test_counts_are_of_effective_code_by_representation() -> None:
+    runs = [
+        *records(["sin(J1)*J1", "J1 + J2"], np.ones(2), shuffled=False),
+        *records(["cos(J3)"], np.ones(1), shuffled=False, kind="tree"),
+        *records(["J4"], np.ones(1), shuffled=True),
+    ]
+    found = histogram(runs, INPUTS)
+    assert found.counts["linear"].tolist() == [2, 1, 0, 0]
+    assert found.counts["tree"].tolist() == [0, 0, 1, 0]
+    assert found.shuffled["linear"].tolist() == [0, 0, 0, 1]
+    assert found.operators == {"linear": {"add": 1, "multiply": 1, "sin": 1}, "tree": {"cos": 1}}
+    assert found.runs == {"linear": 2, "tree": 1}
+
+
+def test_an_input_that_stands_out_is_significant_and_the_others_are_not() -> None:
+    rng = np.random.default_rng(0)
+    real = records(["sin(J2)"] * 12, 30.0 + rng.normal(size=12), shuffled=False)
+    found = histogram([*real, *chance_runs(12, rng)], INPUTS)
+    assert found.significant == ("J2",)
+    assert found.p_values[[0, 2, 3]].min() == 1.0
+
+
+def test_an_input_every_run_finds_but_no_better_than_chance_is_not_significant() -> None:
+    rng = np.random.default_rng(1)
+    real = records(["sin(J2)"] * 12, np.full(12, 5.0), shuffled=False)
+    assert histogram([*real, *chance_runs(12, rng)], INPUTS).significant == ()
+
+
+def test_chance_alone_is_called_significant_no_more_often_than_said() -> None:
+    rng = np.random.default_rng(2)
+    hits = 0
+    for _ in range(200):
+        null = chance_runs(20, rng)
+        real = [RunRecord(r.representation, False, r.program, r.strength) for r in chance_runs(20, rng)]
+        hits += bool(histogram([*real, *null], INPUTS).significant)
+    assert hits <= 20
+
+
+def test_without_shuffled_runs_nothing_is_claimed() -> None:
+    real = records(["sin(J2)"] * 12, np.full(12, 50.0), shuffled=False)
+    assert histogram(real, INPUTS).p_values.min() == 1.0
+
+
+def test_no_runs_is_an_error() -> None:
+    with pytest.raises(InputError, match="no run"):
+        histogram([], INPUTS)

@@ -1,0 +1,102 @@
+"""The linear sequence of the thesis: decoding, its open choices, breeding."""
+
+import numpy as np
+import pytest
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.linear import SequenceBreeding, instructions, program_of
+from gpmodel.evolution.machine import Layout
+from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
+
+ELEMENTS = ("x", "y", "z", "J1", "J2", "J3", "J4", "J5", "J6")
+THESIS = Layout(ELEMENTS, operator_set("thesis"), TABLE_CONSTANTS, ("x", "y", "z", *[None] * 5), 3)
+
+
+def text(genes: list[int], layout: Layout = THESIS) -> str:
+    return str(program_of(np.array(genes, dtype=np.uint8), np.zeros(layout.own_constants), layout))
+
+
+def test_fig_5_4_decodes_as_printed() -> None:
+    genes = np.array([0, 0, 2, 6, 16, 15, 4, 6], dtype=np.uint8)
+    assert instructions(genes, THESIS) == [(0, 0), (2, 6), (16, None), (15, None), (4, 6)]
+    assert text([*genes, 2, 0]) == "cos(tan(x)) - x, y, z"
+
+
+@pytest.mark.parametrize(
+    ("genes", "expected"),
+    [
+        ([], "x, y, z"),
+        ([14, 2, 0], "sin(x), y, z"),
+        ([0, 3, 2, 1], "x, J1, z"),
+        ([1, 2, 2, 0], "z, y, z"),
+        ([0, 14, 2, 0], "0.1, y, z"),
+        ([0, 9, 3, 5, 2, 2], "x, y, 1e-06 + 0"),
+        ([0, 4, 2, 7, 1, 0, 5, 7, 2, 0], "x*J2, y, z"),
+        ([0, 3, 2, 0, 2], "J1, y, z"),
+        ([0, 3, 2, 0, 3], "J1, y, z"),
+    ],
+    ids=["empty", "accumulator starts as r0", "input and store", "load", "constants follow the inputs",
+         "registers start at 0", "through a register", "store without its operand", "add without its operand"],
+)  # fmt: skip
+def test_open_choices(genes: list[int], expected: str) -> None:
+    assert text(genes) == expected
+
+
+def test_codes_on_offer_are_themselves_and_others_stand_for_one() -> None:
+    smooth = Layout(ELEMENTS, operator_set("smooth"), (), ("x", "y", "z"), 3)
+    offered = {0, 1, 2, *(operator.code for operator in operator_set("smooth"))}
+    assert set(smooth.operator_of.tolist()) == offered
+    assert all(smooth.operator_of[code] == code for code in offered)
+
+
+def test_every_element_register_and_operand_can_be_named() -> None:
+    layout = Layout(("a", "b"), operator_set("add"), (1.0,), ("a", "b", None), 3, 2, direct=True)
+    rows = {layout.operand(0, gene) for gene in range(256)}
+    assert rows == {("row", k) for k in (0, 1, 2, 4, 5)}
+    operands = {layout.operand(3, gene) for gene in range(256)}
+    assert operands == rows | {("register", k) for k in range(3)}
+
+
+def test_own_constants_are_elements_after_the_fixed_ones() -> None:
+    layout = Layout(("a",), operator_set("add"), (1.0,), ("a",), 1, 2)
+    program = program_of(np.array([0, 3, 2, 0], dtype=np.uint8), np.array([0.25, 0.75]), layout)
+    assert str(program) == "0.75"
+
+
+def test_children_do_not_depend_on_threads_and_have_streams_of_their_own() -> None:
+    layout = Layout(("a", "b"), operator_set("slot"), (1.0,), ("a", "b"), 2, 3)
+    children = []
+    for threads in (1, 2, 3):
+        rng = np.random.default_rng(4)
+        breeding = SequenceBreeding(layout, 50, 0.03, 0.05, threads)
+        parents = breeding.initial(700, rng)
+        mothers, fathers = rng.integers(0, 700, (2, 3000))
+        children.append(breeding.offspring(parents, mothers, fathers, rng))
+    for other in children[1:]:
+        np.testing.assert_array_equal(other.genes, children[0].genes)
+        np.testing.assert_array_equal(other.constants, children[0].constants)
+    assert len(np.unique(children[0].genes, axis=0)) > 2900
+
+
+def test_a_child_is_made_of_its_parents() -> None:
+    layout = Layout(("a",), operator_set("add"), (), ("a",), 1)
+    rng = np.random.default_rng(5)
+    breeding = SequenceBreeding(layout, 200, 0.05, 0.0)
+    parents = breeding.initial(2, rng)
+    child = breeding.offspring(parents, np.zeros(100, np.int64), np.ones(100, np.int64), rng)
+    assert np.all((child.genes == parents.genes[0]) | (child.genes == parents.genes[1]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"inputs": ("a", "a")}, "twice"),
+        ({"outputs": 3}, "outputs"),
+        ({"start": ("q",)}, "no input 'q'"),
+        ({"inputs": tuple(map(str, range(300)))}, "at most 256"),
+    ],
+)
+def test_a_layout_that_cannot_be_addressed_is_refused(changes: dict, message: str) -> None:
+    given = {"inputs": ("a",), "operators": operator_set("add"), "constants": (), "start": (None,), "outputs": 1}
+    with pytest.raises(InputError, match=message):
+        Layout(**{**given, **changes})

@@ -1,0 +1,223 @@
+"""The search: what it finds, what it never depends on, and what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.generations import Generations, survivors
+from gpmodel.evolution.projection import Targets, regression
+from gpmodel.evolution.scoring import Scores
+from gpmodel.evolution.search import CartesianProblem, Inputs, Settings, SlotProblem, evolve
+
+REPRESENTATIONS = ["linear", "tree"]
+QUICK = {
+    "linear": Settings(population=300, generations=60, seconds=1e9, own_constants=1, restart_after=0),
+    "tree": Settings("tree", population=250, generations=30, seconds=1e9, own_constants=1, restart_after=0),
+}
+
+
+def joints(poses: int, seed: int = 0) -> Inputs:
+    names = tuple(f"J{k}" for k in range(1, 6))
+    return Inputs(names, np.random.default_rng(seed).uniform(-2.5, 2.5, (5, poses)), names)
+
+
+def two_sites(inputs: Inputs, effect: np.ndarray, seed: int = 1) -> Targets:
+    """The effect acts at "elbow"; "base" is the other place, with a constant there already enabled."""
+    rng = np.random.default_rng(seed)
+    sensitivity = rng.normal(size=(2, inputs.values.shape[1], 3))
+    columns = np.linalg.qr(sensitivity.reshape(2, -1).T)[0]
+    residual = (sensitivity[1] * effect[:, None]).ravel() + 0.02 * rng.normal(size=sensitivity[0].size)
+    residual -= columns @ (columns.T @ residual)
+    split = columns.reshape(-1, 3, 2)
+    return Targets(
+        np.square(sensitivity).sum(axis=2),
+        np.einsum("snc,nck->skn", sensitivity, split),
+        np.einsum("snc,nc->sn", sensitivity, residual.reshape(-1, 3)),
+        float(residual @ residual),
+        ("base", "elbow"),
+        residual.size,
+    )
+
+
+@pytest.mark.parametrize("representation", REPRESENTATIONS)
+def test_place_and_shape_are_found_together(representation: str) -> None:
+    inputs = joints(80)
+    problem = SlotProblem(inputs, two_sites(inputs, np.sin(inputs["J4"]) * inputs["J2"]))
+    best = evolve(problem, QUICK[representation], np.random.default_rng(2)).best
+    assert best.site_name == "elbow"
+    assert best.gain > 0.95
+    assert set(best.program.inputs) >= {"J2", "J4"}
+
+
+@pytest.mark.parametrize("representation", REPRESENTATIONS)
+def test_noise_alone_is_not_explained_by_much_code(representation: str) -> None:
+    inputs = joints(80)
+    problem = SlotProblem(inputs, two_sites(inputs, np.zeros(80)))
+    settings = replace(QUICK[representation], parsimony=3.0)
+    best = evolve(problem, settings, np.random.default_rng(3)).best
+    assert best.gain < 0.2
+    assert best.complexity <= 8
+
+
+@pytest.mark.parametrize("representation", REPRESENTATIONS)
+def test_numbers_do_not_depend_on_threads_but_on_the_seed(representation: str) -> None:
+    inputs = joints(60)
+    problem = SlotProblem(inputs, regression(np.tanh(inputs["J1"] * inputs["J3"])))
+    settings = replace(QUICK[representation], generations=12)
+    runs = [
+        evolve(problem, replace(settings, threads=threads), np.random.default_rng(seed))
+        for threads, seed in ((1, 5), (2, 5), (2, 6))
+    ]
+    assert [str(c.program) for c in runs[0].front] == [str(c.program) for c in runs[1].front]
+    for name in ("best", "median", "distinct", "gain"):
+        np.testing.assert_array_equal(runs[0].history[name], runs[1].history[name])
+    assert not np.array_equal(runs[0].history["median"], runs[2].history["median"])
+
+
+@pytest.mark.parametrize("representation", REPRESENTATIONS)
+def test_the_front_grows_in_gain_and_complexity_and_is_true(representation: str) -> None:
+    inputs = joints(60)
+    problem = SlotProblem(inputs, two_sites(inputs, np.abs(inputs["J3"]) + 0.3 * inputs["J1"]))
+    found = evolve(problem, QUICK[representation], np.random.default_rng(7))
+    sizes, gains = zip(*((c.complexity, c.gain) for c in found.front), strict=True)
+    assert list(sizes) == sorted(set(sizes))
+    assert list(gains) == sorted(gains)
+    for candidate in found.front:
+        values = candidate.program.evaluate(inputs.mapping())
+        gain = problem.targets.gain_of(values, candidate.coefficients, candidate.site)
+        assert gain == pytest.approx(candidate.gain, rel=1e-9)
+    assert found.histogram == found.best.program.input_counts
+    assert found.evaluations == (QUICK[representation].generations + 1) * QUICK[representation].population
+
+
+def test_validation_is_scored_with_the_same_coefficients() -> None:
+    inputs, other = joints(60), joints(90, seed=4)
+    truth = [np.sin(i["J4"]) for i in (inputs, other)]
+    problem = SlotProblem(inputs, regression(truth[0]), regression(truth[1]), other)
+    best = evolve(problem, QUICK["linear"], np.random.default_rng(1)).best
+    assert best.validation == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("norm", ["max", "rms"])
+@pytest.mark.parametrize("representation", REPRESENTATIONS)
+def test_a_compensator_lowers_the_norm_of_the_distances(representation: str, norm: str) -> None:
+    rng = np.random.default_rng(0)
+    inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 40)))
+    measured = inputs.values[:3] + np.stack([0.1 * np.ones(40), 0.0 * inputs["y"], 0.001 * np.sin(inputs["J1"])])
+    problem = CartesianProblem(inputs, measured, norm)
+    settings = replace(
+        Settings.thesis(representation), population=3000 if representation == "linear" else 1000, generations=40,
+        length=24,
+    )  # fmt: skip
+    found = evolve(problem, settings, np.random.default_rng(1))
+    assert found.best.gain > (0.5 if representation == "linear" else 0.05)
+    after = problem.norm_of(found.best.program.evaluate(inputs.mapping()))
+    assert found.best.gain == pytest.approx(1.0 - after / problem.initial_norm())
+
+
+def test_a_target_and_a_time_end_the_run() -> None:
+    inputs = joints(60)
+    problem = SlotProblem(inputs, regression(np.sin(inputs["J1"])))
+    found = evolve(problem, Settings(target=0.999, seconds=60.0), np.random.default_rng(0))
+    assert found.best.gain > 0.999
+    assert len(found.history["gain"]) < 50
+    stopped = evolve(problem, Settings(seconds=0.0), np.random.default_rng(0))
+    assert len(stopped.history["gain"]) == 1
+
+
+def test_progress_tells_of_every_generation() -> None:
+    inputs = joints(60)
+    problem = SlotProblem(inputs, regression(inputs["J1"] ** 2))
+    seen = []
+    evolve(problem, replace(QUICK["linear"], generations=5), np.random.default_rng(0), seen.append)
+    assert [state.generation for state in seen] == list(range(6))
+    assert all(state.distinct > 1 and state.evaluations_per_second > 0 for state in seen)
+
+
+def test_survivors_are_the_best_of_each_score_first() -> None:
+    score = np.array([3.0, 1.0, 1.0, 2.0, 1.0, 5.0])
+    zero = np.zeros(6, np.int64)
+    scores = Scores(score, -score, zero, zero, zero, np.zeros(6, np.uint64))
+    assert survivors(scores, 4).tolist() == [1, 3, 0, 5]
+    assert survivors(scores, 4, keep_distinct=False).tolist() == [1, 2, 4, 3]
+
+
+def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
+    inputs = joints(60)
+    problem = SlotProblem(inputs, regression(np.sin(inputs["J1"])))
+    basis = np.sin(inputs["J1"])[None]
+    shuffled = problem.shuffled(np.random.default_rng(0))
+    assert problem.targets.gains(basis)[0, 0] == pytest.approx(1.0)
+    assert shuffled.targets.gains(basis)[0, 0] < 0.2
+    points = CartesianProblem(Inputs(("x", "y", "z"), inputs.values[:3]), inputs.values[:3] + inputs.values[2:5])
+    assert points.shuffled(np.random.default_rng(0)).initial_norm() == pytest.approx(points.initial_norm())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"representation": "graph"}, "expected linear or tree"),
+        ({"population": 2}, "population: 2"),
+        ({"selection": "truncation", "population": 30, "selected": 0.05}, "too small to select 5.0% from"),
+        ({"operators": "thesis,sinus"}, "unknown 'sinus', 'thesis'"),
+        ({"outputs": 5, "registers": 4}, "there are 4 registers"),
+        ({"crossover": 1.5}, "crossover: 1.5"),
+    ],
+)
+def test_settings_out_of_range_are_one_clear_line(changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        Settings(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_inputs_that_are_not_numbers_are_named() -> None:
+    values = np.ones((2, 5))
+    values[1, 3] = np.nan
+    with pytest.raises(InputError, match="column 'b' is not finite in row 3"):
+        Inputs(("a", "b"), values)
+    with pytest.raises(InputError, match="unknown 'c', available: a"):
+        Inputs(("a",), values[:1]).select(("c",))
+    with pytest.raises(InputError, match="no 'y'"):
+        CartesianProblem(Inputs(("x",), values[:1]), np.ones((3, 5)))
+
+
+def test_no_finite_program_is_an_error() -> None:
+    inputs = Inputs(("x", "y", "z"), np.full((3, 20), 1.0))
+    problem = CartesianProblem(inputs, np.full((3, 20), 1e200))
+    with pytest.raises(InputError, match="no program of the first population is finite"):
+        evolve(problem, replace(Settings.thesis(), population=100, generations=1), np.random.default_rng(0))
+
+
+def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 400)))
+    bent = np.stack([0.1 * inputs["J1"], 0.3 * np.sin(inputs["x"]), 0.2 * inputs["z"]])
+    problem = CartesianProblem(inputs, inputs.values[:3] + bent)
+    settings = replace(Settings.thesis(), population=1000, generations=12, length=40)
+    early = evolve(problem, settings, np.random.default_rng(1))
+    monkeypatch.setattr("gpmodel.evolution.generations.BLOCK", 10**6)
+    full = evolve(problem, settings, np.random.default_rng(1))
+    np.testing.assert_array_equal(early.history["best"], full.history["best"])
+    assert [str(c.program) for c in early.front] == [str(c.program) for c in full.front]
+    monkeypatch.undo()
+    run = Generations(problem, settings, np.random.default_rng(1))
+    population = run.breeding.initial(1000, np.random.default_rng(2))
+    whole = run.scores(population).score
+    run.hopeless = float(np.partition(whole, 60)[60])
+    dropped = run.scores_of_selectable(population, 50).score
+    assert np.count_nonzero(np.isinf(dropped)) > np.count_nonzero(np.isinf(whole)) + 20
+    np.testing.assert_array_equal(np.sort(dropped)[:60], np.sort(whole)[:60])
+
+
+def test_known_code_keeps_its_score() -> None:
+    inputs = joints(60)
+    run = Generations(SlotProblem(inputs, regression(np.sin(inputs["J1"]))), QUICK["linear"], np.random.default_rng(0))
+    population = run.breeding.initial(300, np.random.default_rng(1))
+    known = run.scores(population)
+    children = run.breeding.offspring(population, np.arange(300), np.arange(300)[::-1].copy(), np.random.default_rng(2))
+    assert np.intersect1d(run.scores(children).hashes, known.hashes).size > 20
+    fresh, reused = run.scores(children), run.scores(children, known=known)
+    for name in ("gain", "complexity", "site", "hashes"):
+        np.testing.assert_allclose(getattr(reused, name), getattr(fresh, name), rtol=1e-9)

@@ -1,0 +1,89 @@
+"""Trees: starts, both styles of breeding, and DEAP's global random state left alone."""
+
+import random
+
+import numpy as np
+import pytest
+from deap import gp
+
+from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.population import OWN_CONSTANT
+from gpmodel.evolution.tree import Individual, TreeBreeding, depth_first_crossover, program_of, structure_mutation
+from gpmodel.formula.operators import operator_set
+
+LAYOUT = Layout(("a", "b"), operator_set("thesis"), (1.0,), (None, None), 2, 1)
+
+
+def whole(tree: gp.PrimitiveTree) -> bool:
+    missing = 1
+    for k, node in enumerate(tree):
+        missing += node.arity - 1
+        if missing == 0:
+            return k == len(tree) - 1
+    return False
+
+
+@pytest.mark.parametrize("style", ["koza", "thesis"])
+@pytest.mark.parametrize("depth", [3, 12])
+def test_children_are_whole_and_no_deeper_than_allowed(style: str, depth: int) -> None:
+    rng = np.random.default_rng(1)
+    breeding = TreeBreeding(LAYOUT, style, depth, start_depth=3)
+    trees = breeding.initial(60, rng)
+    assert {tree.height for i in trees.individuals for tree in i.trees} == {1, 2, 3}
+    for _ in range(8):
+        mothers, fathers = rng.integers(0, 60, (2, 60))
+        trees = breeding.offspring(trees, mothers, fathers, rng)
+    assert all(whole(tree) and tree.height <= depth for i in trees.individuals for tree in i.trees)
+    assert len({str(program_of(i, LAYOUT)) for i in trees.individuals}) > 10
+
+
+@pytest.mark.parametrize("cross", [depth_first_crossover, structure_mutation])
+def test_thesis_crossover_keeps_the_mother_up_to_the_point(cross) -> None:
+    breeding = TreeBreeding(LAYOUT, "thesis", start_depth=5)
+    trees = [i.trees[0] for i in breeding.initial(60, np.random.default_rng(2)).individuals]
+    random.seed(3)
+    changed = 0
+    for mother, father in zip(trees[:30], trees[30:], strict=True):
+        (child,) = cross(mother, father, breeding.primitives)
+        assert whole(child)
+        assert child[0].code == mother[0].code
+        shared = next((k for k in range(min(len(child), len(mother))) if child[k] is not mother[k]), len(mother))
+        if cross is depth_first_crossover:
+            tail = child[shared : min(len(child), len(father))]
+            assert all(node is other for node, other in zip(tail, father[shared:], strict=False))
+        changed += list(child) != list(mother)
+    assert changed > 10
+
+
+def test_the_same_generator_gives_the_same_trees_and_pythons_is_left_alone() -> None:
+    random.seed(7)
+    before = random.getstate()
+    breeding = TreeBreeding(LAYOUT)
+    populations = []
+    for _ in range(2):
+        rng = np.random.default_rng(8)
+        start = breeding.initial(40, rng)
+        children = breeding.offspring(start, np.arange(40), np.arange(40)[::-1].copy(), rng)
+        populations.append([str(program_of(i, LAYOUT)) for i in children.individuals])
+    assert populations[0] == populations[1]
+    assert random.getstate() == before
+
+
+def test_codes_carry_each_constant_of_its_own() -> None:
+    trees = TreeBreeding(LAYOUT).initial(80, np.random.default_rng(9))
+    forest = trees.forest
+    for p, individual in enumerate(trees.individuals):
+        codes = forest.codes[forest.bounds[p, 0] : forest.bounds[p, -1]]
+        own = codes[codes >= OWN_CONSTANT] - OWN_CONSTANT
+        np.testing.assert_array_equal(own, np.arange(len(individual.constants)))
+        np.testing.assert_array_equal(forest.constants[p, : len(own)], individual.constants)
+
+
+def test_constants_can_be_replaced() -> None:
+    trees = TreeBreeding(LAYOUT).initial(80, np.random.default_rng(9))
+    row = max(range(80), key=lambda k: len(trees.individuals[k].constants))
+    values = np.arange(1.0, 1.0 + len(trees.individuals[row].constants))
+    changed = trees.with_constants(row, values)
+    assert changed.individuals[0].constants == values.tolist()
+    assert trees.individuals[row].constants != values.tolist()
+    assert isinstance(changed.individuals[0], Individual)

@@ -1,0 +1,114 @@
+"""Chapter 5 at reduced size, and the conclusions that must go on holding."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.chapter5 import HAND_MADE, THESIS_INPUTS
+from experiments.compensation import run as compensation
+from experiments.extrapolation import run as extrapolation
+from experiments.fitness import run as fitness
+from experiments.framework import run as framework
+from experiments.histogram import run as histogram
+from experiments.irb6400r_truth import measured_robot
+from experiments.models import run as models
+from gpmodel.formula.parse import parse
+
+MEAN, MAXIMUM = 2, 3
+
+
+def saved(folder: Path, *figures: str) -> bool:
+    return (folder / "results.json").exists() and all((folder / "figures" / f"{f}.png").exists() for f in figures)
+
+
+def test_robots_differ_by_seed_and_repeat():
+    first, again, other = measured_robot(0), measured_robot(0), measured_robot(1)
+    assert np.array_equal(first.poses.dataset.position, again.poses.dataset.position)
+    assert not np.allclose(first.poses.dataset.q, other.poses.dataset.q)
+    assert first.stiffness != other.stiffness
+    assert (len(first.train), len(first.heldout)) == (40, 50)
+    assert not set(first.train) & set(first.heldout)
+
+
+def test_fitness(tmp_path):
+    sizes = ["--seeds", "1", "--generations", "15", "--population", "8192", "--tree_population", "256"]
+    found = fitness.main([*sizes, "--out", str(tmp_path)])
+    assert found["engines"]["linear, thesis, 5 %"]["median_final_mm"] < found["standard_model_mm"]
+    assert saved(tmp_path, "fitness")
+
+
+def test_extrapolation(tmp_path):
+    sizes = ["--seeds", "1", "--population", "1024", "--generations", "20", "--slot_population", "128"]
+    errors = extrapolation.main([*sizes, "--slot_generations", "15", "--rounds", "2", "--out", str(tmp_path)])
+    of_robot = errors["robots"][0]["mm"]
+    assert of_robot["Cartesian"][MEAN] > 0.9 * of_robot["standard"][MEAN]
+    assert of_robot["slot"][MEAN] < 0.9 * of_robot["standard"][MEAN]
+    assert saved(tmp_path, "extrapolation")
+
+
+def test_histogram(tmp_path):
+    sizes = ["--seeds", "1", "--cartesian", "1", "--runs", "6", "--population", "256", "--generations", "5"]
+    found = histogram.main([*sizes, "--slot_population", "128", "--slot_generations", "15", "--out", str(tmp_path)])
+    seen = {(row["search"], row["model"]): row for row in found["robots"]}
+    extra = {model: row["real"] - row["shuffled"] for (search, model), row in seen.items() if search == "slot"}
+    assert max(extra["standard"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) >= 3
+    assert max(extra["+ joint bending"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) < 3
+    assert all(row["real"].max() <= 6 for row in found["robots"])
+    assert saved(tmp_path, "histogram")
+
+
+def test_compensation(tmp_path):
+    found = compensation.main(["--population", "1024", "--generations", "30", "--out", str(tmp_path)])
+    at = {name: np.linspace(-2.0, 2.0, 9) for name in THESIS_INPUTS}
+    for equation in found["equations"].values():
+        assert parse(equation["equation"]).evaluate(at).shape == (3, 9)
+        assert equation["latex"]
+        assert equation["train_rms_mm"]["after"] <= equation["train_rms_mm"]["before"]
+    assert found["stiffness_Nm_per_rad"]["fitted"] == pytest.approx(found["stiffness_Nm_per_rad"]["true"], rel=0.25)
+    assert min(found["share linear in own coordinate"]["base compliance"][c] for c in "xy") > 0.7
+    assert saved(tmp_path, "compensation")
+
+
+def test_models(tmp_path):
+    found = models.main(["--seeds", "1", "--runs", "1", "--out", str(tmp_path)])
+    errors = found["median_mm"]
+    base, both = (np.divide(errors[f"+ {name}"], errors["standard"]) for name, _ in HAND_MADE)
+    assert max(base[MEAN], base[MAXIMUM]) <= 0.8
+    assert both[MAXIMUM] <= 0.5
+    assert saved(tmp_path, "models", "robots")
+
+
+def test_framework(tmp_path):
+    sizes = ["--rounds", "1", "--runs", "2", "--population", "128", "--generations", "10"]
+    found = framework.main([*sizes, "--out", str(tmp_path)])
+    first = found["rounds"][0]
+    assert first["held-out mean, max after"] < first["held-out mean, max before"]
+    assert saved(tmp_path, "framework")
+
+
+@pytest.mark.slow
+def test_the_loop_does_as_well_as_the_hand_made_models(tmp_path):
+    found = models.main(["--seeds", "4", "--first", "1", "--out", str(tmp_path)])
+    errors = [row["mm"] for row in found["robots"]]
+    ratio = [np.divide(e["the loop's own"], e["+ joint bending"]) for e in errors]
+    assert sum(r[MEAN] <= 1.0 and r[MAXIMUM] <= 1.0 for r in ratio) >= 3
+
+
+@pytest.mark.slow
+def test_slot_programs_improve_held_out_poses_and_cartesian_ones_do_not(tmp_path):
+    found = extrapolation.main(["--seeds", "3", "--out", str(tmp_path)])
+    errors = [row["mm"] for row in found["robots"]]
+    assert sum(e["slot"][MEAN] < 0.9 * e["standard"][MEAN] for e in errors) == 3
+    assert sum(e["Cartesian"][0] < e["standard"][0] or e["Cartesian"][1] < e["standard"][1] for e in errors) == 3
+    assert sum(e["Cartesian"][MAXIMUM] > e["standard"][MAXIMUM] for e in errors) >= 2
+
+
+@pytest.mark.slow
+def test_the_slot_histogram_points(tmp_path):
+    found = histogram.main(["--seeds", "4", "--cartesian", "0", "--out", str(tmp_path)])
+    outside = {row["model"]: set(row["outside"]) for row in found["pooled"]}
+    assert {"J1", "J2", "J3", "x", "y", "z"} & outside["standard"]
+    assert "J5" in outside["+ base compliance"]
+    assert "J4" in outside["+ joint bending"]
+    assert not {"J2", "J3", "J5"} & outside["+ joint bending"]

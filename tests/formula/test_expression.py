@@ -1,0 +1,88 @@
+"""Shapes written as text: arithmetic over known columns, and nothing but that."""
+
+import numpy as np
+import pytest
+from effect_cases import bare, mechanism
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gpmodel.errors import GpModelError, InputError
+from gpmodel.formula.expression import ONE, Expression
+from gpmodel.model.states import states_of
+
+STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 9))
+
+MEANINGS = {
+    "1": lambda s: np.ones(9),
+    "sin(2*J4)": lambda s: np.sin(2 * s["J4"]),
+    "-J1 + +J2": lambda s: s["J2"] - s["J1"],
+    "J1 - J2 - J3": lambda s: (s["J1"] - s["J2"]) - s["J3"],
+    "J1 - (J2 - J3)": lambda s: s["J1"] - (s["J2"] - s["J3"]),
+    "J1 / J2 / J3": lambda s: s["J1"] / s["J2"] / s["J3"],
+    "J1**2 % 0.5": lambda s: np.mod(s["J1"] ** 2, 0.5),
+    "(torque_J2/100)**3": lambda s: (s["torque_J2"] / 100) ** 3,
+    "sign(torque_J3)": lambda s: np.sign(s["torque_J3"]),
+    "step(row - 4.5)": lambda s: (s["row"] > 4.5) * 1.0,
+    "exp(-row/3)*cos(J5)": lambda s: np.exp(-s["row"] / 3) * np.cos(s["J5"]),
+    "tanh(J4*1e1)": lambda s: np.tanh(10 * s["J4"]),
+    "abs(J2)": lambda s: np.abs(s["J2"]),
+    "max(J1, temperature)": lambda s: np.maximum(s["J1"], s["temperature"]),
+}
+REFUSED = (
+    "__import__('os').system('true')", "J1.__class__", "[J1 for J1 in ()]", "J1 if J2 else J3", "lambda: 1", "J1 < J2",
+    "J1 and J2", "'J1'", "None", "J1[0]", "open(J1)", "sin(J1, out=J2)", "eval(J1)", "J1 @ J2", "J1 // J2", "~J1",
+    "not J1", "(J1, J2)", "(y := J1)", "f'{J1}'", "*J1", "sin(*J1)", "J1 =", "", "1 +", "J1\nJ2", "import os", "2j",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", MEANINGS)
+def test_text_means_what_it_says(text: str) -> None:
+    np.testing.assert_allclose(Expression(text)(STATES), MEANINGS[text](STATES), rtol=1e-14)
+    assert str(Expression(text)) == text
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_anything_but_arithmetic_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="basis"):
+        Expression(text)
+
+
+@given(st.text(max_size=30))
+def test_no_text_does_anything_but_evaluate_to_numbers_or_be_refused(text: str) -> None:
+    try:
+        value = Expression(text)(STATES)
+    except GpModelError:
+        return
+    assert value.shape == (9,)
+
+
+@given(st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}\([A-Za-z_0-9., =*]{0,6}\)", fullmatch=True))
+def test_only_listed_functions_can_be_called(text: str) -> None:
+    function = text.split("(")[0]
+    if function not in ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "square", "sign", "step", "tanh", "asin"):
+        with pytest.raises(InputError):
+            Expression(text)
+
+
+def test_inputs_are_the_columns_read_each_once() -> None:
+    assert sorted(Expression("sin(J4)*J10 + J4*torque_J1").inputs) == ["J10", "J4", "torque_J1"]
+    assert ONE.inputs == ()
+
+
+def test_a_name_is_matched_whole() -> None:
+    assert Expression("J10").inputs == ("J10",)
+    with pytest.raises(InputError, match="'J10' is not known here"):
+        Expression("J10")(STATES)
+
+
+def test_a_column_may_carry_the_name_of_no_function() -> None:
+    assert Expression("sin(sine)").inputs == ("sine",)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [("J2", 0), ("torque_J2/3030.0", 0), ("(row - 43.9)/27.1", 0), ("tanh(2*J2)", 2), ("tanh(2*(torque_J2/3030.0))", 2),
+     ("J1 - J2", 1), ("sin(J1)/2 - 1", 3)],
+)  # fmt: skip
+def test_operators_are_counted_besides_shift_and_scale_of_an_input(text: str, count: int) -> None:
+    assert Expression(text).operators == count

@@ -1,0 +1,50 @@
+"""The loop on simulated rigs: the input named, the held-out error down to the oracle's, and nothing invented."""
+
+import numpy as np
+import pytest
+from spherical_cases import HIDDEN, JOINT, NOTHING, UNDECLARED, Undeclared
+
+from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
+from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.split import hold_out
+
+SEED = 1
+QUICK = ("pitch axis Ty sin J1",)
+
+
+def run(case: Undeclared) -> tuple[Discovery, Poses]:
+    data = case.table(SEED)
+    poses = prepare(JOINT, data)
+    train, heldout = hold_out(data, 0.3, np.random.default_rng(SEED))
+    options = Options(seed=SEED, runs=3, workers=1, representations=("linear",))
+    return discover(JOINT, poses, train, heldout, options), poses
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, id=c.name, marks=() if c.name in QUICK else pytest.mark.slow) for c in UNDECLARED]
+)
+def test_an_undeclared_effect_is_found_and_the_error_falls_to_the_oracles(case: Undeclared) -> None:
+    found, poses = run(case)
+    inputs = {i for f in found.findings for e in f.candidate.effects for i in e.inputs}
+    assert inputs & case.inputs
+    before, after = found.steps[1].heldout_error, found.steps[-1].heldout_error
+    assert after.max() < before.max()
+    oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), *case.truth)), poses.subset(found.train))
+    assert rms(after) < 1.25 * rms(errors_on(oracle, poses.subset(found.heldout)))
+
+
+@pytest.mark.parametrize("case", [HIDDEN, pytest.param(NOTHING, marks=pytest.mark.slow)], ids=lambda c: c.name)
+def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared) -> None:
+    found, poses = run(case)
+    assert found.findings == ()
+    names = absorbed_families(found.final, poses)
+    assert {"eccentricity", "gear ratio", "J1 Rx", "J3 Rz"} <= set(names)
+    assert not {"axis run out", "drift", "ball lobes", "J1 Tz"} & set(names)
+    assert "neither show nor exclude" in absorbed_in_words(found.final, names)

@@ -1,0 +1,39 @@
+"""Ninety poses of a robot with one catalogue effect that the model lacks, and what speaks for each candidate."""
+
+from functools import cache
+
+from effect_cases import bare, measure, mechanism, sized
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+
+NAMES = (
+    "base compliance",
+    "gear error, 2 per turn, J4",
+    "coupling, J4 to J5",
+    "axis wobble, J3 Rx",
+    "backlash by approach, J3 (approach_J3)",
+    "transmission ripple, 5 per turn, J2",
+    "thermal drift of the zero, J3 (temperature)",
+    "set-up moved after row 41, Tz",
+)
+
+
+def pool() -> tuple[Candidate, ...]:
+    arm = mechanism("irb6400r")
+    return catalogue.candidates(arm, prepare(arm, bare("irb6400r", 90, 5)).states)
+
+
+@cache
+def seen(planted: str, millimetres: float = 0.25) -> Evidence:
+    """The evidence of ninety poses of a robot with one catalogue effect that the model lacks, or none."""
+    data = bare("irb6400r", 90, 5)
+    effects = next((c.effects for c in pool() if c.name == planted), ())
+    theta = sized("irb6400r", effects, data, millimetres) if effects else ()
+    truth = measure("irb6400r", effects, theta, 5, dataset=data)
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
+    return gather(fit, truth.poses, 0)

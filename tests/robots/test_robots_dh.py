@@ -1,0 +1,111 @@
+"""DH tables in TOML against the rows multiplied out, and what is wrong with a file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots_cases import STANDARD_DH, slot_frames
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from robots.dh import read_dh
+
+ROW = "[[joint]]\na_mm = 100\n"
+MODIFIED = 'convention = "modified"\n'
+
+
+def turn(axis: int, angle: float) -> Array:
+    """Rodrigues' rotation about a coordinate axis, as (4, 4)."""
+    cross = np.cross(np.eye(3), np.eye(3)[axis])
+    transform = np.eye(4)
+    transform[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return transform
+
+
+def shift(axis: int, length: float) -> Array:
+    transform = np.eye(4)
+    transform[axis, 3] = length
+    return transform
+
+
+def written(content: str, folder: Path) -> Path:
+    path = folder / "arm.toml"
+    path.write_text(content)
+    return path
+
+
+def test_standard_rows_multiply_out(tmp_path: Path) -> None:
+    arm = read_dh(written(STANDARD_DH, tmp_path))
+    assert arm.joint_names == ("J1", "J2", "reach", "J4")
+    assert [joint.kind for joint in arm.joints] == ["revolute", "revolute", "prismatic", "revolute"]
+    np.testing.assert_array_equal(arm.limits[2], [-0.05, 0.2])
+    q = np.array([0.7, -0.4, 0.12, 1.9])
+    base = shift(0, 0.01) @ shift(1, 0.02) @ shift(2, 0.03)
+    base = base @ turn(2, np.radians(30)) @ turn(1, np.radians(20)) @ turn(0, np.radians(10))
+    rows = [
+        turn(2, q[0]) @ shift(2, 0.4) @ shift(0, 0.025) @ turn(0, np.pi / 2),
+        turn(2, 0.5 - q[1]) @ shift(0, 0.45),
+        turn(2, np.radians(15)) @ shift(2, 0.1 + q[2]) @ turn(0, np.radians(-40)),
+        turn(2, q[3] + 0.25 * q[0]) @ turn(0, np.pi / 2),
+    ]
+    expected = np.linalg.multi_dot([base, *rows, shift(2, 0.0254) @ turn(0, 0.1)])
+    np.testing.assert_allclose(slot_frames(arm, q[None])[-1, 0], expected, atol=1e-15)
+    torque = 20 * np.cross((base @ rows[0] @ [-0.01, 0.0, 0.03, 1.0])[:3], [0.0, 9.81, 0.0])
+    second = 9 * np.cross((base @ rows[0] @ rows[1] @ [-0.2, 0.0, 0.01, 1.0])[:3], [0.0, 9.81, 0.0])
+    third = 4 * np.cross((base @ rows[0] @ rows[1] @ rows[2])[:3, 3], [0.0, 9.81, 0.0])
+    loads = arm.loads(q[None], np.zeros(1))
+    moment = [loads[f"moment_base_{side}"][0] for side in "xyz"]
+    np.testing.assert_allclose(moment, torque + second + third, atol=1e-12)
+
+
+def test_modified_rows_multiply_out(tmp_path: Path) -> None:
+    arm = read_dh(
+        written(
+            MODIFIED + "[[joint]]\nalpha_deg = 20\na_mm = 100\nd_in = 2\ntheta_rad = 0.3\n"
+            '[[joint]]\nkind = "prismatic"\nalpha_rad = -0.5\na_m = 0.2\nd_mm = 5\ntheta_deg = 10\n',
+            tmp_path,
+        )
+    )
+    first = turn(0, np.radians(20)) @ shift(0, 0.1) @ turn(2, 0.3 + 0.6) @ shift(2, 0.0508)
+    second = turn(0, -0.5) @ shift(0, 0.2) @ turn(2, np.radians(10)) @ shift(2, 0.005 + 0.07)
+    np.testing.assert_allclose(slot_frames(arm, np.array([[0.6, 0.07]]))[-1, 0], first @ second, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("convention = ", "not TOML"),
+        ("", "convention is None, expected one of 'standard', 'modified'"),
+        (MODIFIED, "no .*joint.* rows"),
+        (ROW, "convention"),
+        (MODIFIED + "[joint]\na_mm = 1\n", "double brackets"),
+        (MODIFIED + "[[joint]]\na = 100\n", r"\[\[joint\]\] 1: a needs one unit; write one of a_mm, a_m, a_in"),
+        (MODIFIED + "[[joint]]\na_mm = 100\na_m = 1\n", "a needs one unit"),
+        (MODIFIED + "[[joint]]\na_cm = 100\n", "unknown key a_cm; expected .*a_mm"),
+        (MODIFIED + '[[joint]]\na_mm = "long"\n', "'long', expected one finite number"),
+        (MODIFIED + "[[joint]]\na_mm = nan\n", "nan, expected one finite number"),
+        (MODIFIED + "[[joint]]\nmass_kg = -1\n", "none below zero"),
+        (MODIFIED + "[[joint]]\ncom_mm = [1, 2]\n", "a list of 3 finite numbers"),
+        (MODIFIED + "[[joint]]\nkind = 'ball'\n", "'ball', expected one of 'revolute', 'prismatic'"),
+        (MODIFIED + "[[joint]]\nsign = 2\n", "sign is 2"),
+        (MODIFIED + "[[joint]]\nname = ''\n", "expected a text"),
+        (MODIFIED + "[[joint]]\nlower_deg = 5\nupper_deg = -5\n", "lower limit"),
+        (MODIFIED + "[[joint]]\nname = 'A'\n[[joint]]\nname = 'A'\n", "repeat"),
+        (MODIFIED + ROW + "[tool]\nxyz_mm = 3\n", r"\[tool\]: xyz_mm is 3"),
+        (MODIFIED + "tool = 3\n" + ROW, "expected a table"),
+        (MODIFIED + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\nfactor=1\n", "'J2', expected one of 'J1'"),
+        (MODIFIED + ROW + "[[coupling]]\njoint='J1'\nfollows='J1'\nfactor=1\n", "follows itself"),
+        (MODIFIED + ROW + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\n", "factor is None"),
+        ("units = 'mm'\n" + MODIFIED + ROW, "unknown key units"),
+    ],
+)
+def test_bad_file_is_one_line(content: str, complaint: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_dh(written(content, tmp_path))
+    assert "\n" not in str(caught.value)
+    assert "arm.toml" in str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_dh(tmp_path / "none.toml")

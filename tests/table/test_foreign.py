@@ -1,0 +1,151 @@
+"""gpmodel.importing: files of other programs become tables, or one clear line says why not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from gpmodel.cli.import_ import import_table
+from gpmodel.errors import InputError
+from gpmodel.table.foreign import import_file, read_map
+from gpmodel.table.read import dataset_from
+from robots import load_mechanism
+
+JOINTS = "\n".join(f'J{i} = "q{i} [rad]"' for i in range(1, 7))
+POINT = 'x = "px [mm]"\ny = "py [mm]"\nz = "pz [mm]"'
+HEADER = [*(f"q{i}" for i in range(1, 7)), "px", "py", "pz", "dx", "a", "b", "c", "d", "day"]
+ANGLES = np.radians([[10.0, 20.0, 30.0], [-40.0, 5.0, 170.0], [0.0, -60.0, 12.5]])
+
+
+def rows(orientation: np.ndarray) -> list[list[float | str]]:
+    fourth = orientation[:, 3:] if orientation.shape[1] == 4 else np.zeros((3, 1))
+    return [
+        [*(0.1 * i + k for i in range(1, 7)), 100.5 + k, -200.25, 300.0, 0.5, *orientation[k][:3], fourth[k, 0], name]
+        for k, name in enumerate(("day 0", "day 1", "day 2"))
+    ]
+
+
+def write(
+    folder: Path, mapping: str, orientation: np.ndarray = ANGLES, separator: str = ",", decimal: str = "."
+) -> tuple[Path, Path]:
+    def cell(value: float | str) -> str:
+        return value if isinstance(value, str) else repr(float(value)).replace(".", decimal)
+
+    lines = [separator.join(HEADER), *(separator.join(cell(v) for v in row) for row in rows(orientation))]
+    (folder / "foreign.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "map.toml").write_text(mapping, encoding="utf-8")
+    return folder / "foreign.csv", folder / "map.toml"
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", ",")])
+def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str, decimal: str) -> None:
+    file, mapping = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}", separator=separator, decimal=decimal)
+    mechanism = load_mechanism("ur5")
+    assert mechanism is not None
+    dataset = dataset_from(import_file(file, read_map(mapping)), file, mechanism)
+    assert dataset.q[2] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5, 2.6], abs=1e-12)
+    assert dataset.position[1] == pytest.approx([0.1015, -0.20025, 0.3], abs=1e-12)
+
+
+def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
+    mapping = f'[columns]\n{JOINTS}\nx = "px - 2*dx [mm]"\nwarmth = "px/100 [degC]"\ngroup = "day"'
+    file, path = write(tmp_path, mapping)
+    frame = import_file(file, read_map(path))
+    assert frame["x [mm]"].astype(float).tolist() == [99.5, 100.5, 101.5]
+    assert frame["warmth [degC]"].astype(float).tolist() == [1.005, 1.015, 1.025]
+    assert frame["group"].tolist() == ["day 0", "day 1", "day 2"]
+
+
+def test_an_empty_cell_stays_empty_through_a_formula(tmp_path: Path) -> None:
+    file, path = write(tmp_path, f'[columns]\n{JOINTS}\nx = "px - dx [mm]"')
+    file.write_text(file.read_text().replace("101.5", "", 1))
+    assert import_file(file, read_map(path))["x [mm]"].tolist() == ["100.0", "", "102.0"]
+
+
+@pytest.mark.parametrize(
+    ("convention", "unit", "written"),
+    [
+        ("intrinsic XYZ", "rad", lambda r: r.as_euler("XYZ")),
+        ("intrinsic ZYZ", "rad", lambda r: r.as_euler("ZYZ")),
+        ("fixed XYZ", "deg", lambda r: r.as_euler("xyz", degrees=True)),
+        ("rotation vector", "deg", lambda r: r.as_rotvec(degrees=True)),
+        ("quaternion xyzw", "", lambda r: r.as_quat()),
+        ("quaternion wxyz", "", lambda r: r.as_quat(scalar_first=True)),
+    ],
+)
+def test_orientations_become_rotation_vectors(tmp_path: Path, convention: str, unit: str, written) -> None:
+    truth = Rotation.from_rotvec(ANGLES)
+    numbers = written(truth)
+    columns = [f'"{c}{f" [{unit}]" if unit else ""}"' for c in "abcd"[: numbers.shape[1]]]
+    mapping = f'[columns]\n{JOINTS}\n[orientation]\ncolumns = [{", ".join(columns)}]\nconvention = "{convention}"'
+    file, path = write(tmp_path, mapping, numbers)
+    frame = import_file(file, read_map(path))
+    vectors = np.radians(frame[["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
+    assert np.abs((Rotation.from_rotvec(vectors) * truth.inv()).magnitude()).max() < 1e-12
+
+
+def test_intrinsic_xyz_is_the_product_of_the_three_turns(tmp_path: Path) -> None:
+    def turn(axis: int, angle: float) -> np.ndarray:
+        c, s = np.cos(angle), np.sin(angle)
+        out = np.eye(3)
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        out[[first, first, second, second], [first, second, first, second]] = c, -s, s, c
+        return out
+
+    mapping = (
+        f'[columns]\n{JOINTS}\n[orientation]\ncolumns = ["a [rad]", "b [rad]", "c [rad]"]\nconvention = "intrinsic XYZ"'
+    )
+    file, path = write(tmp_path, mapping)
+    frame = import_file(file, read_map(path))
+    vector = np.radians(frame.loc[1, ["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
+    a, b, c = ANGLES[1]
+    product = turn(0, a) @ turn(1, b) @ turn(2, c)
+    assert np.abs(Rotation.from_rotvec(vector).as_matrix() - product).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("mapping", "said"),
+    [
+        ("columns = 3", "expected a table [columns]"),
+        ("[columns", "is no TOML"),
+        (f"[columns]\n{JOINTS}\n[rows]\na = 1", "'rows' is unknown"),
+        ('[columns]\nx = "px"', "no unit"),
+        ('[columns]\nx = "px [furlongs per]"', "no known unit"),
+        ('[columns]\nx = "p_x [mm]"', "has no column 'p_x'; it has q1"),
+        ('[columns]\nx = "px - p_x [mm]"', "has no column 'p_x'; it has q1"),
+        ('[columns]\nx = "px - [mm]"', "has no column 'px -'"),
+        ('[columns]\nx = "day [mm]"', "'day 0' is no number"),
+        ('[columns]\ngroup = "shift"', "has no column 'shift'"),
+        ('[columns]\nx = "px [mm]"\n[orientation]\ncolumns = ["a", "b", "c"]', "[orientation]: expected"),
+        ('[columns]\nx = "px [mm]"\n[orientation]\ncolumns = ["a", "b", "c"]\nconvention = "rpy"', "'rpy' is unknown"),
+        ('[columns]\nx = "px [mm]"\n[orientation]\ncolumns = ["a"]\nconvention = "fixed XYZ"', "expected 3 texts"),
+        ('[columns]\nx = "px [mm]"\n[orientation]\ncolumns = ["a", "b", "c"]\nconvention = "fixed XYZ"', "has no unit"),
+        ('[columns]\nrx = "a [deg]"\n[orientation]\ncolumns = ["a", "b", "c"]\nconvention = "fixed XYZ"', "both given"),
+    ],
+)  # fmt: skip
+def test_a_bad_map_is_one_clear_line(tmp_path: Path, mapping: str, said: str) -> None:
+    file, path = write(tmp_path, mapping)
+    with pytest.raises(InputError) as caught:
+        import_file(file, read_map(path))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_writes_the_table_or_prints_it(tmp_path: Path) -> None:
+    file, path = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}")
+    run = CliRunner().invoke(import_table, [str(file), "--map", str(path), "--out", str(tmp_path / "table.csv")])
+    assert run.exit_code == 0
+    assert "3 rows, 9 columns" in run.output
+    printed = CliRunner().invoke(import_table, [str(file), "--map", str(path)])
+    assert printed.output == (tmp_path / "table.csv").read_text()
+    assert printed.output.splitlines()[0].startswith("J1 [rad],J2 [rad]")
+
+
+def test_the_file_itself_is_never_overwritten(tmp_path: Path) -> None:
+    file, path = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}")
+    before = file.read_bytes()
+    run = CliRunner().invoke(import_table, [str(file), "--map", str(path), "--out", str(file)])
+    assert isinstance(run.exception, InputError)
+    assert file.read_bytes() == before

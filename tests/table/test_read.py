@@ -1,0 +1,144 @@
+"""Reading tables: separators, decimal commas, units, labels."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import robot
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.table.dataset import LABELS
+from gpmodel.table.read import read_table
+from gpmodel.table.write import frame_of
+
+ROBOT = load_mechanism("irb6400r")
+ANGLES = {"deg": math.pi / 180, "rad": 1.0}
+LENGTHS = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 0.0254}
+
+values = st.floats(-1e4, 1e4, allow_nan=False).map(lambda v: float(f"{v:.9g}"))
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> tuple[str, np.ndarray, np.ndarray, list[str], float, float]:
+    """Text of a table, and the numbers it holds: (N, 6) joints, (N, 3) positions with NaN for empty, groups, units."""
+    rows = draw(st.integers(1, 4))
+    separator, comma = draw(st.sampled_from([(",", False), (";", False), (";", True), ("\t", False), ("\t", True)]))
+    angle, length = draw(st.sampled_from(sorted(ANGLES))), draw(st.sampled_from(sorted(LENGTHS)))
+    space = draw(st.sampled_from(["", " "]))
+    q = np.array([[draw(values) for _ in range(6)] for _ in range(rows)])
+    cells = [[draw(st.none() | values) for _ in range(3)] for _ in range(rows)]
+    cells[0][0] = cells[0][0] or 1.0
+    p = np.array([[math.nan if v is None else v for v in row] for row in cells])
+    groups = [draw(st.sampled_from(["a", "b c", "7"])) for _ in range(rows)]
+    header = [f"J{i}{space}[{angle}]" for i in range(1, 7)] + [f"{a}{space}[{length}]" for a in "xyz"] + ["group"]
+    order = draw(st.permutations(range(len(header))))
+
+    def text(value: float) -> str:
+        return "" if math.isnan(value) else repr(float(value)).replace(".", "," if comma else ".")
+
+    lines = [[header[i] for i in order]]
+    for angles, lengths, group in zip(q, p, groups, strict=True):
+        row = [*map(text, angles), *map(text, lengths), group]
+        lines.append([row[i] for i in order])
+    newline = draw(st.sampled_from(["\n", "\r\n"]))
+    mark = draw(st.sampled_from(["", "\ufeff"]))
+    return (
+        mark + newline.join(separator.join(line) for line in lines) + newline,
+        q,
+        p,
+        groups,
+        ANGLES[angle],
+        LENGTHS[length],
+    )
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(made=tables())
+def test_any_spelling_of_a_table_gives_its_numbers(made: tuple, tmp_path: Path) -> None:
+    text, q, p, groups, angle, length = made
+    path = tmp_path / "any.csv"
+    path.write_bytes(text.encode())
+    data = read_table(path, ROBOT)
+    np.testing.assert_allclose(data.q, q * angle, rtol=1e-12)
+    np.testing.assert_allclose(data.position, p * length, rtol=1e-12)
+    assert data.label("group").tolist() == groups
+    assert data.row.tolist() == list(range(1, len(q) + 1))
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    mechanism, made = robot(
+        12,
+        inputs={"temperature": np.linspace(20.0, 25.0, 12)},
+        input_units={"temperature": "degC"},
+        payload=np.arange(12.0),
+    )
+    path = tmp_path / "again.csv"
+    frame_of(made.dataset, mechanism).to_csv(path, index=False)
+    data = read_table(path, mechanism)
+    np.testing.assert_allclose(data.q, made.dataset.q, atol=1e-11)
+    np.testing.assert_allclose(data.position, made.dataset.position, atol=1e-9)
+    np.testing.assert_allclose(data.payload, made.dataset.payload)
+    np.testing.assert_allclose(data.extras["temperature"], made.dataset.extras["temperature"])
+    assert data.extra_units["temperature"] == "degC"
+    assert data.payload_given
+
+
+def test_joints_go_by_their_names_or_by_number(tmp_path: Path) -> None:
+    mechanism = load_mechanism("ur5")
+    q = np.arange(12.0).reshape(2, 6) / 10
+    for names in ([j.name for j in mechanism.joints], [f"J{i}" for i in range(1, 7)]):
+        path = tmp_path / "named.csv"
+        pd.DataFrame(q, columns=[f"{n} [rad]" for n in names]).assign(**{"x [m]": 1.0}).to_csv(path, index=False)
+        np.testing.assert_allclose(read_table(path, mechanism).q, q)
+
+
+def test_excel_tables_are_read(tmp_path: Path) -> None:
+    mechanism, made = robot(5)
+    path = tmp_path / "measured.xlsx"
+    frame_of(made.dataset, mechanism).to_excel(path, index=False)
+    np.testing.assert_allclose(read_table(path, mechanism).position, made.dataset.position, atol=1e-9)
+
+
+@pytest.mark.parametrize("column", LABELS)
+def test_labels_are_text_and_empty_where_absent(column: str, tmp_path: Path) -> None:
+    mechanism, made = robot(3)
+    frame = frame_of(made.dataset, mechanism)
+    path = tmp_path / "labels.csv"
+    frame.to_csv(path, index=False)
+    assert read_table(path, mechanism).label(column).tolist() == ["", "", ""]
+    frame.assign(**{column: ["1", "", "two"]}).to_csv(path, index=False)
+    assert read_table(path, mechanism).label(column).tolist() == ["1", "", "two"]
+
+
+def test_distances_and_rotations_are_measurements(tmp_path: Path) -> None:
+    header = ",".join(f"J{i} [deg]" for i in range(1, 7))
+    path = tmp_path / "d.csv"
+    path.write_text(f"{header},distance_A [mm],rx [deg],ry [deg],rz [deg]\n1,2,3,4,5,6,1500,90,0,0\n1,2,3,4,5,7,,,,\n")
+    data = read_table(path, ROBOT)
+    np.testing.assert_allclose(data.distances["distance_A"], [1.5, np.nan])
+    np.testing.assert_allclose(data.rotation[0], [math.pi / 2, 0.0, 0.0])
+    assert np.isnan(data.position).all()
+
+
+def test_half_a_rotation_is_refused(tmp_path: Path) -> None:
+    header = ",".join(f"J{i} [deg]" for i in range(1, 7))
+    path = tmp_path / "d.csv"
+    path.write_text(f"{header},rx [deg],ry [deg],rz [deg]\n1,2,3,4,5,6,90,,0\n")
+    with pytest.raises(InputError, match=r"row 1: rotation is incomplete"):
+        read_table(path, ROBOT)
+
+
+@pytest.mark.parametrize(("encoding"), ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_encodings_of_spreadsheets(encoding: str, tmp_path: Path) -> None:
+    header = ";".join(f"J{i} [deg]" for i in range(1, 7))
+    path = tmp_path / "e.csv"
+    path.write_bytes(f"{header};x [mm];temp [°C];group\n1;2;3;4;5;6;7,5;21,5;Köln\n".encode(encoding))
+    data = read_table(path, ROBOT)
+    assert data.label("group").tolist() == ["Köln"]
+    assert data.extras["temp"].tolist() == [21.5]
+    assert data.position[0, 0] == pytest.approx(0.0075)
