@@ -9,8 +9,8 @@ from gpmodel.checks.counting import SAME_POSE, distinct_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
+from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import noise_floor
 
 SMALL_RANGE = np.radians(20.0)
 JUMP_STATISTIC = 2.3

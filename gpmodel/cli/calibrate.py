@@ -34,9 +34,10 @@ from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import prepare
 from gpmodel.model.geometric import standard_effects
+from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import read_table
-from gpmodel.table.split import hold_out, noise_floor
+from gpmodel.table.split import hold_out
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[np.ndarray, np.ndarray]:

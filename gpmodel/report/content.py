@@ -19,7 +19,7 @@ from gpmodel.families import catalogue
 from gpmodel.model.error_model import measured_minus, observe
 from gpmodel.model.sites import Site
 from gpmodel.report.quantity import quantity, read_columns, shape, table_names, translate
-from gpmodel.table.split import noise_floor
+from gpmodel.table.bundles import noise_floor
 
 SCHEMA = 1
 PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")

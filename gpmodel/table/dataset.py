@@ -22,6 +22,7 @@ class Dataset:
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
+    joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
     """
 
     joints: tuple[str, ...]
@@ -38,6 +39,7 @@ class Dataset:
     source: str = "table"
     sha256: str = ""
     columns: tuple[str, ...] = ()
+    joints_approximate: bool = False
     extra_names: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

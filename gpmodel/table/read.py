@@ -14,6 +14,7 @@ import pandas as pd
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.table.bundles import check_repeats
 from gpmodel.table.dataset import LABELS, Dataset, with_payload
 from gpmodel.table.units import factor, identifier, known_unit, split_header
 
@@ -74,7 +75,7 @@ def dataset_from(
             extra_names[word] = name
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, position, rotation, distances, need_measurement)
-    return Dataset(
+    dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
         q=q,
         position=position,
@@ -90,7 +91,10 @@ def dataset_from(
         source=path.name,
         sha256=sha256,
         columns=tuple(joints),
+        joints_approximate=not all(j.measured for j in mechanism.joints),
     )
+    check_repeats(dataset)
+    return dataset
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, str]:

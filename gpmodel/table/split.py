@@ -5,18 +5,8 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import IntArray
 from gpmodel.errors import InputError
+from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
-
-
-def bundles(dataset: Dataset) -> IntArray:
-    """Bundle index (N,) of each pose: its `group`, else its `repeat`, else poses with equal joint values."""
-    for column in ("group", "repeat"):
-        labels = dataset.label(column)
-        if (labels != "").any():
-            alone = np.array([f"\0{i}" for i in range(len(dataset))])
-            return np.unique(np.where(labels == "", alone, labels), return_inverse=True)[1]
-    rounded = np.round(np.column_stack([dataset.q, dataset.payload]), 9)
-    return np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
@@ -45,17 +35,13 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
     return fold_of_bundle[of_pose]
 
 
-def noise_floor(dataset: Dataset) -> float | None:
-    """RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
-
-    σ² = Σ |p - mean|² / Σ (n - 1) over poses with n repeats (same `repeat` label).
-    """
-    labels = dataset.label("repeat")
-    total, freedom = 0.0, 0
-    for label in np.unique(labels[labels != ""]):
-        points = dataset.position[labels == label]
-        points = points[np.isfinite(points).all(axis=1)]
-        if len(points) > 1:
-            total += float(np.sum((points - points.mean(axis=0)) ** 2))
-            freedom += len(points) - 1
-    return float(np.sqrt(total / freedom)) if freedom else None
+def contiguous_folds(dataset: Dataset, count: int) -> IntArray:
+    """Fold index (N,) for cross-validation where the order of the rows matters: whole bundles, each fold a stretch of
+    the table of nearly equal length. A bundle whose rows lie apart goes where its middle row is."""
+    of_pose = bundles(dataset)
+    place = np.arange(len(dataset), dtype=float)
+    middle = np.bincount(of_pose, place) / np.bincount(of_pose)
+    before = np.cumsum(np.bincount(of_pose)[np.argsort(middle)])
+    fold = np.empty(len(middle), dtype=np.int64)
+    fold[np.argsort(middle)] = (before - 1) * min(count, len(middle)) // len(dataset)
+    return np.unique(fold, return_inverse=True)[1][of_pose]

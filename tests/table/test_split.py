@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpmodel.errors import InputError
+from gpmodel.table.bundles import bundles, check_repeats, noise_floor, replicates
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import bundles, folds, hold_out, noise_floor
+from gpmodel.table.split import contiguous_folds, folds, hold_out
 
 DATA = bare("ur5", 40)
 
@@ -93,3 +94,70 @@ def test_the_noise_floor_is_the_three_dimensional_spread_of_repeats() -> None:
 def test_no_noise_floor_without_repeats() -> None:
     assert noise_floor(DATA) is None
     assert noise_floor(labelled("repeat", [str(i) for i in range(20)])) is None
+
+
+def repeated(jitter: float, times: int = 3, count: int = 20) -> Dataset:
+    """Poses measured again and again, the joint values read back with a jitter (rad, standard deviation)."""
+    rng = np.random.default_rng(1)
+    data = DATA.subset(np.arange(count).repeat(times))
+    position = rng.normal(size=(count, 3)).repeat(times, axis=0) + 1e-5 * rng.normal(size=(count * times, 3))
+    return replace(
+        data, q=data.q + jitter * rng.normal(size=data.q.shape), position=position, payload=np.zeros(len(data))
+    )
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-6, 5e-5])
+def test_repeats_are_recognised_by_their_joint_values(jitter: float) -> None:
+    data = repeated(jitter)
+    expected = np.arange(20).repeat(3)
+    for codes in (bundles(data), replicates(data)):
+        assert len(np.unique(np.column_stack([codes, expected]), axis=0)) == len(np.unique(codes)) == 20
+    assert noise_floor(data) == pytest.approx(np.sqrt(3) * 1e-5, rel=0.3)
+    for fold in (folds(data, 5, np.random.default_rng(0)), contiguous_folds(data, 5)):
+        assert len(np.unique(np.column_stack([fold, expected]), axis=0)) == 20
+
+
+def test_the_order_of_the_rows_does_not_change_the_bundles() -> None:
+    data, order = repeated(5e-5), np.random.default_rng(0).permutation(60)
+    np.testing.assert_array_equal(bundles(data.subset(order)), bundles(data)[order])
+
+
+def test_a_slow_motion_is_no_single_pose() -> None:
+    data = DATA.subset(np.zeros(300, dtype=int))
+    moving = replace(data, q=data.q + 1e-4 * np.arange(300)[:, None])
+    assert 25 < bundles(moving).max() < 60
+
+
+def test_repeats_at_another_payload_or_set_up_stay_in_the_bundle_but_are_no_replicates() -> None:
+    data = repeated(0.0, 2)
+    other = replace(data, payload=np.tile([0.0, 5.0], 20))
+    moved = replace(data, labels={"setup": np.tile(["a", "b"], 20)})
+    for changed in (other, moved):
+        assert bundles(changed).max() == 19
+        assert noise_floor(changed) is None
+
+
+def test_a_copied_row_is_no_measurement_of_noise() -> None:
+    data = repeated(0.0, 2)
+    assert noise_floor(data.subset([*range(40), 7, 9])) == pytest.approx(noise_floor(data))
+    assert bundles(data.subset([*range(40), 7])).max() == 19
+
+
+def test_approximate_joint_values_are_repeats_only_by_their_label() -> None:
+    data = replace(repeated(0.0, 2), joints_approximate=True)
+    assert noise_floor(data) is None
+    assert noise_floor(replace(data, labels={"repeat": np.arange(20).repeat(2).astype(str)})) is not None
+
+
+def test_labelled_repeats_that_are_far_apart_are_refused_by_row() -> None:
+    label = np.array([str(i % 20) for i in range(60)])
+    check_repeats(replace(repeated(5e-5), labels={"repeat": np.arange(20).repeat(3).astype(str)}))
+    with pytest.raises(InputError, match=r"rows \d+ and \d+ are both repeat '\d+', but .* differs by"):
+        check_repeats(replace(repeated(0.0), labels={"repeat": label}))
+
+
+@given(st.integers(2, 10), st.integers(12, 40))
+def test_contiguous_folds_are_stretches_of_the_table(count: int, rows: int) -> None:
+    fold = contiguous_folds(replace(DATA.subset(np.arange(rows)), payload=np.zeros(rows)), count)
+    assert (np.diff(fold) >= 0).all()
+    assert np.ptp(np.bincount(fold)) <= 1

@@ -1,0 +1,117 @@
+"""Rows that say the same thing again: repeats of a pose, and groups that belong together."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.errors import InputError
+from gpmodel.table.dataset import Dataset
+
+SAME_JOINT = 5e-4
+"""Joint values, rad or m, up to which two rows are one pose: the last digits of a controller's display (0.01 deg)
+and what a servo at rest leaves (0.02 deg)."""
+
+FAR_JOINT = 10 * SAME_JOINT
+"""Joint values, rad or m, beyond which rows labelled as repeats are not: 0.3 deg moves a tool by millimetres."""
+
+
+def bundles(dataset: Dataset) -> IntArray:
+    """Bundle code (N,) of every row, 0 to B - 1: rows of one code share more than the model, so no split parts them.
+
+    Together are rows with the same `group`, with the same `repeat`, and rows whose joint values all agree within
+    SAME_JOINT, whatever the set-up or payload. Codes are in the order of the joint values: the order of the rows
+    does not matter.
+    """
+    links = [_same_label(dataset, column) for column in ("group", "repeat")]
+    links.append(_same_joints(dataset.q))
+    n = len(dataset)
+    rows = np.concatenate([np.arange(n)] * len(links))
+    graph = coo_array((np.ones(len(rows)), (rows, np.concatenate(links))), shape=(n, n))
+    together = connected_components(graph, directed=False)[1]
+    return _renumbered(together, np.lexsort(np.round(np.column_stack([dataset.q, dataset.payload]), 9).T[::-1]))
+
+
+def replicates(dataset: Dataset) -> IntArray:
+    """Code (N,) of every row: rows of one code were measured at the same pose, payload, set-up and tool.
+
+    A `repeat` label decides where there is one; elsewhere joint values within SAME_JOINT, unless they are
+    approximate. Rows that copy the measurement of another are not counted as measured again: they are alone.
+    """
+    labels = dataset.label("repeat")
+    same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
+    same[_copies(dataset)] = np.flatnonzero(_copies(dataset))
+    codes = np.where(labels != "", _same_label(dataset, "repeat"), same)
+    keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool"))])
+    loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
+    return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def noise_floor(dataset: Dataset) -> float | None:
+    """RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
+
+    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`).
+    """
+    known = np.isfinite(dataset.position).all(axis=1)
+    points = dataset.position[known]
+    code, count = np.unique(replicates(dataset)[known], return_inverse=True, return_counts=True)[1:]
+    freedom = len(points) - len(count)
+    if not freedom:
+        return None
+    mean = np.zeros((len(count), 3))
+    np.add.at(mean, code, points)
+    return float(np.sqrt(np.sum((points - (mean / count[:, None])[code]) ** 2) / freedom))
+
+
+def check_repeats(dataset: Dataset) -> None:
+    """Refuses rows labelled as repeats of one pose whose joint values differ by more than FAR_JOINT.
+
+    Raises InputError naming the two rows and the joint.
+    """
+    first = _same_label(dataset, "repeat")
+    apart = np.abs(dataset.q - dataset.q[first])
+    if not dataset.joints_approximate and apart.max(initial=0.0) > FAR_JOINT:
+        row, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
+        raise InputError(
+            f"{dataset.source}: rows {dataset.row[first[row]]} and {dataset.row[row]} are both repeat "
+            f"'{dataset.label('repeat')[row]}', but {dataset.joints[joint]} differs by {apart[row, joint]:.3g}; "
+            "expected one label a pose"
+        )
+
+
+def _same_label(dataset: Dataset, column: str) -> IntArray:
+    """First row (N,) with the same text in a column; rows without text are alone."""
+    labels = dataset.label(column)
+    _, first, code = np.unique(labels, return_index=True, return_inverse=True)
+    return np.where(labels == "", np.arange(len(labels)), first[code]).astype(np.int64)
+
+
+def _same_joints(q: Array) -> IntArray:
+    """First row (N,) of each pose: a row joins the earliest unjoined one within SAME_JOINT in every joint.
+
+    Rows are compared with the first of their pose, not with their neighbours, so that a slow motion does not become
+    one pose.
+    """
+    tree = cKDTree(q)
+    out = np.full(len(q), -1, dtype=np.int64)
+    for row in range(len(q)):
+        if out[row] < 0:
+            near = np.array(tree.query_ball_point(q[row], SAME_JOINT, p=np.inf))
+            out[near[out[near] < 0]] = row
+    return out
+
+
+def _copies(dataset: Dataset) -> Mask:
+    """Rows (N,) whose joint values and measurement are, to the last digit, those of an earlier row."""
+    measured = np.column_stack([dataset.q, dataset.position, dataset.rotation, *dataset.distances.values()])
+    first = np.unique(np.nan_to_num(measured, nan=np.inf), axis=0, return_index=True)[1]
+    return ~np.isin(np.arange(len(dataset)), first)
+
+
+def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
+    """The same codes (N,), numbered from 0 as they appear in an order of the rows."""
+    _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
+    out = np.empty(len(codes), dtype=np.int64)
+    out[order] = np.argsort(np.argsort(first))[code]
+    return out
