@@ -16,7 +16,9 @@ NO_LOAD = 1e-6
 class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.
 
-    cost: nats of description beyond the data: the log of how many alternatives it was chosen from.
+    family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
+    of how many alternatives it was chosen from. found_by: catalogue or evolved. explanation: what it would be
+    physically and who says so, as its family has it.
     """
 
     name: str
@@ -24,6 +26,7 @@ class Candidate:
     family: str
     cost: float
     found_by: str = "catalogue"
+    explanation: str = ""
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

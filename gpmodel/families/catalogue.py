@@ -3,33 +3,21 @@
 The entry bar for a family: a cited mechanism, or a recorded discovery.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
 from gpmodel.families import load as families_load
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.family import Family, installed
+from gpmodel.families.offer import Offer, distinct, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
 
-Builder = Callable[[Mechanism, States], Iterator[Candidate]]
-
-
-@dataclass(frozen=True)
-class Family:
-    """A named physical effect: what it is, who described it, and its instances on a mechanism."""
-
-    name: str
-    explanation: str
-    source: str
-    build: Builder
-
-
 # ruff: noqa: E501
-FAMILIES: tuple[Family, ...] = (
+_OWN: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection),
@@ -57,20 +45,26 @@ FAMILIES: tuple[Family, ...] = (
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),
 )  # fmt: skip
 
+catalogue: tuple[Family, ...] = (*_OWN, *installed())
+"""The families of this package, then those of every installed provider."""
 
-def candidates(mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
-    """Every instance of every family that these poses and columns allow."""
-    return tuple(c for family in FAMILIES for c in family.build(mechanism, states))
+
+def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
+    """Every instance of every offer that these poses and columns allow.
+
+    offers: families, candidates and single effects. Raises InputError for one of another kind, or two of one name.
+    """
+    return tuple(c for offer in distinct(offers) for c in instances(offer, mechanism, states))
 
 
 def names() -> tuple[str, ...]:
     """The families' names."""
-    return tuple(f.name for f in FAMILIES)
+    return tuple(f.name for f in catalogue)
 
 
 def family(name: str) -> Family | None:
     """The family of that name, or None."""
-    return next((f for f in FAMILIES if f.name == name), None)
+    return next((f for f in catalogue if f.name == name), None)
 
 
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:

@@ -15,7 +15,6 @@ from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_word
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Histogram
 from gpmodel.discovery.loop import Discovery, Round, Step
-from gpmodel.families import catalogue
 from gpmodel.model.error_model import measured_minus, observe
 from gpmodel.model.sites import Site
 from gpmodel.report.quantity import quantity, read_columns, shape, table_names, translate
@@ -107,7 +106,6 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> dict[str,
     finding = discovery.findings[i]
     candidate, hypothesis = finding.candidate, finding.hypothesis
     number = quantity(discovery.final, candidate, discovery.poses.states)
-    family = catalogue.family(candidate.family)
     first = candidate.effects[0].terms[0]
     inputs = list(dict.fromkeys(x for e in candidate.effects for x in e.inputs))
     partners = discovery.final.partners()
@@ -124,7 +122,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> dict[str,
         "unique_share": number.unique_share,
         "found_by": candidate.found_by,
         "catalogue": candidate.family or None,
-        "explanation": f"{family.explanation} ({family.source})" if family else "matches no named effect",
+        "explanation": candidate.explanation or "matches no named effect",
         "terms": [
             {
                 "slot": translate(t.slot, names),

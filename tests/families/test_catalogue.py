@@ -28,7 +28,7 @@ ALIASED = 0.03
 def test_the_required_families_are_there_and_each_says_what_it_is_and_who_says_so() -> None:
     assert set(catalogue.names()) >= REQUIRED
     assert len(catalogue.names()) == len(set(catalogue.names()))
-    for family in catalogue.FAMILIES:
+    for family in catalogue.catalogue:
         assert len(family.explanation) > 15
         assert len(family.source) > 5
 

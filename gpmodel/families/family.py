@@ -1,0 +1,44 @@
+"""A family of effects: what it is, who described it, and its instances on a mechanism."""
+
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.states import States
+
+PROVIDERS = "gpmodel.families"
+
+Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A named physical effect.
+
+    name: one word, as written on a command line. explanation: what happens physically. source: who described it.
+    build: every instance that a mechanism and these columns allow; an effect alone is a candidate of one effect.
+    """
+
+    name: str
+    explanation: str
+    source: str
+    build: Builder
+
+
+def installed() -> tuple[Family, ...]:
+    """Families of every installed provider: an entry point of the group `gpmodel.families` that is a Family, or
+    several of them. What cannot be loaded is left out with a warning."""
+    found: list[Family] = []
+    for provider in sorted(entry_points(group=PROVIDERS), key=lambda e: e.name):
+        try:
+            given = provider.load()
+            families = (given,) if isinstance(given, Family) else tuple(given)
+        except (ImportError, AttributeError, TypeError) as error:
+            warnings.warn(f"families of '{provider.name}' cannot be loaded: {error}", stacklevel=2)
+            continue
+        found += [f for f in families if isinstance(f, Family)]
+    return tuple(found)

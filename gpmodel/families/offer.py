@@ -1,0 +1,57 @@
+"""What a search is offered: families of effects, candidates, single effects."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from gpmodel.errors import InputError
+from gpmodel.families.candidate import Candidate, one
+from gpmodel.families.family import Family
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.states import States
+
+Offer = Family | Candidate | Effect
+
+PLAIN_COST = 4.0
+"""Nats of an effect given without a cost: as much as the plainest rows of the catalogue, e^4 = 55 of which would be
+as many as there are places in an arm with six joints."""
+
+
+def distinct(offers: Iterable[Offer]) -> tuple[Offer, ...]:
+    """The same offers. Raises InputError for one of another kind, or two of one name."""
+    given = tuple(offers)
+    names: set[str] = set()
+    for offer in given:
+        if not isinstance(offer, Family | Candidate | Effect):
+            raise InputError(f"candidates: {offer!r} is of type {type(offer).__name__}; expected a Family or an Effect")
+        if offer.name in names:
+            raise InputError(f"candidates: '{offer.name}' is offered twice; expected each name once")
+        names.add(offer.name)
+    return given
+
+
+def instances(offer: Offer, mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The candidates of one offer on a mechanism, those of a family with its explanation."""
+    match offer:
+        case Candidate():
+            yield offer
+        case Effect():
+            yield one(offer.name, offer, PLAIN_COST)
+        case Family(build=build):
+            for instance in build(mechanism, states):
+                yield _of_family(instance, offer)
+
+
+def _of_family(instance: Candidate | Effect, family: Family) -> Candidate:
+    match instance:
+        case Candidate():
+            found = instance
+        case Effect():
+            found = one(instance.name, replace(instance, family=family.name), PLAIN_COST)
+        case _:
+            raise InputError(
+                f"family '{family.name}' yields a {type(instance).__name__}; expected candidates or effects"
+            )
+    if found.family != family.name:
+        raise InputError(f"family '{family.name}': candidate '{found.name}' says it is of family '{found.family}'")
+    return replace(found, explanation=f"{family.explanation} ({family.source})")
