@@ -12,7 +12,9 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
 from gpmodel.cli.discover import write_results
-from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.files import to_json, write_text
@@ -49,11 +51,14 @@ def load(file: Path, columns: Path, robot: str) -> Poses:
 def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: argparse.Namespace) -> Discovery:
     """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
     choice = MechanismChoice(robot)
-    options = Options(
-        seed=given.seed, runs=given.runs, max_effects=given.max_effects, minutes=given.minutes, workers=given.workers,
-        representations=tuple(given.representations.split(",")),
+    search = Search(
+        runs=given.runs, max_effects=given.max_effects, stop_after=60 * given.minutes, workers=given.workers,
+        strategies=tuple(given.representations.split(",")),
     )  # fmt: skip
-    found = discover(choice.load(), poses, train, heldout, options, lambda text: print(text, file=sys.stderr))
+    found = discover(
+        choice.load(), poses, train, heldout, search=search, seed=given.seed,
+        progress=lambda text: print(text, file=sys.stderr),
+    )  # fmt: skip
     write_results(found, choice, given.out, given.seed, None)
     return found
 

@@ -1,18 +1,17 @@
 """Robots with one undeclared effect, and the whole loop run on them with a small search."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from unittest import mock
 
 import numpy as np
 from effect_cases import Truth, bare, measure, mechanism, sized, true_tips
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
-from gpmodel.discovery import explore as search
-from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.search import Search
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
@@ -20,20 +19,10 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"
-SMALL = Options(runs=2, workers=1)
-QUICK = Options(runs=1, workers=1)
-
-
-@contextmanager
-def small_search(population: int = 256, generations: int = 20) -> Iterator[None]:
-    """Populations and generations just large enough for the cases here."""
-    with mock.patch.multiple(search, POPULATION=population, GENERATIONS=generations):
-        yield
-
-
-def quick_search() -> AbstractContextManager[None]:
-    """For what does not depend on how much is found."""
-    return small_search(48, 4)
+SMALL = Search(runs=2, workers=1, population=256, generations=20)
+"""Populations and generations just large enough for the cases here."""
+QUICK = Search(runs=1, workers=1, population=48, generations=4)
+"""For what does not depend on how much is found."""
 
 
 def _gear() -> tuple[Effect, ...]:
@@ -73,22 +62,17 @@ def robot(case: str, seed: int, count: int = 80) -> tuple[Truth, IntArray, IntAr
 
 
 @cache
-def found(case: str, seed: int, options: Options = SMALL, small: bool = True) -> Discovery:
+def found(case: str, seed: int, search: Search = SMALL) -> Discovery:
     """The loop's answer."""
     truth, train, heldout = robot(case, seed)
-    options = replace(options, seed=seed)
-    if not small:
-        return discover(truth.model.mechanism, truth.poses, train, heldout, options)
-    with small_search():
-        return discover(truth.model.mechanism, truth.poses, train, heldout, options)
+    return discover(truth.model.mechanism, truth.poses, train, heldout, search=search, seed=seed)
 
 
 @cache
 def quick() -> Discovery:
     """The gear error, of the catalogue, found beside a search too short to find anything itself."""
     truth, train, heldout = robot("gear", 0)
-    with quick_search():
-        return discover(truth.model.mechanism, truth.poses, train, heldout, QUICK)
+    return discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK)
 
 
 def rms(error: Array) -> float:

@@ -18,7 +18,8 @@ from experiments.chapter5 import ANGLES, POSITION, THESIS_INPUTS, cartesian, fit
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
-from gpmodel.discovery.explore import as_candidate, steady
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.explore import as_candidate, without_poles
 from gpmodel.discovery.residual import gather
 from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
 from gpmodel.model.error_model import ErrorModel
@@ -48,8 +49,12 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     for _ in range(chosen.rounds):
         evidence = gather(model, train, 0)
         found = evolve(SlotProblem(inputs, evidence.targets(sites, np.arange(len(train)))), how, rng)
-        offered = [as_candidate(f.program, sites[f.site], plain, f.complexity, len(sites)) for f in found.front]
-        usable = [c for c in offered if c is not None and steady(c, train.states, train.states.between())]
+        offered = [
+            as_candidate(f.program, sites[f.site], plain, 2.0 * f.complexity + np.log(len(sites))) for f in found.front
+        ]
+        usable = [
+            c for c in offered if c is not None and without_poles(Criteria(), c, train.states, train.states.between())
+        ]
         best = max(zip(evidence.scores(usable)[0], usable, strict=True), key=lambda pair: pair[0].nats)[1]
         texts.append(best.name)
         effects = (*model.model.effects, *best.effects)

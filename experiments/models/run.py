@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import HAND_MADE, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.comparison import climb
-from gpmodel.discovery.loop import Options, discover
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 
 STEPS = ("standard", "+ base compliance", "+ joint bending", "the loop's own")
@@ -25,8 +26,8 @@ def one_robot(seed: int, runs: int) -> dict[str, Any]:
     named = [(n, catalogue.build(text, case.mechanism, case.poses.states)) for n, text in HAND_MADE]
     rungs = climb(case.mechanism, case.poses, case.train, case.heldout, effects_of(case), named)[1:]
     table = [[r.train.mean, r.train.max, r.heldout.mean, r.heldout.max] for r in rungs]
-    how = Options(seed=seed, runs=runs, workers=1, minutes=1e3, representations=("linear",))
-    found = discover(case.mechanism, case.poses, case.train, case.heldout, how)
+    search = Search(runs=runs, workers=1, strategies=("linear",))
+    found = discover(case.mechanism, case.poses, case.train, case.heldout, search=search, seed=seed)
     last = found.steps[-1]
     table.append([last.train_error.mean(), last.train_error.max(), last.heldout_error.mean(), last.heldout_error.max()])
     return {

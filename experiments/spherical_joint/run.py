@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rig_tables import JOINT, RIG, model, reduction, summary, tables
 
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
-from gpmodel.discovery.loop import Options, discover
+from gpmodel.discovery.loop import discover
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
@@ -68,7 +68,7 @@ def improvement() -> dict[str, Any]:
     rig = replace(RIG, reach=(1.5, 1.2, 1.5))
     data = rig.measure(rig.poses(90, rng), rng, disturbance=lambda q, extras: {14: 20e-6 * np.sin(q[:, 0])})
     poses, (train, heldout) = prepare(JOINT, data), hold_out(data, 0.3, np.random.default_rng(0))
-    found = discover(JOINT, poses, train, heldout, Options())
+    found = discover(JOINT, poses, train, heldout)
     report = build(found, "python experiments/spherical_joint/run.py", 0, None)
     told = effect_at("told", "J1.moving", "Ty", Expression("sin(J1)"))
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), told)), poses.subset(train))

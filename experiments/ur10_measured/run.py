@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments import measured
 from gpmodel.calibration.gauss_newton import errors_on
-from gpmodel.discovery.loop import Discovery
+from gpmodel.discovery.result import Discovery
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 

@@ -17,9 +17,9 @@ from gpmodel.checks.judge import refuse
 from gpmodel.cli.console import command_line
 from gpmodel.cli.options import mechanism_options, quiet_option, seed_option, workers_option
 from gpmodel.discovery import checkpoint
-from gpmodel.discovery.explore import Mapper
-from gpmodel.discovery.loop import Discovery, Finding, Options, Round
 from gpmodel.discovery.loop import discover as run_loop
+from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.search import Mapper, Search
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.mechanism.protocol import Mechanism
@@ -98,12 +98,12 @@ def discover_table(
     mechanism, choice, poses = load_poses(Path(request["table"]), choice)
     train, heldout = hold_out(poses.dataset, request["holdout"], np.random.default_rng(request["seed"]))
     runs = max(2, round(RUNS_A_MINUTE * request["minutes"]))
-    options = Options(
-        seed=request["seed"], runs=runs, minutes=10 * request["minutes"], workers=workers or os.cpu_count() or 1,
-        condition_limit=request["condition_limit"], mapper=mapper,
+    search = Search(
+        runs=runs, stop_after=600 * request["minutes"], workers=workers or os.cpu_count() or 1, mapper=mapper
     )  # fmt: skip
     found = run_loop(
-        mechanism, poses, train, heldout, options, say,
+        mechanism, poses, train, heldout, search=search, condition_limit=request["condition_limit"],
+        seed=request["seed"], progress=say,
         keep=lambda findings, rounds: checkpoint.save(folder, request, findings, rounds), resume=resume,
     )  # fmt: skip
     say("writing the report")

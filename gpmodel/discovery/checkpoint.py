@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.criteria import Test, Verdict
 from gpmodel.discovery.explore import Exploration, Histogram
-from gpmodel.discovery.loop import Finding, Round
 from gpmodel.discovery.residual import Score
+from gpmodel.discovery.result import Finding, Round
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
 from gpmodel.files import write_text
@@ -20,10 +21,23 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 
 NAME = "progress.json"
-SCHEMA = 1
+SCHEMA = 2
 _TYPES = {
     t.__name__: t
-    for t in (Finding, Round, Hypothesis, Candidate, Effect, Term, Expression, Score, Exploration, Histogram)
+    for t in (
+        Finding,
+        Round,
+        Hypothesis,
+        Verdict,
+        Test,
+        Candidate,
+        Effect,
+        Term,
+        Expression,
+        Score,
+        Exploration,
+        Histogram,
+    )
 }
 
 

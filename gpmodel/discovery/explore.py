@@ -1,16 +1,17 @@
 """Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
 
 import ast
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations
-from typing import Protocol
 
 import numpy as np
 from scipy import stats
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.residual import Evidence
+from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evolution.search import Evolution, Inputs, Settings, SlotProblem, evolve
 from gpmodel.families.candidate import Candidate
@@ -22,13 +23,16 @@ from gpmodel.model.states import States
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.numerics.null_distribution import chance
 
-NATS_PER_NODE = 2.0
-GP_POSES = 300
-SIGNIFICANCE = 0.05
-POPULATION = 1024
-GENERATIONS = 40
-CLIMB = 2
-MOST_BETWEEN = 4.0
+
+@dataclass(frozen=True)
+class Progress:
+    """Which round this is, and where its one-line messages go."""
+
+    number: int
+    tell: Callable[[str], None]
+
+    def say(self, text: str) -> None:
+        self.tell(f"round {self.number}: {text}")
 
 
 @dataclass(frozen=True)
@@ -44,22 +48,6 @@ class Task:
 def run_task(task: Task) -> Evolution:
     """Run it; the same numbers wherever it runs."""
     return evolve(task.problem, task.settings, task.rng)
-
-
-Mapper = Callable[[Callable[[Task], Evolution], Sequence[Task]], Iterable[Evolution]]
-
-
-class Effort(Protocol):
-    """What the search reads of the loop's options."""
-
-    @property
-    def runs(self) -> int: ...
-    @property
-    def workers(self) -> int: ...
-    @property
-    def representations(self) -> tuple[str, ...]: ...
-    @property
-    def mapper(self) -> Mapper: ...
 
 
 @dataclass(frozen=True)
@@ -87,51 +75,56 @@ class Exploration:
 
 
 def explore(
-    evidence: Evidence, sites: tuple[Site, ...], effort: Effort, rng: np.random.Generator,
-    say: Callable[[str], None], number: int,
+    evidence: Evidence, sites: tuple[Site, ...], search: Search, criteria: Criteria, rng: np.random.Generator,
+    progress: Progress,
 ) -> Exploration:  # fmt: skip
-    """Evolve bases over all sites at once, `runs` times a representation; then the same on shuffled residuals.
+    """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
     After the first round half as many shuffled runs are added: their maxima are pooled with those of the rounds before.
-    Above 300 poses the GP sees a sample of them, half as many beside hundreds of columns (the work grows with both);
-    what it finds is scored on all.
+    Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
+    with both); what it finds is scored on all.
     """
     n = len(evidence.poses)
-    count = GP_POSES if evidence.enabled.shape[1] < MANY_COLUMNS else GP_POSES // 2
+    count = search.evolved_poses if evidence.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(evidence.poses.states, rows)
     targets = evidence.targets(sites, rows)
-    chances = effort.runs if number == 1 else max(1, effort.runs // 2)
-    shuffles = list(evidence.shuffled(rng, chances * len(effort.representations)).T)
+    chances = search.runs if progress.number == 1 else max(1, search.runs // 2)
+    shuffles = list(evidence.shuffled(rng, chances * len(search.strategies)).T)
     tasks: list[Task] = []
-    for representation in effort.representations:
+    for strategy in search.strategies:
         settings = Settings(
-            representation=representation, population=POPULATION, generations=GENERATIONS, seconds=1e9,
-            parsimony=NATS_PER_NODE, threads=effort.workers, depth=5, climb=CLIMB,
+            representation=strategy, population=search.population, generations=search.generations, seconds=1e9,
+            parsimony=search.nats_per_node, threads=search.workers, depth=5, climb=search.climb,
         )  # fmt: skip
-        for run in range(effort.runs):
+        for run in range(search.runs):
             tasks.append(Task(False, SlotProblem(inputs, targets), settings, rng.spawn(1)[0]))
             if run < chances:
                 shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
                 tasks.append(Task(True, SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0]))
     between = evidence.poses.states.between()
     candidates: dict[str, Candidate] = {}
-    tried: dict[str, list[Evolution]] = {r: [] for r in effort.representations}
+    tried: dict[str, list[Evolution]] = {r: [] for r in search.strategies}
     by_chance: list[Evolution] = []
-    say(f"round {number}: evolving, 0 of {len(tasks)} runs done")
-    for done, (task, found) in enumerate(zip(tasks, effort.mapper(run_task, tasks), strict=True), 1):
-        say(f"round {number}: evolving, {done} of {len(tasks)} runs done")
+    progress.say(f"evolving, 0 of {len(tasks)} runs done")
+    for done, (task, found) in enumerate(zip(tasks, search.mapper(run_task, tasks), strict=True), 1):
+        progress.say(f"evolving, {done} of {len(tasks)} runs done")
         if task.shuffled:
             by_chance.append(found)
             continue
         tried[task.settings.representation].append(found)
         for item in found.front:
             for program in parts(item.program):
-                candidate = as_candidate(program, sites[item.site], names, program.complexity, len(sites))
-                if candidate is not None and steady(candidate, evidence.poses.states, between):
+                cost = _cost(search, program.complexity, len(sites))
+                candidate = as_candidate(program, sites[item.site], names, cost)
+                if candidate is not None and without_poles(criteria, candidate, evidence.poses.states, between):
                     candidates.setdefault(candidate.name, candidate)
-    null = [_best_nats(evidence, run, len(sites)) for run in by_chance]
-    histogram = referenced(inputs.names, tried, by_chance, lambda run: _best_nats(evidence, run, len(sites)), null)
+
+    def saved(run: Evolution) -> float:
+        return _best_nats(evidence, search, run, len(sites))
+
+    null = [saved(run) for run in by_chance]
+    histogram = referenced(inputs.names, tried, by_chance, saved, criteria.input_significance)
     return Exploration(tuple(candidates.values()), np.array(null), histogram)
 
 
@@ -161,19 +154,17 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     return Inputs(tuple(names), np.array(values), angles), written
 
 
-def _best_nats(evidence: Evidence, run: Evolution, sites: int) -> float:
+def _best_nats(evidence: Evidence, search: Search, run: Evolution, sites: int) -> float:
     """The largest description length that any program of a run saves."""
-    saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(c.complexity, sites)) for c in run.front]
+    saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(search, c.complexity, sites)) for c in run.front]
     return float(max(saved, default=-np.inf))
 
 
-def _cost(complexity: int, sites: int) -> float:
-    return NATS_PER_NODE * complexity + float(np.log(sites))
+def _cost(search: Search, complexity: int, sites: int) -> float:
+    return search.nats_per_node * complexity + float(np.log(sites))
 
 
-def as_candidate(
-    program: Program, site: Site, names: Mapping[str, str], complexity: int, sites: int
-) -> Candidate | None:
+def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:
     """A program as effects at its site, one an output; None where it is no function of any input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     texts = [t for t in dict.fromkeys(texts)]
@@ -188,7 +179,7 @@ def as_candidate(
     name = f"{label} on {site.name}"
     unit = axis_unit(site.axis)
     effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
-    return Candidate(name, effects, "", _cost(complexity, sites), "evolved")
+    return Candidate(name, effects, "", cost, "evolved")
 
 
 def parts(program: Program) -> list[Program]:
@@ -198,12 +189,12 @@ def parts(program: Program) -> list[Program]:
     return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
 
 
-def steady(candidate: Candidate, measured: States, between: States) -> bool:
+def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: States) -> bool:
     """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
     for effect in candidate.effects:
         basis = effect.terms[0].basis
         largest = float(np.max(np.abs(basis(between))))
-        if not largest <= MOST_BETWEEN * float(np.max(np.abs(basis(measured)))):
+        if not largest <= criteria.largest_between * float(np.max(np.abs(basis(measured)))):
             return False
     return True
 
@@ -232,7 +223,7 @@ def expression_text(program: Program, names: Mapping[str, str]) -> str:
 
 def referenced(
     inputs: tuple[str, ...], tried: Mapping[str, list[Evolution]], by_chance: list[Evolution],
-    saved: Callable[[Evolution], float], null: list[float],
+    saved: Callable[[Evolution], float], significance: float,
 ) -> Histogram:  # fmt: skip
     """The histogram of referenced inputs of real runs beside that of runs on shuffled residuals.
 
@@ -243,6 +234,7 @@ def referenced(
     def count(runs: list[Evolution], name: str) -> int:
         return sum(name in run.best.program.inputs for run in runs)
 
+    null = np.array([saved(run) for run in by_chance])
     real = [run for runs in tried.values() for run in runs]
     p_values = []
     for name in inputs:
@@ -250,12 +242,12 @@ def referenced(
         table = [[yes, len(real) - yes], [chance_yes, len(by_chance) - chance_yes]]
         best = max((saved(run) for run in real if name in run.best.program.inputs), default=-np.inf)
         by_count = float(stats.fisher_exact(table, "greater").pvalue)
-        p_values.append(min(1.0, len(inputs) * max(by_count, chance(best, np.array(null)))))
+        p_values.append(min(1.0, len(inputs) * max(by_count, chance(best, null))))
     return Histogram(
         inputs=inputs,
         linear=tuple(count(tried.get("linear", []), name) for name in inputs),
         tree=tuple(count(tried.get("tree", []), name) for name in inputs),
         shuffled=tuple(count(by_chance, name) for name in inputs),
         p_values=tuple(p_values),
-        significant=tuple(n for n, p in zip(inputs, p_values, strict=True) if p < SIGNIFICANCE),
+        significant=tuple(n for n, p in zip(inputs, p_values, strict=True) if p < significance),
     )

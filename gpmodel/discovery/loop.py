@@ -1,7 +1,7 @@
 """The loop: calibrate, look at the residual, find what is missing, add it, look again."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,93 +9,23 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, Pool, judge
-from gpmodel.discovery.explore import Exploration, Mapper, explore
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.explore import Exploration, Progress, explore
 from gpmodel.discovery.replacement import better
 from gpmodel.discovery.residual import Evidence, gather
-from gpmodel.families import catalogue
+from gpmodel.discovery.result import Discovery, Finding, Round, Step
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates as instances_of
+from gpmodel.families.catalogue import catalogue
+from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
 
-SEARCH_POSES = 1500
-SHUFFLES = 199
-
-
-@dataclass(frozen=True)
-class Options:
-    """How hard to look. runs: GP runs per representation and round; the same again on shuffled residuals.
-
-    standard: the effects of the standard model, None for the complete geometric set. minutes: no new round starts
-    after that. known: effects enabled from the start beside the standard model. mapper: runs
-    the GP tasks in order, map by default, or an executor's.
-    """
-
-    seed: int = 0
-    runs: int = 6
-    max_effects: int = 12
-    minutes: float = 10.0
-    workers: int = 2
-    condition_limit: float | None = None
-    standard: tuple[Effect, ...] | None = None
-    known: tuple[Candidate, ...] = ()
-    representations: tuple[str, ...] = ("linear", "tree")
-    mapper: Mapper = map
-
-
-@dataclass(frozen=True)
-class Finding:
-    """An accepted hypothesis and the round that found it."""
-
-    hypothesis: Hypothesis
-    round: int
-
-    @property
-    def candidate(self) -> Candidate:
-        return self.hypothesis.candidate
-
-
-@dataclass(frozen=True)
-class Round:
-    """One look at the residual: everything tried, the null it had to stand out of, and what was dropped again."""
-
-    number: int
-    hypotheses: tuple[Hypothesis, ...]
-    exploration: Exploration
-    dropped: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Step:
-    """One rung of the ladder: a fitted model and its 3-D errors, m, on training and held-out poses."""
-
-    name: str
-    calibration: Calibration
-    train_error: Array
-    heldout_error: Array
-    finding: int | None = None
-
-
-@dataclass(frozen=True)
-class Discovery:
-    """Everything the loop found, in order."""
-
-    mechanism: Mechanism
-    poses: Poses
-    train: IntArray
-    heldout: IntArray
-    steps: tuple[Step, ...]
-    findings: tuple[Finding, ...]
-    rounds: tuple[Round, ...]
-    final: Calibration
-    standard_model: tuple[Effect, ...]
-    seconds: float
-    stopped: str
-
-
-Progress = Callable[[str], None]
+Resumed = tuple[Sequence[Finding], Sequence[Round]]
 
 
 @dataclass
@@ -106,9 +36,14 @@ class _Loop:
     poses: Poses
     train: IntArray
     heldout: IntArray
-    options: Options
-    say: Progress
     standard: tuple[Effect, ...]
+    known_effects: tuple[Candidate, ...]
+    offers: tuple[Offer, ...]
+    search: Search
+    criteria: Criteria
+    condition_limit: float | None
+    seed: int
+    say: Callable[[str], None]
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -116,18 +51,17 @@ class _Loop:
     @property
     def known(self) -> set[str]:
         """Names of what is in the model already beside the standard model."""
-        return {f.candidate.name for f in self.findings} | {c.name for c in self.options.known}
+        return {f.candidate.name for f in self.findings} | {c.name for c in self.known_effects}
 
     def model(self, findings: Sequence[Finding]) -> ErrorModel:
         found = [e for f in findings for e in f.candidate.effects]
-        known = [e for c in self.options.known for e in c.effects]
+        known = [e for c in self.known_effects for e in c.effects]
         return ErrorModel(self.mechanism, (*self.standard, *known, *found))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
         train = self.poses.subset(self.train)
         again = without_outlier_marks(start) if start else None
-        limit = self.options.condition_limit
-        return calibrate(model, train, condition_limit=limit, start=again, robust=robust, seed=self.options.seed)
+        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
 
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         heldout = errors_on(calibration, self.poses.subset(self.heldout))
@@ -139,20 +73,33 @@ def discover(
     poses: Poses,
     train: IntArray,
     heldout: IntArray,
-    options: Options,
-    say: Progress = lambda text: None,
+    *,
+    search: Search | None = None,
+    criteria: Criteria | None = None,
+    candidates: Iterable[Offer] = catalogue,
+    standard: tuple[Effect, ...] | None = None,
+    known: tuple[Candidate, ...] = (),
+    condition_limit: float | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
     keep: Callable[[Sequence[Finding], Sequence[Round]], None] = lambda findings, rounds: None,
-    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+    resume: Resumed = ((), ()),
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
-    say: called with one line on what is being tried. keep: called after every round with all that is finished.
-    resume: findings and rounds of an interrupted run with the same options; it goes on to the same numbers.
+    train, heldout: rows of `poses`. candidates: what may be missing, beside what GP evolves. standard: the effects of
+    the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
+    condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
+    tried. keep: called after every round with all that is finished. resume: findings and rounds of an interrupted
+    run that was asked the same; it goes on to the same numbers.
     """
     started = time.monotonic()
-    standard = geometric_effects(mechanism) if options.standard is None else options.standard
-    loop = _Loop(mechanism, poses, train, heldout, options, say, standard)
-    say("standard model")
+    search = search or Search()
+    loop = _Loop(
+        mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
+        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, progress,
+    )  # fmt: skip
+    loop.say("standard model")
     base = loop.fit(ErrorModel(mechanism, ()))
     standard_fit = loop.fit(loop.model(()))
     loop.findings.extend(resume[0])
@@ -160,52 +107,57 @@ def discover(
     calibration = loop.fit(loop.model(loop.findings), standard_fit) if loop.findings else standard_fit
     stopped = "nothing else stands out of chance"
     while not (loop.rounds and not any(h.accepted for h in loop.rounds[-1].hypotheses)):
-        if len(loop.findings) >= options.max_effects:
-            stopped = f"stopped at {options.max_effects} effects"
+        if len(loop.findings) >= search.max_effects:
+            stopped = f"stopped at {search.max_effects} effects"
             break
-        if loop.rounds and time.monotonic() - started > 60 * options.minutes:
-            stopped = f"stopped after {options.minutes:g} minutes; there may be more to find"
+        if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
+            stopped = f"stopped after {search.stop_after:g} s; there may be more to find"
             break
         calibration = _round(loop, calibration, standard_fit)
         keep(loop.findings, loop.rounds)
-    say("the ladder of held-out errors, and the final fit on all poses")
+    loop.say("the ladder of held-out errors, and the final fit on all poses")
+    _ladder(loop, base, standard_fit, calibration)
+    limit = calibration.condition_limit
+    final = calibrate(loop.model(loop.findings), poses, condition_limit=limit, start=calibration, seed=seed)
+    return Discovery(
+        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final,
+        loop.standard, time.monotonic() - started, stopped,
+    )  # fmt: skip
+
+
+def _ladder(loop: _Loop, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
+    """Registration, the standard model, and the findings one after the other, each with its errors."""
     loop.climb("registration", base)
     loop.climb("standard", standard_fit)
     for i in range(len(loop.findings)):
         last = i + 1 == len(loop.findings)
         rung = calibration if last else loop.fit(loop.model(loop.findings[: i + 1]), standard_fit)
         loop.climb(f"effect {i + 1}", rung, i)
-    limit = calibration.condition_limit
-    final = calibrate(loop.model(loop.findings), poses, condition_limit=limit, start=calibration, seed=options.seed)
-    seconds = time.monotonic() - started
-    return Discovery(
-        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final, standard,
-        seconds, stopped,
-    )  # fmt: skip
 
 
 def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> Calibration:
     """One round; the fit after it depends on the findings alone, so that a resumed run repeats it."""
     number = len(loop.rounds) + 1
-    rng = np.random.default_rng([loop.options.seed, number])
+    rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
     rows = np.arange(len(train))
-    if len(train) > SEARCH_POSES:
-        rows = np.sort(rng.permutation(len(train))[:SEARCH_POSES])
-    evidence = gather(calibration, train.subset(rows), loop.options.seed)
+    if len(train) > loop.search.scored_poses:
+        rows = np.sort(rng.permutation(len(train))[: loop.search.scored_poses])
+    evidence = gather(calibration, train.subset(rows), loop.seed)
     loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
     known = loop.known
-    named = tuple(c for c in catalogue.candidates(loop.mechanism, evidence.poses.states) if c.name not in known)
+    instances = instances_of(loop.mechanism, evidence.poses.states, loop.offers)
+    named = tuple(c for c in instances if c.name not in known)
     hypotheses, exploration, nulls = _look(loop, evidence, named, rng, number)
     if evidence.drawn_in.any():
         loop.say(f"round {number}: {evidence.drawn_in.sum()} poses stand far out; would a law explain them?")
         everything = np.ones(len(rows), dtype=bool)
-        full = gather(calibration, evidence.poses, loop.options.seed, trusted=everything)
+        full = gather(calibration, evidence.poses, loop.seed, trusted=everything)
         looks = (hypotheses, _look(loop, full, named, rng, number)[0])
         explained = max((_explained(loop, look, rows, standard_fit) & evidence.drawn_in for look in looks), key=np.sum)
         if explained.any():
             loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
-            cleared = gather(calibration, evidence.poses, loop.options.seed, trusted=explained)
+            cleared = gather(calibration, evidence.poses, loop.seed, trusted=explained)
             hypotheses, exploration, nulls = _look(loop, cleared, named, rng, number)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
@@ -224,12 +176,14 @@ def _look(
 ) -> tuple[tuple[Hypothesis, ...], Exploration, dict[str, Array]]:
     """The catalogue and what GP evolves, judged; with what chance reaches."""
     known = loop.known
-    null = evidence.scores(named, evidence.shuffled(rng, SHUFFLES))[1]
-    exploration = explore(evidence, sites_of(loop.mechanism), loop.options, rng, loop.say, number)
+    null = evidence.scores(named, evidence.shuffled(rng, loop.criteria.shuffles))[1]
+    progress = Progress(number, loop.say)
+    exploration = explore(evidence, sites_of(loop.mechanism), loop.search, loop.criteria, rng, progress)
     pool = (*named, *(c for c in exploration.candidates if c.name not in known))
     earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
-    return judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls)), exploration, nulls
+    judged = judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls), loop.criteria, loop.search)
+    return judged, exploration, nulls
 
 
 def _explained(loop: _Loop, hypotheses: tuple[Hypothesis, ...], rows: IntArray, standard_fit: Calibration) -> Mask:
@@ -252,13 +206,14 @@ def _revised(
     dropped: list[str] = []
     added: list[Hypothesis] = []
     newest = loop.findings[-1]
-    train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // SEARCH_POSES)])
+    train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // loop.search.scored_poses)])
     for finding in list(loop.findings):
         old = finding.candidate
-        without = gather(calibration, train, loop.options.seed, old.effects)
+        without = gather(calibration, train, loop.seed, old.effects)
         superfluous = finding is not newest and without.scores([old])[0][0].nats < 0
         taken = {f.candidate.name for f in loop.findings}
-        instead = () if superfluous else better(without, old, [c for c in pool if c.name not in taken], nulls)
+        left = [c for c in pool if c.name not in taken]
+        instead = () if superfluous else better(without, old, left, nulls, loop.criteria, loop.search)
         if superfluous or instead:
             loop.findings.remove(finding)
             loop.findings += [Finding(h, newest.round) for h in instead]

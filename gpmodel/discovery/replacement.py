@@ -5,17 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.discovery.acceptance import MINIMUM_CV_T, MINIMUM_NATS, Hypothesis, Pool, judge, worth
+from gpmodel.discovery.acceptance import Hypothesis, Pool, judge, worth
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.residual import Evidence
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
-
-MOST_PROMISING = 64
-STARTS = 8
-MOST_TURNS = 6
 
 
 def better(
-    without: Evidence, finding: Candidate, pool: Sequence[Candidate], nulls: Mapping[str, Array]
+    without: Evidence,
+    finding: Candidate,
+    pool: Sequence[Candidate],
+    nulls: Mapping[str, Array],
+    criteria: Criteria,
+    search: Search,
 ) -> tuple[Hypothesis, ...]:
     """The one or two candidates that should replace a finding; none where it should stay.
 
@@ -30,19 +33,26 @@ def better(
         return ()
     plain = [c for c in pool if c.name != finding.name and not np.isfinite(c.effects[0].prior)]
     nats = _nats(without, plain)
-    promising = [plain[i] for i in np.argsort(-nats)[:MOST_PROMISING] if np.isfinite(nats[i])]
+    promising = [plain[i] for i in np.argsort(-nats)[: search.exchange_pool] if np.isfinite(nats[i])]
     if not promising:
         return ()
     beside = _best(without.beside(finding.effects), promising)
+
+    def judged(evidence: Evidence) -> Hypothesis:
+        pool = Pool(tuple(promising), tuple(evidence.scores(promising)[0]), dict(nulls))
+        return judge(evidence, pool, criteria, search)[0]
+
     kept = ((finding,), (finding, beside))
-    pairs = [_settled(without, first, promising) for first in promising[:STARTS]]
+    pairs = [
+        _settled(without, first, promising, search.exchange_turns) for first in promising[: search.exchange_starts]
+    ]
     first, second = pairs[int(np.argmax(_nats(without, [_together(pair) for pair in pairs])))]
-    if all(_outdoes(without, (first, second), holder) for holder in kept):
-        found = tuple(_best_judged(without.beside(other.effects), promising, nulls) for other in (second, first))
+    if all(_outdoes(criteria, without, (first, second), holder) for holder in kept):
+        found = tuple(judged(without.beside(other.effects)) for other in (second, first))
         if all(h.accepted for h in found):
             return found
-    if all(_outdoes(without, promising[:1], holder) for holder in kept):
-        single = _best_judged(without, promising, nulls)
+    if all(_outdoes(criteria, without, promising[:1], holder) for holder in kept):
+        single = judged(without)
         return (single,) if single.accepted else ()
     return ()
 
@@ -55,27 +65,27 @@ def _best(evidence: Evidence, pool: Sequence[Candidate]) -> Candidate:
     return pool[int(np.argmax(_nats(evidence, pool)))]
 
 
-def _best_judged(evidence: Evidence, pool: Sequence[Candidate], nulls: Mapping[str, Array]) -> Hypothesis:
-    return judge(evidence, Pool(tuple(pool), tuple(evidence.scores(pool)[0]), dict(nulls)))[0]
-
-
 def _together(members: Sequence[Candidate]) -> Candidate:
     return Candidate("", tuple(e for c in members for e in c.effects), "", sum(c.cost for c in members))
 
 
-def _outdoes(evidence: Evidence, challengers: Sequence[Candidate], holders: Sequence[Candidate]) -> bool:
+def _outdoes(
+    criteria: Criteria, evidence: Evidence, challengers: Sequence[Candidate], holders: Sequence[Candidate]
+) -> bool:
     """Whether they save 5 nats more, named effects ahead, and do not predict worse by 2 deviations, pose by pose."""
     new, old = _together(challengers), _together(holders)
     new_nats, old_nats = _nats(evidence, [new, old])
-    if worth(new_nats, *challengers) < worth(old_nats, *holders) + MINIMUM_NATS:
+    if worth(criteria, new_nats, *challengers) < worth(criteria, old_nats, *holders) + criteria.minimum_nats:
         return False
-    return evidence.better_by(new.effects, old.effects) > -MINIMUM_CV_T
+    return evidence.better_by(new.effects, old.effects) > -criteria.minimum_cv_t
 
 
-def _settled(evidence: Evidence, first: Candidate, pool: Sequence[Candidate]) -> tuple[Candidate, Candidate]:
+def _settled(
+    evidence: Evidence, first: Candidate, pool: Sequence[Candidate], turns: int
+) -> tuple[Candidate, Candidate]:
     """The pair that alternation from `first` ends at: each is the best of the pool beside the other."""
     second = first
-    for _ in range(MOST_TURNS):
+    for _ in range(turns):
         best = _best(evidence.beside(first.effects), pool)
         if best is second:
             break

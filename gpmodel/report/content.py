@@ -14,7 +14,7 @@ from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Histogram
-from gpmodel.discovery.loop import Discovery, Round, Step
+from gpmodel.discovery.result import Discovery, Round, Step
 from gpmodel.model.error_model import measured_minus, observe
 from gpmodel.model.sites import Site
 from gpmodel.report.quantity import quantity, read_columns, shape, table_names, translate
@@ -141,7 +141,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> dict[str,
         "cv_before_mm": 1e3 * hypothesis.cv_before,
         "p_value": hypothesis.p_value,
         "gain": hypothesis.score.gain,
-        "sign_stable": hypothesis.stable,
+        "sign_stable": hypothesis.verdict.passed("sign"),
         "round": finding.round,
         "heldout_rms_mm": None if step is None else statistics_mm(step.heldout_error)["rms_mm"],
     }

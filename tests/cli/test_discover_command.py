@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
@@ -9,13 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, run, table, write
-from loop_cases import quick_search
 
 from gpmodel.application.model_file import load_model
 from gpmodel.calibration.gauss_newton import pose_error
 from gpmodel.cli import discover as discover_command
 from gpmodel.discovery import checkpoint
-from gpmodel.discovery import explore as search
+from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import measured_minus, observe, prepare
 from gpmodel.table.read import read_table
 
@@ -23,9 +24,15 @@ RESULTS = {"report.html", "report.json", "model.json", "calibrated.urdf", "figur
 GEAR = "gear_harmonic J4=200 arcsec"
 
 
+def quick_search() -> AbstractContextManager[object]:
+    """Runs, populations and generations for what does not depend on how much is found."""
+    small = partial(Search, population=48, generations=4)
+    return mock.patch.multiple(discover_command, Search=small, RUNS_A_MINUTE=1)
+
+
 @pytest.fixture(autouse=True)
 def quick() -> Iterator[None]:
-    with quick_search(), mock.patch.object(discover_command, "RUNS_A_MINUTE", 1):
+    with quick_search():
         yield
 
 
@@ -46,7 +53,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def done(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one finished run."""
     out = tmp_path_factory.mktemp("runs") / "out"
-    with quick_search(), mock.patch.object(discover_command, "RUNS_A_MINUTE", 1):
+    with quick_search():
         discover(measured, "--out", out, "--noise", "0.03mm")
     return out
 
@@ -187,8 +194,7 @@ def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_demo_finds_what_was_planted(tmp_path: Path) -> None:
-    full = mock.patch.multiple(search, POPULATION=1024, GENERATIONS=40)
-    with full, mock.patch.object(discover_command, "RUNS_A_MINUTE", 4):
+    with mock.patch.multiple(discover_command, Search=Search, RUNS_A_MINUTE=4):
         assert run("demo", "--out", tmp_path / "demo", "--quiet").exit_code == 0
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert report["effects"]

@@ -7,7 +7,10 @@ import pytest
 from residual_cases import NAMES, pool, seen
 
 from gpmodel.discovery import acceptance as hypothesis
-from gpmodel.discovery.acceptance import Hypothesis, Pool, judge
+from gpmodel.discovery.acceptance import Hypothesis, Pool
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import Evidence
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
@@ -15,10 +18,21 @@ from gpmodel.model.effect import drive_effect
 LOW = np.random.default_rng(0).normal(-5.0, 1.0, 99)
 
 
-def judged(planted: str, extra: tuple[Candidate, ...] = (), null: np.ndarray = LOW) -> tuple[Hypothesis, ...]:
+RULE = Criteria()
+
+
+def judge(evidence: Evidence, pool: Pool, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
+    return hypothesis.judge(evidence, pool, criteria, Search())
+
+
+def judged(
+    planted: str, extra: tuple[Candidate, ...] = (), null: np.ndarray = LOW, criteria: Criteria = RULE
+) -> tuple[Hypothesis, ...]:
     there = seen(planted)
     candidates = (*pool(), *extra)
-    return judge(there, Pool(candidates, tuple(there.scores(candidates)[0]), {"catalogue": null, "evolved": null}))
+    return judge(
+        there, Pool(candidates, tuple(there.scores(candidates)[0]), {"catalogue": null, "evolved": null}), criteria
+    )
 
 
 @pytest.mark.parametrize("planted", [NAMES[0], NAMES[1], NAMES[2]])
@@ -28,7 +42,7 @@ def test_the_planted_effect_is_accepted_first_and_alone(planted: str) -> None:
     assert planted in (found[0].candidate.name, *(name for name, _ in found[0].rivals))
     assert sum(h.accepted for h in found) == 1
     assert found[0].cv_rms < found[0].cv_before
-    assert found[0].sigmas > 10
+    assert next(t for t in found[0].verdict.tests if t.name == "coefficient").value > 10
 
 
 def test_nothing_is_accepted_where_chance_does_as_well() -> None:
@@ -47,18 +61,15 @@ def test_nothing_is_accepted_of_an_innocent_robot() -> None:
 @pytest.mark.parametrize(
     ("rule", "limit", "said"),
     [
-        ("SIGNIFICANCE", 0.0, "chance of it"),
-        ("MINIMUM_NATS", 1e6, "description length"),
-        ("MINIMUM_CV_T", 1e6, "cross-validated gain"),
-        ("MINIMUM_SIGMAS", 1e6, "sigma, limit"),
-        ("MINIMUM_SHARE", 1.1, "unique share"),
+        ("significance", 0.0, "chance of it"),
+        ("minimum_nats", 1e6, "description length"),
+        ("minimum_cv_t", 1e6, "cross-validated gain"),
+        ("minimum_sigmas", 1e6, "sigma, limit"),
+        ("minimum_share", 1.1, "unique share"),
     ],
 )
-def test_each_rule_alone_refuses_and_says_so(
-    rule: str, limit: float, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(hypothesis, rule, limit)
-    (first, *_) = judged(NAMES[1])
+def test_each_rule_alone_refuses_and_says_so(rule: str, limit: float, said: str) -> None:
+    (first, *_) = judged(NAMES[1], criteria=Criteria(**{rule: limit}))  # type: ignore[arg-type]
     assert not first.accepted
     assert said in first.why
     assert ";" not in first.why
@@ -158,15 +169,15 @@ def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
 def test_a_spike_at_the_worst_pose_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "exp(-(row - 17)**2)")]
-    assert hypothesis.sound(there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
-    assert not hypothesis.sound(there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
-    assert not hypothesis.sound(there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
+    assert hypothesis.sound(RULE, there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
+    assert not hypothesis.sound(RULE, there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
+    assert not hypothesis.sound(RULE, there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
 
 
 def test_a_part_that_does_not_predict_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "J1*J6")]
-    assert not hypothesis.sound(there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
+    assert not hypothesis.sound(RULE, there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
 
 
 @pytest.mark.parametrize(("deviations", "named"), [(1.0, True), (3.0, False)])
@@ -177,7 +188,7 @@ def test_a_named_effect_that_predicts_as_well_is_preferred(
     (gear, *_) = judged(NAMES[1])
     unnamed = replace(gear, candidate=expression("J5*J6", 1.0))
     monkeypatch.setattr(type(there), "better_by", lambda self, effects, others: deviations)
-    chosen = hypothesis._preferred(there, [unnamed, gear])
+    chosen = hypothesis._preferred(RULE, there, [unnamed, gear])
     assert chosen is (gear if named else unnamed)
-    assert hypothesis._preferred(there, [gear, unnamed]) is gear
-    assert hypothesis._preferred(there, [replace(gear, accepted=False)]) is None
+    assert hypothesis._preferred(RULE, there, [gear, unnamed]) is gear
+    assert hypothesis._preferred(RULE, there, [replace(gear, verdict=gear.verdict.deferred())]) is None

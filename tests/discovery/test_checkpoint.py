@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effect_cases import numbers
-from loop_cases import QUICK, found, quick, quick_search, robot
+from loop_cases import QUICK, found, quick, robot
 
 from gpmodel.discovery import checkpoint
 from gpmodel.discovery.loop import discover
@@ -37,10 +37,9 @@ def test_a_run_resumed_from_the_file_gives_the_same_numbers(tmp_path: Path) -> N
     first = quick().rounds[:1]
     checkpoint.save(tmp_path, REQUEST, [f for f in quick().findings if f.round == 1], first)
     _, findings, rounds = checkpoint.load(tmp_path)
-    with quick_search():
-        resumed = discover(
-            truth.model.mechanism, truth.poses, train, heldout, QUICK, resume=(findings, rounds)
-        )  # fmt: skip
+    resumed = discover(
+        truth.model.mechanism, truth.poses, train, heldout, search=QUICK, resume=(findings, rounds)
+    )  # fmt: skip
     assert numbers(resumed) == numbers(quick())
 
 

@@ -7,7 +7,8 @@ import pytest
 from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
-from gpmodel.discovery.explore import expression_text, parts, readable_inputs, referenced, steady
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.explore import expression_text, parts, readable_inputs, referenced, without_poles
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.parse import parse
@@ -82,7 +83,7 @@ def runs(*inputs: str) -> list:  # type: ignore[type-arg]
 
 def test_the_histogram_counts_runs_by_representation_beside_the_null() -> None:
     tried = {"linear": runs("a", "a+b", "a"), "tree": runs("a", "c", "a+c")}
-    histogram = referenced(("a", "b", "c"), tried, runs("b", "c", "b+c"), lambda run: 5.0, [0.0, 1.0, 2.0])
+    histogram = referenced(("a", "b", "c"), tried, runs("b", "c", "b+c"), lambda run: 5.0, 0.05)
     assert histogram.linear == (3, 1, 0)
     assert histogram.tree == (2, 0, 2)
     assert histogram.shuffled == (0, 2, 2)
@@ -90,12 +91,16 @@ def test_the_histogram_counts_runs_by_representation_beside_the_null() -> None:
 
 
 def test_an_input_counts_only_where_it_stands_out_of_the_null_in_number_and_in_what_it_saves() -> None:
-    null = list(np.random.default_rng(0).gumbel(0.0, 1.0, 12))
     tried = {"linear": runs(*6 * ["a"]), "tree": runs(*6 * ["a"])}
-    innocent, same = runs(*12 * ["b"]), runs(*12 * ["a"])
-    assert referenced(("a", "b"), tried, innocent, lambda run: 40.0, null).significant == ("a",)
-    assert referenced(("a", "b"), tried, same, lambda run: 40.0, null).significant == ()
-    assert referenced(("a", "b"), tried, innocent, lambda run: 0.5, null).significant == ()
+
+    def significant(by_chance: list, saved: float) -> tuple[str, ...]:  # type: ignore[type-arg]
+        null = np.random.default_rng(0).gumbel(0.0, 1.0, len(by_chance)).tolist()
+        nats = {id(run): value for run, value in zip(by_chance, null, strict=True)}
+        return referenced(("a", "b"), tried, by_chance, lambda run: nats.get(id(run), saved), 0.05).significant
+
+    assert significant(runs(*12 * ["b"]), 40.0) == ("a",)
+    assert significant(runs(*12 * ["a"]), 40.0) == ()
+    assert significant(runs(*12 * ["b"]), 0.5) == ()
 
 
 def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
@@ -139,7 +144,7 @@ def test_every_round_has_its_own_null() -> None:
 )
 def test_a_shape_with_a_pole_between_the_poses_is_no_candidate(text: str, steadies: bool) -> None:
     candidate = Candidate(text, (drive_effect(text, mechanism("irb6400r").joints[0], Expression(text)),), "", 1.0)
-    assert steady(candidate, STATES, STATES.between()) is steadies
+    assert without_poles(Criteria(), candidate, STATES, STATES.between()) is steadies
 
 
 @pytest.mark.parametrize(("text", "count"), [("J1", 1), ("J1, sin(J2)", 3), ("J1, sin(J2), J3*J4", 7)])

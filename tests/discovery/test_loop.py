@@ -13,20 +13,22 @@ from loop_cases import (
     against_the_oracle,
     found,
     quick,
-    quick_search,
     rms,
     robot,
-    small_search,
 )
 
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
-from gpmodel.discovery.loop import Discovery, Finding, Options, Round, discover
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
 
-NONE = Options(max_effects=0)
+NONE = Search(max_effects=0)
+PROGRAM = Search(runs=4, workers=2)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -72,8 +74,7 @@ def test_shuffled_residuals_hold_nothing() -> None:
     residual = truth.poses.dataset.position - smooth
     order = np.random.default_rng(3).permutation(len(residual))
     poses = prepare(arm, replace(truth.poses.dataset, position=smooth + residual[order]))
-    with small_search():
-        assert discover(arm, poses, train, heldout, SMALL).findings == ()
+    assert discover(arm, poses, train, heldout, search=SMALL).findings == ()
 
 
 def test_the_before_figure_is_registered_and_every_rung_is_on_the_same_poses() -> None:
@@ -105,8 +106,7 @@ def test_held_out_poses_choose_nothing() -> None:
     position = truth.poses.dataset.position.copy()
     position[heldout] += np.random.default_rng(9).normal(0.0, 0.05, (len(heldout), 3))
     poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=position))
-    with quick_search():
-        spoilt = discover(truth.model.mechanism, poses, train, heldout, QUICK)
+    spoilt = discover(truth.model.mechanism, poses, train, heldout, search=QUICK)
     clean = quick()
     assert clean.findings
     assert [f.candidate for f in spoilt.findings] == [f.candidate for f in clean.findings]
@@ -121,8 +121,7 @@ def test_held_out_poses_choose_nothing() -> None:
 
 def test_the_number_of_workers_changes_no_number() -> None:
     truth, train, heldout = robot("gear", 0)
-    with quick_search():
-        two = discover(truth.model.mechanism, truth.poses, train, heldout, replace(QUICK, workers=2))
+    two = discover(truth.model.mechanism, truth.poses, train, heldout, search=replace(QUICK, workers=2))
     assert numbers(two) == numbers(quick())
 
 
@@ -140,15 +139,14 @@ def test_an_interrupted_run_goes_on_to_the_same_numbers() -> None:
 
     def start() -> Discovery:
         return discover(
-            truth.model.mechanism, truth.poses, train, heldout, QUICK, say,
+            truth.model.mechanism, truth.poses, train, heldout, search=QUICK, progress=say,
             keep=lambda findings, rounds: kept.append((tuple(findings), tuple(rounds))),
         )  # fmt: skip
 
-    with quick_search():
-        with pytest.raises(Interrupted):
-            start()
-        assert [len(rounds) for _, rounds in kept] == [1]
-        resumed = discover(truth.model.mechanism, truth.poses, train, heldout, QUICK, resume=kept[-1])
+    with pytest.raises(Interrupted):
+        start()
+    assert [len(rounds) for _, rounds in kept] == [1]
+    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, resume=kept[-1])
     assert numbers(resumed) == numbers(quick())
 
 
@@ -157,22 +155,24 @@ def test_a_finished_run_resumed_searches_no_more() -> None:
     done = found("nothing", 0)
     said: list[str] = []
     again = discover(
-        truth.model.mechanism, truth.poses, train, heldout, SMALL, said.append, resume=(done.findings, done.rounds)
-    )
+        truth.model.mechanism, truth.poses, train, heldout, search=SMALL, progress=said.append,
+        resume=(done.findings, done.rounds),
+    )  # fmt: skip
     assert numbers(again) == numbers(done)
     assert not any(text.startswith("round") for text in said)
 
 
-def test_limits_of_effects_and_minutes_are_kept_and_told() -> None:
+def test_limits_of_effects_and_time_are_kept_and_told() -> None:
     truth, train, heldout = robot("gear", 0)
     arm = truth.model.mechanism
-    stopped = discover(arm, truth.poses, train, heldout, NONE)
+    stopped = discover(arm, truth.poses, train, heldout, search=NONE)
     assert stopped.stopped == "stopped at 0 effects"
     assert stopped.rounds == ()
     done = quick()
     late = discover(
-        arm, truth.poses, train, heldout, replace(QUICK, minutes=0.0), resume=(done.findings, done.rounds[:1])
-    )
+        arm, truth.poses, train, heldout, search=replace(QUICK, stop_after=0.0),
+        resume=(done.findings, done.rounds[:1]),
+    )  # fmt: skip
     assert "there may be more to find" in late.stopped
     assert len(late.findings) == 1
 
@@ -180,14 +180,10 @@ def test_limits_of_effects_and_minutes_are_kept_and_told() -> None:
 def test_a_known_effect_is_in_the_standard_model_and_not_found_again() -> None:
     truth, train, heldout = robot("gear", 0)
     known = Candidate("gear error, 2 per turn, J4", CASES["gear"].effects, "gear_harmonic", 4.0)
-    with small_search():
-        answer = discover(
-            truth.model.mechanism,
-            truth.poses,
-            train,
-            heldout,
-            replace(SMALL, known=(known,), representations=("linear",)),
-        )
+    answer = discover(
+        truth.model.mechanism, truth.poses, train, heldout, search=replace(SMALL, strategies=("linear",)),
+        known=(known,),
+    )  # fmt: skip
     assert answer.findings == ()
     assert set(known.effects) <= set(answer.final.model.effects)
     assert rms(answer.steps[1].heldout_error) < 1e-4
@@ -197,21 +193,22 @@ def test_the_standard_model_is_a_choice_and_the_condition_limit_too() -> None:
     truth, train, heldout = robot("nothing", 0)
     arm = truth.model.mechanism
     few = geometric_effects(arm)[:12]
-    answer = discover(arm, truth.poses, train, heldout, replace(NONE, standard=few, condition_limit=50.0))
+    answer = discover(arm, truth.poses, train, heldout, search=NONE, standard=few, condition_limit=50.0)
     assert answer.final.model.effects == few
     assert {s.calibration.condition_limit for s in answer.steps} == {50.0}
 
 
-def test_options_are_never_edited() -> None:
+@pytest.mark.parametrize(("settings", "field"), [(Search(), "runs"), (Criteria(), "significance")])
+def test_settings_are_never_edited(settings: Search | Criteria, field: str) -> None:
     with pytest.raises(FrozenInstanceError):
-        Options().runs = 3  # type: ignore[misc]
-    assert Options() == Options()
+        setattr(settings, field, 3)
+    assert settings == type(settings)()
 
 
 def test_several_setups_and_tools_go_through_the_loop() -> None:
     truth = measure(ARM, CASES["gear"].effects, (1e-3, 1e-3), 4, setups=2, tools=2)
     train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(0))
-    answer = discover(truth.model.mechanism, truth.poses, train, heldout, NONE)
+    answer = discover(truth.model.mechanism, truth.poses, train, heldout, search=NONE)
     assert set(answer.final.placement.registration) == {"s0", "s1"}
     assert set(answer.final.placement.tool) == {"t0", "t1"}
     assert rms(answer.steps[0].heldout_error) < 5e-3
@@ -220,14 +217,14 @@ def test_several_setups_and_tools_go_through_the_loop() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2, 10))
 def test_nothing_is_added_with_the_search_of_the_program(seed: int) -> None:
-    assert found("nothing", seed, Options(runs=4, workers=2), small=False).findings == ()
+    assert found("nothing", seed, PROGRAM).findings == ()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2, 5))
 @pytest.mark.parametrize("case", ["gear", "windup"])
 def test_effects_are_found_with_the_search_of_the_program(case: str, seed: int) -> None:
-    answer = found(case, seed, Options(runs=4, workers=2), small=False)
+    answer = found(case, seed, PROGRAM)
     inputs = {i for f in answer.findings for e in f.candidate.effects for i in e.inputs}
     assert inputs >= CASES[case].inputs
     assert against_the_oracle(case, seed, answer) < 1.25

@@ -9,15 +9,17 @@ from effect_cases import bare, measure, sized
 from residual_cases import NAMES, pool, seen
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery import acceptance as hypothesis
 from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.replacement import better
 from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import geometric_effects
 
 NULLS = {name: np.random.default_rng(0).normal(-5.0, 1.0, 99) for name in ("catalogue", "evolved")}
+RULE = Criteria()
 PAIRS = (("joint compliance, J4", "joint compliance, J5"), ("base compliance", "gear error, 2 per turn, J4"))
 
 
@@ -36,8 +38,8 @@ def seen_together(names: tuple[str, ...], millimetres: float = 0.3) -> Evidence:
     return gather(fit, truth.poses, 0)
 
 
-def replaced(there: Evidence, finding: Candidate) -> tuple[Hypothesis, ...]:
-    return better(there, finding, pool(), NULLS)
+def replaced(there: Evidence, finding: Candidate, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
+    return better(there, finding, pool(), NULLS, criteria, Search())
 
 
 @pytest.mark.parametrize("planted", [n for n in NAMES if "row" not in n])
@@ -64,16 +66,16 @@ def test_a_stand_in_for_one_is_replaced_by_the_one() -> None:
     assert found.accepted
 
 
-def test_what_does_not_pass_the_tests_of_a_finding_replaces_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hypothesis, "SIGNIFICANCE", 0.0)
-    assert replaced(seen(NAMES[1]), named("transmission ripple, 3 per turn, J4")) == ()
+def test_what_does_not_pass_the_tests_of_a_finding_replaces_nothing() -> None:
+    stand_in = named("transmission ripple, 3 per turn, J4")
+    assert replaced(seen(NAMES[1]), stand_in, Criteria(significance=0.0)) == ()
 
 
 def test_effects_with_priors_are_neither_replaced_nor_put_in() -> None:
     believed = [c for c in pool() if np.isfinite(c.effects[0].prior)]
     assert believed
     assert replaced(seen(NAMES[1]), believed[0]) == ()
-    assert better(seen(NAMES[1]), named("base compliance"), believed, NULLS) == ()
+    assert better(seen(NAMES[1]), named("base compliance"), believed, NULLS, Criteria(), Search()) == ()
 
 
 def test_evidence_beside_an_effect_is_that_of_a_model_with_it() -> None:

@@ -6,7 +6,9 @@ from spherical_cases import HIDDEN, JOINT, NOTHING, UNDECLARED, Undeclared
 
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
-from gpmodel.discovery.loop import Discovery, Options, discover
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
@@ -19,8 +21,8 @@ def run(case: Undeclared) -> tuple[Discovery, Poses]:
     data = case.table(SEED)
     poses = prepare(JOINT, data)
     train, heldout = hold_out(data, 0.3, np.random.default_rng(SEED))
-    options = Options(seed=SEED, runs=3, workers=1, representations=("linear",))
-    return discover(JOINT, poses, train, heldout, options), poses
+    search = Search(runs=3, workers=1, strategies=("linear",))
+    return discover(JOINT, poses, train, heldout, search=search, seed=SEED), poses
 
 
 def rms(error: np.ndarray) -> float:

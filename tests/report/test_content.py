@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loop_cases import QUICK, found, quick, quick_search, rms, robot
+from loop_cases import QUICK, found, quick, rms, robot
 
-from gpmodel.discovery.loop import Options, discover
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
 from gpmodel.files import to_json
 from gpmodel.model.error_model import prepare
 from gpmodel.report.content import build, versions
@@ -88,8 +89,7 @@ def test_the_same_run_gives_the_same_report() -> None:
 
 def test_the_number_of_workers_is_not_in_the_report() -> None:
     truth, train, heldout = robot("gear", 0)
-    with quick_search():
-        two = discover(truth.model.mechanism, truth.poses, train, heldout, replace(QUICK, workers=2))
+    two = discover(truth.model.mechanism, truth.poses, train, heldout, search=replace(QUICK, workers=2))
     texts = [to_json(build(replace(d, seconds=0.0), "", 0, None)) for d in (quick(), two)]
     assert texts[0] == texts[1]
 
@@ -101,7 +101,7 @@ def test_outliers_are_rows_of_the_file_and_names_are_the_tables() -> None:
     columns = tuple(f"axis_{i}" for i in range(1, 7))
     data = replace(truth.poses.dataset, position=position, row=truth.poses.dataset.row + 100, columns=columns)
     answer = discover(
-        truth.model.mechanism, prepare(truth.model.mechanism, data), train, heldout, Options(max_effects=0)
+        truth.model.mechanism, prepare(truth.model.mechanism, data), train, heldout, search=Search(max_effects=0)
     )
     made = build(answer, "", 0, None)
     assert made["data"]["outliers"] == [106]
@@ -112,9 +112,8 @@ def test_outliers_are_rows_of_the_file_and_names_are_the_tables() -> None:
 def test_the_noise_floor_is_of_repeats_before_the_instruments_figure() -> None:
     truth, train, heldout = robot("nothing", 0)
     arm = truth.model.mechanism
-    assert (
-        build(discover(arm, truth.poses, train, heldout, Options(max_effects=0)), "", 0, 5e-5)["noise_floor_mm"] == 0.05
-    )
+    bare = discover(arm, truth.poses, train, heldout, search=Search(max_effects=0))
+    assert build(bare, "", 0, 5e-5)["noise_floor_mm"] == 0.05
     assert report("nothing")["noise_floor_mm"] is None
 
 

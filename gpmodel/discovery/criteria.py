@@ -1,0 +1,94 @@
+"""The acceptance rule: every limit in one place, and the verdict that its tests add up to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gpmodel import wording
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Limits that a candidate has to pass before it becomes a finding, and how its chance is measured.
+
+    significance: largest chance of its score on shuffled residuals. minimum_nats: description length saved beyond its
+    own cost, nats; selection under pure noise reaches 4.2 at most, five is a Bayes factor of 150 ("very strong", Kass
+    and Raftery 1995). minimum_cv_t: gain in cross-validation in standard deviations of its mean, pose by pose, the
+    usual two-sided 5 %. minimum_sigmas: largest coefficient in its standard deviations. minimum_share: unique share of
+    its column, below which 97 % of it is explained by the model already. scored_share: columns of a smaller unique
+    share are not scored at all, their coefficient would be rounding.
+
+    likeness: correlation of projected columns above which two candidates are one finding at several possible places.
+    head_start: nats by which an expression nobody named has to be better than a named effect, the price of reading it.
+    naming_margin: nats that the catalogue's word may cost against the expression it names. tie: nats within which the
+    expression with fewest operators speaks for its like. fewest_poses, fewest_share: the poses, and the share of
+    them, that every part of an unnamed expression must speak for: fewer is a spike at the worst poses.
+    largest_between: how many times larger than at the measured poses a basis may be between them; more is a pole.
+
+    outlier_sigmas: robust standard deviations beyond which a pose's residual is winsorised; beyond six a Gaussian has
+    one pose in 5e8. folds: of cross-validation, the usual ten (Kohavi 1995). shuffles: permutations of the residual
+    the catalogue is scored on. input_significance: of an input in the histogram, after correction for their number.
+    """
+
+    significance: float = 0.01
+    minimum_nats: float = 5.0
+    minimum_cv_t: float = 2.0
+    minimum_sigmas: float = 3.0
+    minimum_share: float = 0.03
+    scored_share: float = 0.02
+    likeness: float = 0.95
+    head_start: float = 5.0
+    naming_margin: float = 8.0
+    tie: float = 1.0
+    fewest_poses: float = 5.0
+    fewest_share: float = 0.05
+    largest_between: float = 4.0
+    outlier_sigmas: float = 6.0
+    folds: int = 10
+    shuffles: int = 199
+    input_significance: float = 0.05
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test of a candidate: what was measured, the limit it was held against, and whether it passed."""
+
+    __test__ = False
+    name: str
+    value: float
+    limit: float
+    passed: bool
+
+
+_WORDS: dict[str, Callable[[Test], str]] = {
+    "chance": lambda t: f"chance of it on shuffled residuals {wording.chance(t.value)}, limit {t.limit}",
+    "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
+    "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
+    "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
+    "sign": lambda t: "sign changes between folds",
+    "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",
+    "preference": lambda t: "passes, but another was preferred: judged again in the next round",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The tests of one candidate, in the order they are told; accepted where all of them passed."""
+
+    tests: tuple[Test, ...]
+
+    @property
+    def accepted(self) -> bool:
+        return all(test.passed for test in self.tests)
+
+    @property
+    def why(self) -> str:
+        """What failed, in words; empty where nothing did."""
+        return "; ".join(_WORDS[test.name](test) for test in self.tests if not test.passed)
+
+    def passed(self, name: str) -> bool:
+        """Whether the test of that name passed, or was not asked of this candidate."""
+        return all(test.passed for test in self.tests if test.name == name)
+
+    def deferred(self) -> "Verdict":
+        """The verdict of a candidate that passed where another was preferred."""
+        return Verdict((*self.tests, Test("preference", 0.0, 0.0, False)))

@@ -1,0 +1,62 @@
+"""What the loop found: findings, rounds, the ladder of models."""
+
+from dataclasses import dataclass
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.explore import Exploration
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An accepted hypothesis and the round that found it."""
+
+    hypothesis: Hypothesis
+    round: int
+
+    @property
+    def candidate(self) -> Candidate:
+        return self.hypothesis.candidate
+
+
+@dataclass(frozen=True)
+class Round:
+    """One look at the residual: everything tried, the null it had to stand out of, and what was dropped again."""
+
+    number: int
+    hypotheses: tuple[Hypothesis, ...]
+    exploration: Exploration
+    dropped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: a fitted model and its 3-D errors, m, on training and held-out poses."""
+
+    name: str
+    calibration: Calibration
+    train_error: Array
+    heldout_error: Array
+    finding: int | None = None
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything the loop found, in order."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    rounds: tuple[Round, ...]
+    final: Calibration
+    standard_model: tuple[Effect, ...]
+    seconds: float
+    stopped: str

@@ -1,0 +1,47 @@
+"""How hard to look: the runs of the search, what they evolve with, and when to stop."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+
+class Mapper(Protocol):
+    """Runs tasks in order, wherever: `map`, or an executor's."""
+
+    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterable[Any]: ...
+
+
+@dataclass(frozen=True)
+class Search:
+    """Effort of a discovery.
+
+    runs: GP runs a strategy and round, and as many on shuffled residuals. strategies: what the runs evolve.
+    population, generations: of one run. climb: how many of its best programs are finished by single edits.
+    nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
+    evolved_poses: poses that GP sees at most; scored_poses: poses that candidates are scored on at most (both sampled
+    anew every round). stop_after: seconds after which no new round begins, None for no limit. max_effects: findings
+    after which no new round begins. workers: threads of a run, which change no number. mapper: runs the GP tasks.
+
+    shortlist: hypotheses of a kind, named or not, that are judged. considered: candidates of a kind from which they
+    are taken, best first. rivals: alternatives kept beside a finding. exchange_pool, exchange_starts, exchange_turns:
+    width and depth of the search for what could replace a finding.
+    """
+
+    runs: int = 6
+    strategies: tuple[str, ...] = ("linear", "tree")
+    stop_after: float | None = None
+    max_effects: int = 12
+    workers: int = 2
+    population: int = 1024
+    generations: int = 40
+    climb: int = 2
+    nats_per_node: float = 2.0
+    evolved_poses: int = 300
+    scored_poses: int = 1500
+    shortlist: int = 4
+    considered: int = 48
+    rivals: int = 6
+    exchange_pool: int = 64
+    exchange_starts: int = 8
+    exchange_turns: int = 6
+    mapper: Mapper = map
