@@ -36,7 +36,7 @@ def instances(offer: Offer, mechanism: Mechanism, states: States) -> Iterator[Ca
         case Candidate():
             yield offer
         case Effect():
-            yield one(offer.name, replace(offer, family=offer.family or offer.name), PLAIN_COST)
+            yield Candidate(offer.name, (offer,), offer.family or offer.name, PLAIN_COST)
         case Family(build=build):
             for instance in build(mechanism, states):
                 yield _of_family(instance, offer)

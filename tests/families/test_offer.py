@@ -43,7 +43,7 @@ def test_a_family_from_outside_is_offered_with_the_catalogue() -> None:
 
 def test_a_single_effect_or_candidate_is_offered_as_it_is() -> None:
     alone, ready = candidates(ARM, STATES, (EFFECT, CANDIDATE))
-    assert (alone.name, alone.effects, alone.family) == ("stick", (EFFECT,), "")
+    assert (alone.name, alone.effects, alone.family) == ("stick", (EFFECT,), "stick")
     assert alone.cost > 0
     assert ready == CANDIDATE
     assert candidates(ARM, STATES, ()) == ()
