@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import pose_error
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.model.error_model import Placement, Poses, measured_minus
+from gpmodel.model.error_model import Placement, Poses, pose_error
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def truncated_step(problem: Linearised, truncation: float) -> tuple[Array, float
 
 def error_of(problem: Linearised) -> Array:
     """3-D error (N,) of the poses a problem was linearised at, m."""
-    return pose_error(measured_minus(problem.observed, problem.poses.dataset))
+    return pose_error(problem.observed, problem.poses.dataset)
 
 
 def verdict(history: Sequence[Progress], tolerance: float, limit: int) -> tuple[str, str] | None:

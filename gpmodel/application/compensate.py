@@ -10,7 +10,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import ErrorModel, Observed, Placement, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 

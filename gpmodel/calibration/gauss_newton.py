@@ -11,7 +11,7 @@ from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints, solve_joints
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, pose_error
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, solve
 from gpmodel.table.split import folds
@@ -66,17 +66,11 @@ class Calibration:
         return out
 
 
-def pose_error(residual: Array) -> Array:
-    """Length (N,) of each pose's measured-minus-predicted vector over its length components, m."""
-    lengths = np.delete(residual, slice(3, 6), axis=1)
-    return np.sqrt(np.nansum(lengths**2, axis=1))
-
-
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
     """3-D error (N,) of a fitted model on any poses of known setups and tools, m; free joints are solved first."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
-    return pose_error(measured_minus(observed, poses.dataset))
+    return pose_error(observed, poses.dataset)
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
@@ -212,7 +206,7 @@ def beliefs(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) ->
 
 def _mark_outliers(poses: Poses, problem: Linearised, use: Mask) -> bool:
     """Take poses far outside the robust spread of the errors out of `use`; True when any was."""
-    error = pose_error(measured_minus(problem.observed, poses.dataset))
+    error = pose_error(problem.observed, poses.dataset)
     inside = error[use]
     spread = 1.4826 * np.median(np.abs(inside - np.median(inside)))
     far = use & (error > np.median(inside) + OUTLIER_SIGMAS * max(spread, 1e-9))
@@ -263,7 +257,7 @@ def _summarise(
     }
     return Calibration(
         model=model, placement=placement, theta=theta, stderr=stderr, kept=kept, correlation=correlation,
-        unique_share=share, sigma=sigma, error=pose_error(measured_minus(problem.observed, poses.dataset)),
+        unique_share=share, sigma=sigma, error=pose_error(problem.observed, poses.dataset),
         outliers=np.flatnonzero(~use), rank=rank, condition_limit=limit, rank_curve=curve, lever=lever,
         iterations=iterations, status=status, reason=reasons[status],
     )  # fmt: skip

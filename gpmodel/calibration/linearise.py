@@ -16,7 +16,8 @@ from gpmodel.calibration.unmeasured_joints import (
 )
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Observed, Placement, Poses, measured_minus, observe
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
+from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 
 
@@ -80,7 +81,7 @@ def linearise(
     observed = observe(model, poses, theta, placement)
     residual = measured_minus(observed, poses.dataset)
     weights = np.isfinite(residual) * use[:, None].astype(float)
-    weights[:, 3:6] *= lever
+    weights[:, observed.turns] *= lever
     blocks, names = _placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
     columns = np.concatenate(blocks, axis=2)
@@ -135,44 +136,47 @@ def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []
-    absolute = bool(np.isfinite(data.position).any() or data.has_rotation)
-    if absolute:
+    if any(kind.absolute for kind in observed.kinds):
         turn = observed.registration_sensitivity(observed.tip[:, :3, 3].mean(axis=0))
         for name in placement.registration:
             blocks.append(turn * (data.label("setup") == name)[:, None, None])
             names += [f"registration{f' {name}' if name else ''} {axis}" for axis in AXES]
-    axes = 6 if data.has_rotation else 3
+    axes = _tool_axes(observed)
     tool = observed.tool_sensitivity()[:, :, :axes]
     for name in placement.tool:
         blocks.append(tool * (data.label("tool") == name)[:, None, None])
         names += [f"tool{f' {name}' if name else ''} {axis}" for axis in AXES[:axes]]
-    for i, name in enumerate(placement.anchors):
-        block = np.zeros((len(poses), observed.components, 3))
-        turn = np.stack([placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
-        block[:, 6 + i] = -(observed.directions[:, i][:, None, :] @ turn)[:, 0]
-        blocks.append(block)
-        names += [f"{name} anchor {axis}" for axis in "xyz"]
+    for kind in observed.kinds:
+        if kind.own:
+            blocks.append(observed.own_sensitivity(kind))
+            names += [f"{kind.name} {own}" for own in kind.own]
     return blocks, names
+
+
+def _tool_axes(observed: Observed) -> int:
+    """How many components of the tool's pose anything shows: its point, or its axes as well."""
+    return 6 if any(kind.oriented for kind in observed.kinds) else 3
 
 
 def placement_after(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
     """The placement moved by a step of its columns, in their order."""
-    data, i = poses.dataset, 0
+    i = 0
     registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
     centre = observed.tip[:, :3, 3].mean(axis=0)
-    if np.isfinite(data.position).any() or data.has_rotation:
+    if any(kind.absolute for kind in observed.kinds):
         for name, frame in registration.items():
             about, back = np.eye(4), np.eye(4)
             about[:3, 3], back[:3, 3] = centre, -centre
             registration[name] = about @ se3.exp(step[i : i + 6]) @ back @ frame
             i += 6
-    axes = 6 if data.has_rotation else 3
+    axes = _tool_axes(observed)
     for name, frame in tool.items():
         twist = np.zeros(6)
         twist[:axes] = step[i : i + axes]
         tool[name] = frame @ se3.exp(twist)
         i += axes
-    for name, point in anchors.items():
-        anchors[name] = point + step[i : i + 3]
-        i += 3
+    for kind in observed.kinds:
+        if kind.own:
+            anchors[kind.name] = anchors[kind.name] + step[i : i + len(kind.own)]
+            i += len(kind.own)
     return Placement(registration, tool, anchors)

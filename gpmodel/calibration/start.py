@@ -1,4 +1,4 @@
-"""Where to start: registration, tool point and distance anchors in closed form."""
+"""Where to start: registration and tool point in closed form, then what each observation has to find of itself."""
 
 import numpy as np
 from scipy import optimize
@@ -6,6 +6,7 @@ from scipy import optimize
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses
+from gpmodel.model.observation import Tips, observations
 from gpmodel.numerics import se3
 
 START_POSES = 400
@@ -14,8 +15,8 @@ START_POSES = 400
 def start_placement(poses: Poses) -> Placement:
     """Registration by Kabsch for every tool point tried, the tool points by least squares over what is left.
 
-    Anchors by trilateration, linear in a and |a|²: d² = |p|² - 2 p·a + |a|². Raises InputError when a setup
-    has fewer than 3 measured poses, or a distance column fewer than 4.
+    Every observation starts its own unknowns from the tips that these give. Raises InputError when a setup has
+    fewer than 3 measured poses, or an observation too little for its own.
     """
     data = poses.dataset
     frames = se3.chain(poses.transforms)[-1]
@@ -42,9 +43,10 @@ def start_placement(poses: Poses) -> Placement:
     tool_frames = {name: _shifted(point) for name, point in zip(tools, points, strict=True)}
     if data.has_rotation:
         tool_frames = _turn_tools(poses, frames, registration, tool_frames)
-    tips = _tips(frames, points, tool)
-    anchors = {name: _trilaterate(name, tips, d) for name, d in data.distances.items()}
-    return Placement(registration, tool_frames, anchors)
+    root = frames @ np.stack([tool_frames[name] for name in data.label("tool").tolist()])
+    predicted = Tips(root, np.stack([registration[name] for name in data.label("setup").tolist()]) @ root)
+    own = {kind.name: kind.start(predicted) for kind in observations(data) if kind.own}
+    return Placement(registration, tool_frames, own)
 
 
 def _shifted(point: Array) -> Array:
@@ -97,12 +99,3 @@ def _turn_tools(
         frame[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
         out[name] = frame
     return out
-
-
-def _trilaterate(name: str, tips: Array, distance: Array) -> Array:
-    seen = np.isfinite(distance)
-    if seen.sum() < 4:
-        raise InputError(f"column '{name}': {int(seen.sum())} distances; its anchor needs at least 4")
-    points = tips[seen]
-    system = np.column_stack([-2 * points, np.ones(len(points))])
-    return np.linalg.lstsq(system, distance[seen] ** 2 - np.sum(points**2, axis=1), rcond=None)[0][:3]

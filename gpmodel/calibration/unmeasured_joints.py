@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.model.error_model import ErrorModel, Observed, Placement, Poses, measured_minus, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
+from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
@@ -129,7 +130,7 @@ def solve_joints(
         observed = observe(model, current, theta, placement)
         residual = measured_minus(observed, current.dataset)
         weight = np.isfinite(residual).astype(float)
-        weight[:, 3:6] *= ROTATION_WEIGHT
+        weight[:, observed.turns] *= ROTATION_WEIGHT
         columns = joint_columns(model.mechanism, observed) * weight[:, :, None] * sigma
         u, s, vt = np.linalg.svd(columns, full_matrices=False)
         good = s > TRUNCATION * np.maximum(s[:, :1], 1e-300)
@@ -168,7 +169,7 @@ def check_points(dataset: Dataset) -> None:
 def points_flaw(dataset: Dataset) -> str | None:
     """Why free angles leave nothing of the measured points, None where they do."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
-    if not len(points) and (dataset.has_rotation or dataset.distances):
+    if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None
     return sphere_flaw(points, dataset.source)
 

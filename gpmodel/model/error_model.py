@@ -9,6 +9,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
+from gpmodel.model.observation import Tips, observations
+from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
@@ -20,7 +22,7 @@ class Placement:
 
     registration: setup -> transform (4, 4) of the mechanism's root in the instrument's frame.
     tool: tool -> transform (4, 4) of the measured frame in the flange; only its point without rotations.
-    anchors: distance column -> point (3,) in the mechanism's root frame, m.
+    anchors: observation -> its own unknowns (k,): of a distance, its anchor (3,) in the mechanism's root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -65,64 +67,22 @@ class ErrorModel:
                 if slot not in known:
                     raise InputError(f"effect '{effect.name}': slot '{slot}' is unknown; available: {', '.join(known)}")
 
-    def frames(self, poses: Poses, theta: Array) -> Array:
-        """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
-        relative = poses.transforms.copy()
-        twists: dict[str, Array] = {}
+    def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
+        """Error twists (N, 6), m and rad, by the index of the slot they act at; none where nothing acts."""
+        out: dict[int, Array] = {}
         for effect, value in zip(self.effects, theta, strict=True):
             if value != 0.0:
                 for slot in effect.slots:
-                    twists[slot] = twists.get(slot, 0.0) + value * effect.twist(poses.states, slot)
-        for slot, twist in twists.items():
-            i = self.mechanism.slots.index(slot)
-            relative[i] = relative[i] @ se3.exp(twist)
+                    at = self.mechanism.slots.index(slot)
+                    out[at] = out.get(at, 0.0) + value * effect.twist(poses.states, slot)
+        return out
+
+    def frames(self, poses: Poses, theta: Array) -> Array:
+        """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
+        relative = poses.transforms.copy()
+        for slot, twist in self.twists(poses, theta).items():
+            relative[slot] = relative[slot] @ se3.exp(twist)
         return se3.chain(relative)
-
-
-@dataclass(frozen=True)
-class Observed:
-    """Predicted observations and what moves them.
-
-    values: predicted tip pose (N, 4, 4) in the instrument's frame. lever: sensitivities are computed from
-    `frames` (S, N, 4, 4) in the instrument's frame. distances: (N, D) m, with directions (N, D, 3).
-    """
-
-    tip: Array
-    frames: Array
-    distances: Array
-    directions: Array
-
-    @property
-    def components(self) -> int:
-        """Scalar observations a pose: 3 of position, 3 of rotation, one a distance column."""
-        return 6 + self.distances.shape[1]
-
-    def sensitivity(self, slot: int) -> Array:
-        """Change (N, m, 6) of the m components per unit twist in the frame of a slot.
-
-        Position: R e for a translation, (R e) × (p_tip - p_slot) for a rotation; rotation: R e.
-        """
-        turn = self.frames[slot][:, :3, :3]
-        arm = self.tip[:, :3, 3] - self.frames[slot][:, :3, 3]
-        return self._assemble(turn, -se3.hat(arm) @ turn, turn)
-
-    def tool_sensitivity(self) -> Array:
-        """The same per unit twist of the tool frame: (N, m, 6)."""
-        turn = self.tip[:, :3, :3]
-        return self._assemble(turn, np.zeros_like(turn), turn)
-
-    def registration_sensitivity(self, centre: Array) -> Array:
-        """The same per unit twist of the registration about `centre`, in the instrument's axes."""
-        eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
-        out = self._assemble(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye)
-        out[:, 6:] = 0.0
-        return out
-
-    def _assemble(self, moves: Array, swings: Array, turns: Array) -> Array:
-        out = np.zeros((len(self.tip), self.components, 6))
-        out[:, :3, :3], out[:, :3, 3:], out[:, 3:6, 3:] = moves, swings, turns
-        out[:, 6:, :3], out[:, 6:, 3:] = self.directions @ moves, self.directions @ swings
-        return out
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
@@ -131,25 +91,19 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     frames = model.frames(poses, theta)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])
     register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
-    tip_root = frames[-1] @ tool
-    frames = register[None] @ frames
-    tip = register @ tip_root
-    rays = [tip_root[:, :3, 3] - placement.anchors[name] for name in data.distances]
-    distances = np.stack([np.linalg.norm(r, axis=1) for r in rays], axis=1) if rays else np.zeros((len(data), 0))
-    units = [r / d[:, None] for r, d in zip(rays, distances.T, strict=True)]
-    directions = np.stack(units, axis=1) if rays else np.zeros((len(data), 0, 3))
-    directions = directions @ np.swapaxes(register[:, :3, :3], 1, 2)
-    return Observed(tip, frames, distances, directions)
+    tip, kinds = frames[-1] @ tool, observations(data)
+    return Observed(
+        Tips(tip, register @ tip), register[None] @ frames, model.twists(poses, theta), kinds, placement.anchors
+    )
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
-    """Measured minus predicted (N, m): metres, radians (rotation vector of R_meas R_predᵀ), metres; NaN unmeasured."""
-    out = np.full((len(dataset), observed.components), np.nan)
-    out[:, :3] = dataset.position - observed.tip[:, :3, 3]
-    rows = np.isfinite(dataset.rotation).all(axis=1)
-    if rows.any():
-        measured = se3.exp(np.hstack([np.zeros((rows.sum(), 3)), dataset.rotation[rows]]))[:, :3, :3]
-        out[rows, 3:6] = se3.rotation_vector(measured @ np.swapaxes(observed.tip[rows, :3, :3], 1, 2))
-    for i, values in enumerate(dataset.distances.values()):
-        out[:, 6 + i] = values - observed.distances[:, i]
-    return out
+    """Measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then m; NaN where unmeasured."""
+    kinds = observations(dataset)
+    return np.hstack([kind.residual(observed.tips, observed.unknowns(kind)) for kind in kinds])
+
+
+def pose_error(observed: Observed, dataset: Dataset) -> Array:
+    """Length (N,) of each pose's measured-minus-predicted vector over its length components, m."""
+    lengths = measured_minus(observed, dataset)[:, ~observed.turns]
+    return np.sqrt(np.nansum(lengths**2, axis=1))

@@ -5,6 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
 
+JACOBIAN_TERMS = 16
+"""Terms of the series of the Jacobian: exact to rounding up to turns of 1 rad, far beyond any error twist."""
+
 
 def hat(vectors: Array) -> Array:
     """Cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a × b."""
@@ -35,6 +38,24 @@ def exp(twists: Array) -> Array:
     out[..., :3, 3] = v + ((b * cross + c * square) @ v[..., None])[..., 0]
     out[..., 3, 3] = 1.0
     return out
+
+
+def right_jacobian(twists: Array) -> Array:
+    """Right Jacobian (..., 6, 6) of the exponential: exp(ξ + dξ) = exp(ξ) exp(J dξ) to first order in dξ.
+
+    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians; a twist that is the same everywhere is
+    worked out once. Source: Barfoot (2017), State Estimation for Robotics, 7.1.5.
+    """
+    flat = twists.reshape(-1, 6)
+    if len(flat) > 1 and not np.ptp(flat, axis=0).any():
+        return np.broadcast_to(right_jacobian(flat[0]), (*twists.shape, 6))
+    turn, slide = hat(twists[..., 3:]), hat(twists[..., :3])
+    ad = np.zeros((*twists.shape, 6))
+    ad[..., :3, :3], ad[..., :3, 3:], ad[..., 3:, 3:] = turn, slide, turn
+    out = np.broadcast_to(np.eye(6), ad.shape)
+    for k in range(JACOBIAN_TERMS, 1, -1):
+        out = np.eye(6) - ad @ out / k
+    return np.asarray(out)
 
 
 def rotation_vector(rotations: Array) -> Array:

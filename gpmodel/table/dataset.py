@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,21 @@ from gpmodel.errors import InputError
 LABELS = ("group", "repeat", "setup", "tool")
 
 
+class Readings(Protocol):
+    """Readings at N poses of a kind that tables have no columns for: a gpmodel.model.observation.Observation."""
+
+    def subset(self, rows: IntArray) -> "Readings":
+        """The same at some poses only."""
+        ...
+
+
 @dataclass(frozen=True)
 class Dataset:
     """N poses of a mechanism with n joints.
 
     q: (N, n) joint values, rad or m, in the mechanism's order. position: (N, 3) in the instrument's frame, m,
     NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
+    observations: what was read besides.
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
@@ -32,6 +42,7 @@ class Dataset:
     row: IntArray
     payload: Array
     distances: Mapping[str, Array] = field(default_factory=dict)
+    observations: tuple[Readings, ...] = ()
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     extras: Mapping[str, Array] = field(default_factory=dict)
     extra_units: Mapping[str, str] = field(default_factory=dict)
@@ -77,6 +88,7 @@ class Dataset:
             row=self.row[take],
             payload=self.payload[take],
             distances={k: v[take] for k, v in self.distances.items()},
+            observations=tuple(o.subset(take) for o in self.observations),
             labels={k: v[take] for k, v in self.labels.items()},
             extras={k: v[take] for k, v in self.extras.items()},
         )

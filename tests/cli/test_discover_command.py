@@ -13,11 +13,10 @@ import pytest
 from cli_cases import one_line, run, table, write
 
 from gpmodel.application.model_file import load_model
-from gpmodel.calibration.gauss_newton import pose_error
 from gpmodel.cli import discover as discover_command
 from gpmodel.discovery import checkpoint
 from gpmodel.discovery.search import Search
-from gpmodel.model.error_model import measured_minus, observe, prepare
+from gpmodel.model.error_model import observe, pose_error, prepare
 from gpmodel.table.read import read_table
 
 RESULTS = {"report.html", "report.json", "model.json", "calibrated.urdf", "figures"}
@@ -72,7 +71,7 @@ def test_the_saved_model_is_the_optimised_one(done: Path, measured: Path) -> Non
     """Read back from text and put to the table, it beats the last rung, which saw the training poses alone."""
     saved = load_model(done / "model.json")
     poses = prepare(saved.mechanism, read_table(measured, saved.mechanism))
-    errors = pose_error(measured_minus(observe(saved.model, poses, saved.theta, saved.placement), poses.dataset))
+    errors = pose_error(observe(saved.model, poses, saved.theta, saved.placement), poses.dataset)
     report = json.loads((done / "report.json").read_text())
     values = {p["name"]: p["value"] for p in report["parameters"]}
     assert dict(zip((e.name for e in saved.model.effects), saved.theta, strict=True)) == pytest.approx(values)
