@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from effect_cases import NOISE, Truth, bare, mechanism, random_placement, sized
-from loop_cases import QUICK, quick_search
+from loop_cases import QUICK
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
@@ -107,8 +107,7 @@ def test_the_loop_finds_an_undeclared_effect_from_it() -> None:
     truth = probed(gear(), 0.5, 90)
     train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(0))
     standard = tuple(e for e in geometric_effects(mechanism(ARM)) if e.name in ("J2 Ry", "J3 Ry"))
-    with quick_search():
-        found = discover(truth.model.mechanism, truth.poses, train, heldout, replace(QUICK, standard=standard))
+    found = discover(truth.model.mechanism, truth.poses, train, heldout, standard=standard, search=QUICK)
     assert {i for f in found.findings for e in f.candidate.effects for i in e.inputs} == {"J4"}
     assert np.mean(found.steps[-1].heldout_error) < 0.3 * np.mean(found.steps[1].heldout_error)
 
