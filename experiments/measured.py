@@ -50,16 +50,15 @@ def load(file: Path, columns: Path, robot: str) -> Poses:
 
 def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: argparse.Namespace) -> Discovery:
     """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
-    choice = MechanismChoice(robot)
     search = Search(
         runs=given.runs, max_effects=given.max_effects, stop_after=60 * given.minutes, workers=given.workers,
         strategies=tuple(given.representations.split(",")),
     )  # fmt: skip
     found = discover(
-        choice.load(), poses, train, heldout, search=search, seed=given.seed,
+        MechanismChoice(robot).load(), poses, train, heldout, search=search, seed=given.seed,
         progress=lambda text: print(text, file=sys.stderr),
     )  # fmt: skip
-    write_results(found, choice, given.out, given.seed, None)
+    write_results(found, given.out, given.seed, None)
     return found
 
 

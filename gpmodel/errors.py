@@ -6,4 +6,13 @@ class GpModelError(Exception):
 
 
 class InputError(GpModelError, ValueError):
-    """Bad input from outside: a table, a mechanism description, an option."""
+    """Bad input from outside: a table, a mechanism description, an argument.
+
+    argument: the argument at fault, which the message then opens with; empty where it is the content of a file.
+    said: the message without it, so that a command line can put an option's name there.
+    """
+
+    def __init__(self, message: str, argument: str = "") -> None:
+        super().__init__(f"{argument}: {message}" if argument else message)
+        self.argument = argument
+        self.said = message

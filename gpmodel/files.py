@@ -25,12 +25,12 @@ def finished_folder(out: Path) -> Iterator[Path]:
     Raises InputError when `out` is a file or cannot be made.
     """
     if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; expected a folder")
+        raise InputError(f"{out} is a file; expected a folder", "folder")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+        raise InputError(f"{out} cannot be written ({error.strerror})", "folder") from None
     try:
         yield draft
         draft.chmod(0o777 & ~_umask())

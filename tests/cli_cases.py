@@ -8,7 +8,7 @@ from click.testing import CliRunner, Result
 
 from gpmodel.cli.main import main
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import Simulation, simulate
 from gpmodel.table.write import frame_of
@@ -31,7 +31,7 @@ def one_line(result: Result, status: int) -> str:
 
 def robot(poses: int = 40, seed: int = 1, name: str = "irb6400r", **settings: object) -> tuple[Mechanism, Simulation]:
     """A mechanism and poses measured on it, 0.3 mm geometric errors and 0.03 mm noise unless told otherwise."""
-    mechanism = load_mechanism(name)
+    mechanism = MechanismChoice(name).load()
     rng = np.random.default_rng(seed)
     q = random_poses(mechanism, poses, rng)
     options = {"effects": (), "noise": 3e-5, "geometry_sigma": 3e-4} | settings

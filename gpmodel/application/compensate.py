@@ -1,8 +1,10 @@
 """Joint values that make the real mechanism reach what the nominal one was meant to."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.application.model_file import SavedModel, matched
@@ -14,6 +16,9 @@ from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.read import dataset_from
+from gpmodel.table.units import split_header
+from gpmodel.table.write import joint_column
 
 LENGTH = 0.3
 REACHED = 1e-7
@@ -38,6 +43,32 @@ class Compensation:
     status: tuple[str, ...]
     residual: Array
     correction: Array
+
+
+def compensate_frame(
+    saved: SavedModel, frame: pd.DataFrame, text: pd.DataFrame, path: Path, rng: np.random.Generator
+) -> pd.DataFrame:
+    """`frame` of targets with corrected_JOINT, the correction and what is left [mm] and the status of each row.
+
+    text: the same as cells of text, of `path`. Raises InputError where they are no targets of this mechanism.
+    """
+    mechanism = saved.mechanism
+    names = {split_header(str(c))[0] for c in text.columns}
+    numbered = {f"J{i}" for i in range(1, len(mechanism.joints) + 1)}
+    if names & (numbered | {j.name for j in mechanism.joints}):
+        found = compensate_joints(saved, dataset_from(text, path, mechanism, need_measurement=False))
+    elif names & {"x", "y", "z"}:
+        units = {"revolute": "rad", "prismatic": "m"}
+        zeros = {f"{j.name} [{units[j.kind]}]": ["0"] * len(text) for j in mechanism.joints}
+        found = compensate_targets(saved, dataset_from(text.assign(**zeros), path, mechanism), rng)
+    else:
+        raise InputError(f"{path.name}: no targets; expected joint columns, or x, y and z in the root frame")
+    corrected = (
+        joint_column(f"corrected_{joint.name}", joint.kind, values)
+        for joint, values in zip(mechanism.joints, found.q.T, strict=True)
+    )
+    added = dict(corrected) | {"correction [mm]": 1e3 * found.correction, "residual [mm]": 1e3 * found.residual}
+    return frame.assign(**added, status=list(found.status))
 
 
 def compensate_joints(saved: SavedModel, dataset: Dataset) -> Compensation:

@@ -15,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics.se3 import chain
@@ -35,7 +35,6 @@ class SavedModel:
     input_units: units of the extra columns the effects read.
     """
 
-    choice: MechanismChoice
     model: ErrorModel
     theta: Array
     stderr: Array
@@ -51,12 +50,11 @@ class SavedModel:
         return self.model.mechanism
 
 
-def saved_model(choice: MechanismChoice, fit: Calibration, dataset: Dataset) -> SavedModel:
+def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
     """What of a calibration on `dataset` is worth keeping."""
     read = {name for effect in fit.model.effects for name in effect.inputs}
     deviation = np.nan_to_num(fit.stderr)
     return SavedModel(
-        choice=choice,
         model=fit.model,
         theta=fit.theta,
         stderr=fit.stderr,
@@ -74,7 +72,8 @@ def model_text(saved: SavedModel, **more: Any) -> str:
 
     Raises InputError for a basis whose text is no expression: such a model lives only in Python.
     """
-    mechanism, choice = saved.mechanism, saved.choice
+    mechanism = saved.mechanism
+    choice = choice_of(mechanism)
     for effect in saved.model.effects:
         for term in effect.terms:
             Expression(str(term.basis))
@@ -123,9 +122,12 @@ def save_model(path: Path, saved: SavedModel, **more: Any) -> None:
     write_text(path, model_text(saved, **more))
 
 
-def load_model(path: Path) -> SavedModel:
-    """Read model.json. Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its
-    mechanism is no longer the one it was made for."""
+def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
+    """Read model.json. mechanism: the one it was made for, where it cannot be loaded by name.
+
+    Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its mechanism is no longer the one it
+    was made for.
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -137,29 +139,31 @@ def load_model(path: Path) -> SavedModel:
     if content.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {SCHEMA}")
     try:
-        return _read(content, path)
+        return _read(content, path, mechanism)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: damaged model, {type(error).__name__} {error}; make it again") from None
 
 
-def _read(content: dict[str, Any], path: Path) -> SavedModel:
-    about = content["mechanism"]
-    name = about["name"]
-    beside = path.parent / Path(name).name
-    com = about["payload_com_m"]
-    choice = MechanismChoice(
+def _mechanism(about: dict[str, Any], folder: Path) -> Mechanism:
+    name, com = about["name"], about["payload_com_m"]
+    beside = folder / Path(name).name
+    return MechanismChoice(
         name=str(beside) if Path(name).suffix and not Path(name).exists() and beside.exists() else name,
         frame=about["frame"],
         payload=about["payload_kg"],
         payload_com=None if com is None else tuple(com),
-    )
-    mechanism = choice.load()
+    ).load()
+
+
+def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> SavedModel:
+    about = content["mechanism"]
+    mechanism = _mechanism(about, path.parent) if given is None else given
     now = _probe(mechanism)
     then = np.array(about["tip_at_probe_m"], dtype=float)
     if [j.name for j in mechanism.joints] != about["joints"] or not np.allclose(now, then, atol=TIP_TOLERANCE, rtol=0):
-        raise InputError(f"mechanism '{name}' has changed since this model was made; calibrate again")
+        raise InputError(f"mechanism '{about['name']}' has changed since this model was made; calibrate again")
     effects = tuple(
         Effect(
             e["name"],
@@ -181,7 +185,6 @@ def _read(content: dict[str, Any], path: Path) -> SavedModel:
     n = len(effects)
     stderr = [np.nan if e["stderr"] is None else float(e["stderr"]) for e in content["effects"]]
     return SavedModel(
-        choice=choice,
         model=ErrorModel(mechanism, effects),
         theta=_array([e["value"] for e in content["effects"]], (n,)),
         stderr=np.array(stderr, dtype=float),
@@ -219,7 +222,7 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
             given = dataset.extra_units[name]
             raise InputError(f"{dataset.source}: column '{name}' is in [{given}]; the model was made with [{unit}]")
     if not dataset.payload_given:
-        dataset = with_payload(dataset, saved.choice.payload)
+        dataset = with_payload(dataset, choice_of(saved.mechanism).payload)
         read = {name for effect in saved.model.effects for name in effect.inputs}
         if "payload" in read:
             raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model reads it")

@@ -103,7 +103,7 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
     if values <= needed:
         yield (
             f"{data.source}: {len(distinct)} distinct poses give {values} measured values for {needed} unknowns; "
-            f"expected more poses than that (or fewer parameters, --standard)"
+            f"expected more poses than that (or fewer parameters of the standard model)"
         )
 
 

@@ -11,9 +11,8 @@ from typing import Any
 import click
 import numpy as np
 
+from gpmodel.api.calibrate import sound_poses
 from gpmodel.application.model_file import save_model, saved_model
-from gpmodel.calibration.payload import hang_payload
-from gpmodel.checks.judge import refuse
 from gpmodel.cli.console import command_line
 from gpmodel.cli.options import mechanism_options, quiet_option, seed_option, workers_option
 from gpmodel.discovery import checkpoint
@@ -22,13 +21,10 @@ from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Mapper, Search
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
-from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.model.error_model import Poses, prepare
+from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.report.content import build
 from gpmodel.report.figures import write_figures
 from gpmodel.report.page import write_page
-from gpmodel.table.read import read_table
 from gpmodel.table.split import hold_out
 from gpmodel.table.units import parse_quantity
 
@@ -37,7 +33,7 @@ RUNS_A_MINUTE = 4
 
 @click.command()
 @click.argument("table", type=click.Path(path_type=Path), required=False)
-@mechanism_options
+@mechanism_options(required=False)
 @click.option("--minutes", type=click.FloatRange(0.1), default=1.0, show_default=True,
               help="How hard to look: GP runs grow with it, and no round starts after ten times as long.")  # fmt: skip
 @click.option("--holdout", default=0.3, show_default=True, help="Share of the poses nothing is chosen on.")
@@ -55,7 +51,7 @@ RUNS_A_MINUTE = 4
 )
 @quiet_option
 def discover(
-    table: Path | None, choice: MechanismChoice, minutes: float, holdout: float, noise: str | None,
+    table: Path | None, mechanism: LoadedMechanism | None, minutes: float, holdout: float, noise: str | None,
     condition_limit: float | None, seed: int, workers: int | None, scheduler: str | None, out: Path | None,
     resume: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
@@ -63,26 +59,22 @@ def discover(
     findings: list[Finding] = []
     rounds: list[Round] = []
     request: dict[str, Any] = {
-        "table": None if table is None else str(table.resolve()), "choice": dataclasses.asdict(choice),
+        "table": None if table is None else str(table.resolve()),
+        "choice": None if mechanism is None else dataclasses.asdict(mechanism.choice),
         "minutes": minutes, "holdout": holdout, "noise": noise, "condition_limit": condition_limit, "seed": seed,
     }  # fmt: skip
     if resume is not None:
         request, findings, rounds = checkpoint.load(resume)
         out = out or resume
-    if request["table"] is None or request["choice"]["name"] is None:
+    if request["table"] is None or request["choice"] is None:
         raise InputError("discover: expected a TABLE and --mechanism M, or --resume DIR")
     folder = out or Path("discovery")
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"--out {folder}: is a file; expected a folder")
+        raise InputError(f"{folder} is a file; expected a folder", "folder")
     with progress(quiet) as say, cluster(scheduler) as mapper:
         discover_table(request, folder, say, workers, (findings, rounds), mapper)
     if not quiet:
         click.echo(f"report: {folder / 'report.html'}")
-
-
-for _parameter in discover.params:
-    if _parameter.name == "mechanism":
-        _parameter.required = False
 
 
 def discover_table(
@@ -95,7 +87,7 @@ def discover_table(
     """
     choice = MechanismChoice(**request["choice"])
     noise = None if request["noise"] is None else parse_quantity(request["noise"], "length", "--noise")
-    mechanism, choice, poses = load_poses(Path(request["table"]), choice)
+    mechanism, poses = sound_poses(choice.load(), Path(request["table"]))
     train, heldout = hold_out(poses.dataset, request["holdout"], np.random.default_rng(request["seed"]))
     runs = max(2, round(RUNS_A_MINUTE * request["minutes"]))
     search = Search(
@@ -107,29 +99,15 @@ def discover_table(
         keep=lambda findings, rounds: checkpoint.save(folder, request, findings, rounds), resume=resume,
     )  # fmt: skip
     say("writing the report")
-    return write_results(found, choice, folder, request["seed"], noise)
+    return write_results(found, folder, request["seed"], noise)
 
 
-def load_poses(table: Path, choice: MechanismChoice) -> tuple[Mechanism, MechanismChoice, Poses]:
-    """The mechanism and its measured poses, judged. A payload hangs at the tool point, which a first fit finds.
-
-    Raises InputError for the first thing that makes the table useless.
-    """
-    mechanism = choice.load()
-    poses = prepare(mechanism, read_table(table, mechanism, choice.payload))
-    refuse(mechanism, poses)
-    choice, mechanism, poses = hang_payload(choice, mechanism, poses)
-    return mechanism, choice, poses
-
-
-def write_results(
-    found: Discovery, choice: MechanismChoice, folder: Path, seed: int, noise: float | None
-) -> dict[str, Any]:
+def write_results(found: Discovery, folder: Path, seed: int, noise: float | None) -> dict[str, Any]:
     """report.html, report.json, model.json, figures and, for robots, calibrated.urdf: all of them or none."""
     report = build(found, command_line(), seed, noise)
     with finished_folder(folder) as draft:
         write_text(draft / "report.json", to_json(report))
-        save_model(draft / "model.json", saved_model(choice, found.final, found.poses.dataset))
+        save_model(draft / "model.json", saved_model(found.final, found.poses.dataset))
         write_urdf(found, draft / "calibrated.urdf")
         write_page(report, draft, write_figures(report, draft))
     (folder / checkpoint.NAME).unlink(missing_ok=True)
@@ -138,7 +116,7 @@ def write_results(
 
 def write_urdf(found: Discovery, path: Path) -> None:
     """The geometric part as URDF, where the mechanism knows how to write itself."""
-    export = getattr(found.mechanism, "write_urdf", None)
+    export = getattr(getattr(found.mechanism, "bare", found.mechanism), "write_urdf", None)
     if export is None:
         return
     twists: dict[str, Any] = {}

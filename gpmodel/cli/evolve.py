@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gpmodel._version import __version__
+from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.payload import hang_payload
 from gpmodel.checks.judge import refuse
@@ -24,10 +25,9 @@ from gpmodel.evolution.problems import Problem
 from gpmodel.evolution.runs import Run, load_runs, run_all, save_runs
 from gpmodel.evolution.settings import REPRESENTATIONS, Settings
 from gpmodel.files import finished_folder, to_json
-from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import standard_effects
-from gpmodel.table.read import read_table
 from gpmodel.table.split import hold_out
 
 
@@ -69,7 +69,7 @@ def settings_for(
 
 @click.command()
 @table_argument
-@mechanism_options
+@mechanism_options()
 @click.option("--representation", default="linear,tree", show_default=True, help="linear, tree, or both.")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
@@ -89,7 +89,7 @@ def settings_for(
 @out_folder_option
 @quiet_option
 def evolve(
-    table: Path, choice: MechanismChoice, representation: str, space: str, population: int | None,
+    table: Path, mechanism: LoadedMechanism, representation: str, space: str, population: int | None,
     generations: int | None, seconds: float | None, runs: int, operators: str | None, norm: str,
     standard: tuple[str, ...], holdout: float, threads: int, checkpoint: Path | None, seed: int,
     out: Path | None, quiet: bool,
@@ -103,22 +103,19 @@ def evolve(
 
     names = [name.strip() for name in representation.split(",")]
     settings = settings_for(space, names, population, generations, seconds, operators, threads)
-    mechanism = choice.load()
-    dataset = read_table(table, mechanism, choice.payload)
-    choice, mechanism, poses = hang_payload(choice, mechanism, prepare(mechanism, dataset))
-    geometry = standard_effects(mechanism, standard)
-    refuse(mechanism, poses, geometry)
+    dataset = read_table(table, mechanism)
+    arm, poses = hang_payload(mechanism, prepare(mechanism, dataset))
+    geometry = standard_effects(arm, standard)
+    refuse(arm, poses, geometry)
     held = np.zeros(0, dtype=np.int64)
     train = np.arange(len(dataset))
     if holdout > 0:
         train, held = hold_out(dataset, holdout, np.random.default_rng(seed))
     seen = poses.subset(train)
-    fit = calibrate(ErrorModel(mechanism, geometry), seen, seed=seed)
-    task = (
-        cartesian_task(fit, poses, train, held, norm) if space == "cartesian" else slot_task(fit, mechanism, seen, seed)
-    )
+    fit = calibrate(ErrorModel(arm, geometry), seen, seed=seed)
+    task = cartesian_task(fit, poses, train, held, norm) if space == "cartesian" else slot_task(fit, arm, seen, seed)
     request = {
-        "sha256": dataset.sha256, "mechanism": choice.name, "space": space, "norm": norm, "seed": seed,
+        "sha256": dataset.sha256, "mechanism": mechanism.choice.name, "space": space, "norm": norm, "seed": seed,
         "holdout": holdout, "standard": list(standard),
         "settings": [repr(replace(s, threads=0)) for s in settings],
     }  # fmt: skip

@@ -36,6 +36,3 @@ def import_table(file: Path, map_file: Path, out: Path | None, quiet: bool) -> N
     path = write_frame(frame, out, f"{file.stem}.table.csv")
     if not quiet and path is not None:
         click.echo(f"{len(frame)} rows, {len(frame.columns)} columns in {path}")
-
-
-globals()["import"] = import_table

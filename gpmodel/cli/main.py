@@ -15,10 +15,10 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import click  # noqa: E402
 
 from gpmodel._version import __version__  # noqa: E402
-from gpmodel.errors import GpModelError  # noqa: E402
+from gpmodel.errors import GpModelError, InputError  # noqa: E402
 
 COMMANDS = {
-    "import": ("import_", "Turn a measured file of any layout into a table, by a map of its columns."),
+    "import": ("import_:import_table", "Turn a measured file of any layout into a table, by a map of its columns."),
     "check": ("check", "Judge a measured table before anything is fitted to it."),
     "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; before and after."),
     "discover": ("discover", "Find what the model is missing, name it, prove it on poses never seen."),
@@ -42,7 +42,8 @@ class Program(click.Group):
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name in COMMANDS:
-            return getattr(import_module(f"gpmodel.cli.{COMMANDS[name][0]}"), name)
+            module, _, function = COMMANDS[name][0].partition(":")
+            return getattr(import_module(f"gpmodel.cli.{module}"), function or name)
         plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
         return plugin.load() if plugin else None
 
@@ -57,6 +58,9 @@ class Program(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise click.Abort from None
+        except InputError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
@@ -81,6 +85,12 @@ class Program(click.Group):
             place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
             said = f"{type(error).__name__}: {error}".rstrip(": ")
             _end(DEFECT, f"a defect of gpmodel, not of your input: {said} ({place}); --debug shows more", arguments)
+
+
+def option_of(argument: str, params: Sequence[click.Parameter]) -> str:
+    """What a user of the command line calls an argument of the library."""
+    options = (p.opts[-1] for p in params if isinstance(p, click.Option) and p.name == argument)
+    return next(options, argument)
 
 
 def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:

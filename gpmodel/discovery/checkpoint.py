@@ -61,9 +61,7 @@ def load(folder: Path) -> tuple[dict[str, Any], list[Finding], list[Round]]:
             raise InputError(f"{path}: schema {content['schema']}; this version resumes schema {SCHEMA}")
         return content["request"], _decode(content["findings"]), _decode(content["rounds"])
     except OSError:
-        raise InputError(
-            f"--resume {folder}: no {NAME} there; expected the folder of an interrupted discover"
-        ) from None
+        raise InputError(f"{folder} has no {NAME}; expected the folder of an interrupted discover", "resume") from None
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: damaged ({error}); start discover again") from None
 

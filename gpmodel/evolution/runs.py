@@ -108,11 +108,12 @@ def load_runs(path: Path, request: dict[str, Any]) -> list[Run]:
         content = json.loads(path.read_text(encoding="utf-8"))
         asked, runs = content["request"], [Run(**run) for run in content["runs"]]
     except (ValueError, KeyError, TypeError, OSError) as error:
-        raise InputError(f"--checkpoint {path}: cannot be read ({error}); expected one written by evolve") from None
+        raise InputError(f"{path} cannot be read ({error}); expected one written by evolve", "checkpoint") from None
     differing = sorted(key for key in request.keys() | asked.keys() if request.get(key) != asked.get(key))
     if content.get("schema") != SCHEMA or differing:
         raise InputError(
-            f"--checkpoint {path}: is of another request ({', '.join(differing) or 'schema'} differ); "
-            "expected the same table and options, or a new file"
+            f"{path} is of another request ({', '.join(differing) or 'schema'} differ); "
+            "expected the same table and options, or a new file",
+            "checkpoint",
         )
     return runs

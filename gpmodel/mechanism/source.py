@@ -1,8 +1,10 @@
 """What a mechanism is loaded from: a name or file, its measured frame, and what it carries."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.mechanism.registry import load_mechanism
 
 
@@ -15,6 +17,50 @@ class MechanismChoice:
     payload: float | None = None
     payload_com: tuple[float, ...] | None = None
 
-    def load(self) -> Mechanism:
+    def load(self) -> "LoadedMechanism":
         """The mechanism. Raises InputError when it is unknown or its file bad."""
-        return load_mechanism(self.name, frame=self.frame, payload_com=self.payload_com)
+        return LoadedMechanism(self, load_mechanism(self.name, frame=self.frame, payload_com=self.payload_com))
+
+
+@dataclass(frozen=True, repr=False)
+class LoadedMechanism:
+    """A mechanism that knows what it was loaded from and what it carries: itself a Mechanism.
+
+    choice: what to load again, which is how a saved model finds its mechanism. bare: what the provider built.
+    """
+
+    choice: MechanismChoice
+    bare: Mechanism
+
+    @property
+    def name(self) -> str:
+        return self.bare.name
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        return self.bare.joints
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        return self.bare.slots
+
+    def transforms(self, q: Array) -> Array:
+        """As Mechanism.transforms."""
+        return self.bare.transforms(q)
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """As Mechanism.loads."""
+        return self.bare.loads(q, payload)
+
+    def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
+        """The same with the centre of mass of its payload at `point` (3,), m, in the measured frame."""
+        return replace(self.choice, payload_com=tuple(float(v) for v in point)).load()
+
+    def __repr__(self) -> str:
+        carried = "" if self.choice.payload is None else f", payload {self.choice.payload:g} kg"
+        return f"<mechanism {self.name}: joints {', '.join(j.name for j in self.joints)}{carried}>"
+
+
+def choice_of(mechanism: Mechanism) -> MechanismChoice:
+    """What `mechanism` can be loaded from again; its name alone where it was built in Python."""
+    return mechanism.choice if isinstance(mechanism, LoadedMechanism) else MechanismChoice(mechanism.name)

@@ -31,7 +31,7 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
         fits = [e.name for e in everything if any(fnmatchcase(n, pattern) for n in _aliases(e.name, mechanism))]
         if not fits:
             raise InputError(
-                f"--standard '{pattern}': fits no parameter; available: {everything[0].name} to {everything[-1].name}"
+                f"'{pattern}' fits no parameter; available: {everything[0].name} to {everything[-1].name}", "standard"
             )
         chosen.update(fits)
     return tuple(e for e in everything if e.name in chosen)

@@ -34,7 +34,7 @@ def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, above
         if found >= count:
             return np.vstack(chosen)[:count]
     raise InputError(
-        f"--above: {found} of {50 * count} random poses of {mechanism.name} are above it; expected a lower plane"
+        f"{found} of {50 * count} random poses of {mechanism.name} are above it; expected a lower plane", "above"
     )
 
 
@@ -107,7 +107,7 @@ def observable_poses(mechanism: Mechanism, count: int, rng: np.random.Generator,
     columns = geometric_columns(mechanism, pool)
     unknowns = columns.shape[2]
     if 3 * count <= unknowns:
-        raise InputError(f"-n {count}: {3 * count} measured values for {unknowns} unknowns; expected more poses")
+        raise InputError(f"{count} poses give {3 * count} values for {unknowns} unknowns; expected more poses", "count")
     chosen = np.arange(count)
     information = np.einsum("nij,nik->jk", columns[chosen], columns[chosen]) + 1e-9 * np.eye(unknowns)
     for _ in range(EXCHANGES):

@@ -43,9 +43,9 @@ def planted(
     """
     name, found, value = text.rpartition("=")
     if not found or not name.strip():
-        raise InputError(f"--effect '{text}': expected NAME=VALUE UNIT, as in 'gear_harmonic J4=20 arcsec'")
+        raise InputError(f"'{text}', expected NAME=VALUE UNIT, as in 'gear_harmonic J4=20 arcsec'", "effects")
     effects = one_effect_named(name.strip(), mechanism, states)
-    size = convert(value, effects[0].unit, f"--effect '{text}'")
+    size = convert(value, effects[0].unit, f"effect '{text}'")
     direction = rng.normal(size=len(effects))
     return effects, size * (direction / np.linalg.norm(direction) if len(effects) > 1 else np.ones(1))
 

@@ -102,5 +102,5 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
     if payload is None:
         return dataset
     if dataset.payload_given:
-        raise InputError(f"{dataset.source}: has a payload column and --payload is given; expected one of the two")
+        raise InputError(f"given, and {dataset.source} has a payload column; expected one of the two", "payload")
     return replace(dataset, payload=np.full(len(dataset), payload))

@@ -15,7 +15,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     Raises InputError when the bundles leave nothing on either side.
     """
     if not 0.0 < fraction < 1.0:
-        raise InputError(f"--holdout {fraction}: expected a share between 0 and 1, as in 0.3")
+        raise InputError(f"{fraction}, expected a share between 0 and 1, as in 0.3", "holdout")
     of_pose = bundles(dataset)
     order = rng.permutation(of_pose.max() + 1)
     sizes = np.bincount(of_pose)[order]

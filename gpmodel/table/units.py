@@ -53,7 +53,7 @@ def factor(unit: str, dimension: str, where: str) -> float:
         if own == wanted:
             return float(registry.Quantity(1.0, unit).to(si).magnitude)
     examples = {"length": "[mm], [m], [um] or [in]", "angle": "[deg] or [rad]", "mass": "[kg] or [lb]"}
-    raise InputError(f"{where}: '[{unit}]' is no unit of {dimension}; write {examples[dimension]}")
+    raise InputError(f"'[{unit}]' is no unit of {dimension}; write {examples[dimension]}", where)
 
 
 def parse_quantity(text: str, dimension: str, where: str) -> float:
@@ -61,7 +61,7 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
     match = _QUANTITY.match(text)
     if not match or _NUMBER.match(text):
         example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg"}[dimension]
-        raise InputError(f"{where}: '{text}' is no quantity; write a number and its unit, as in {example}")
+        raise InputError(f"'{text}' is no quantity; write a number and its unit, as in {example}", where)
     return float(match["value"]) * factor(match["unit"], dimension, where)
 
 
@@ -78,8 +78,8 @@ def convert(text: str, unit: str, where: str) -> float:
             value = float(_registry().Quantity(value, spelled[0]).to(spelled[1]).magnitude)
     except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
         raise InputError(
-            f"{where}: '{text.strip()}' is no value in [{unit}]; write a number, as in 1e-3 {unit}"
+            f"'{text.strip()}' is no value in [{unit}]; write a number, as in 1e-3 {unit}", where
         ) from None
     if not math.isfinite(value):
-        raise InputError(f"{where}: '{text.strip()}' is not finite; expected a number in [{unit}]")
+        raise InputError(f"'{text.strip()}' is not finite; expected a number in [{unit}]", where)
     return value

@@ -5,6 +5,9 @@ import pandas as pd
 
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import split_header
+
+_DIGITS = {"deg": 9, "rad": 11}
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
@@ -30,6 +33,16 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
     for name, values in dataset.distances.items():
         columns[f"{name} [mm]"] = _cells(1e3 * values, 6)
     return pd.DataFrame(columns)
+
+
+def table_text(frame: pd.DataFrame) -> str:
+    """CSV text: nine decimals of an angle, six of every other number, nothing where there is none."""
+    cells = frame.copy()
+    for header, column in frame.items():
+        if pd.api.types.is_float_dtype(column):
+            digits = _DIGITS.get(split_header(str(header))[1] or "", 6)
+            cells[header] = _cells(column.to_numpy(dtype=float, na_value=np.nan), digits)
+    return cells.to_csv(index=False, lineterminator="\n")
 
 
 def joint_column(name: str, kind: str, values: np.ndarray) -> tuple[str, np.ndarray]:

@@ -12,7 +12,6 @@ from cli_cases import one_line, robot, run, write
 from gpmodel.application.compensate import compensate_joints, compensate_targets
 from gpmodel.application.model_file import SavedModel, save_model
 from gpmodel.arrays import Array
-from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.numerics.se3 import chain, rotation_vector
 from gpmodel.table.dataset import Dataset
@@ -28,8 +27,7 @@ def true_model(name: str, poses: int = 30) -> tuple[SavedModel, Dataset]:
     mechanism, made = robot(poses, 4, name, effects=EFFECTS[name], geometry_sigma=5e-4)
     count = len(made.theta)
     saved = SavedModel(
-        MechanismChoice(name), made.model, made.theta, np.full(count, np.nan), np.zeros((count, count)), made.placement,
-        1.0, 3e-5, False, {},
+        made.model, made.theta, np.full(count, np.nan), np.zeros((count, count)), made.placement, 1.0, 3e-5, False, {},
     )  # fmt: skip
     middle = np.array([(j.lower + j.upper) / 2 for j in mechanism.joints])
     q = middle + 0.9 * (made.dataset.q - middle)

@@ -37,7 +37,7 @@ def fitted(case: str) -> tuple[SavedModel, Dataset]:
     extra = tuple(e for e in made.model.effects if not e.constant)
     poses = prepare(mechanism, made.dataset)
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism) + extra), poses)
-    return saved_model(MechanismChoice("irb6400r"), fit, made.dataset), made.dataset
+    return saved_model(fit, made.dataset), made.dataset
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -122,7 +122,7 @@ def test_tables_must_fit_the_model() -> None:
 
 def test_payload_said_at_calibration_is_that_of_prediction() -> None:
     saved, dataset = fitted("geometry")
-    loaded = replace(saved, choice=MechanismChoice("irb6400r", payload=25.0))
+    loaded = replace(saved, model=replace(saved.model, mechanism=MechanismChoice("irb6400r", payload=25.0).load()))
     assert (matched(loaded, dataset).payload == 25.0).all()
 
 

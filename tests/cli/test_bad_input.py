@@ -187,7 +187,7 @@ def test_missing_table_names_the_file(tmp_path: Path) -> None:
 def test_payload_said_twice_is_refused(tmp_path: Path) -> None:
     path = write(GOOD.assign(**{"payload [kg]": "10"}), tmp_path / "measured.csv")
     line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--payload", "5kg"), 2)
-    assert "payload column and --payload" in line
+    assert "--payload: given, and measured.csv has a payload column" in line
 
 
 def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:

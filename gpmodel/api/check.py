@@ -1,0 +1,91 @@
+"""The table, judged before anything is fitted to it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from gpmodel.api.display import notebook
+from gpmodel.api.table import TableLike, read_table
+from gpmodel.checks.judge import Finding, check_dataset
+from gpmodel.errors import InputError
+from gpmodel.files import finished_folder, to_json, write_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import prepare
+from gpmodel.model.geometric import standard_effects
+from gpmodel.table.dataset import Dataset
+
+
+@dataclass(frozen=True, repr=False)
+class Check:
+    """What is wrong or odd with a table. findings: errors first, each with `severity` and `text`."""
+
+    mechanism: str
+    dataset: Dataset
+    findings: tuple[Finding, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether a model may be fitted to it."""
+        return not any(f.severity == "error" for f in self.findings)
+
+    def refuse(self) -> None:
+        """Raises InputError with the first error, where there is one."""
+        errors = [f.text for f in self.findings if f.severity == "error"]
+        if errors:
+            raise InputError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
+
+    def summary(self) -> str:
+        """One line a finding, then the verdict."""
+        warned = sum(f.severity == "warning" for f in self.findings)
+        verdict = "fit to calibrate with" if self.sound else "nothing should be fitted to it"
+        return "\n".join(
+            [
+                f"{self.dataset.source}: {len(self.dataset)} poses of {self.mechanism}",
+                *(f"  {f.severity:8} {f.text}" for f in self.findings),
+                f"{verdict}; {warned or 'no'} warning{'' if warned == 1 else 's'}",
+            ]
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a finding: severity, text."""
+        return pd.DataFrame({"severity": [f.severity for f in self.findings], "text": [f.text for f in self.findings]})
+
+    def to_json(self, command: str = "gpmodel.check") -> str:
+        """The content of check.json."""
+        data = self.dataset
+        return to_json(
+            {
+                "schema": 1,
+                "command": command,
+                "data": {"file": data.source, "sha256": data.sha256, "poses": len(data)},
+                "findings": self.to_dataframe().to_dict("records"),
+            }
+        )
+
+    def save(self, file: str | Path) -> None:
+        """Write check.json. Raises InputError when it cannot be written."""
+        write_text(Path(file), self.to_json())
+
+    def report(self, folder: str | Path, *, command: str = "gpmodel.check") -> None:
+        """Leave check.json in `folder`. Raises InputError when it cannot be written."""
+        with finished_folder(Path(folder)) as draft:
+            write_text(draft / "check.json", self.to_json(command))
+
+    def __repr__(self) -> str:
+        return f"<check of {self.dataset.source}: {'sound' if self.sound else 'not sound'}, {len(self.findings)} said>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary())
+
+
+def check(mechanism: Mechanism, table: TableLike, *, standard: Sequence[str] = ("*",)) -> Check:
+    """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
+
+    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none.
+    Raises InputError where the table cannot be read.
+    """
+    dataset = read_table(table, mechanism)
+    geometry = standard_effects(mechanism, tuple(standard))
+    return Check(mechanism.name, dataset, tuple(check_dataset(mechanism, prepare(mechanism, dataset), geometry)))

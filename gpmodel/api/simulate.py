@@ -1,0 +1,132 @@
+"""Measured tables with known truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.api.arguments import quantity, whole
+from gpmodel.api.display import notebook
+from gpmodel.api.model import Model
+from gpmodel.api.table import TableLike, dataset_of
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.files import write_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import LoadedMechanism, choice_of
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.planning.simulate import Simulation, random_tool_point
+from gpmodel.planning.simulate import simulate as measure
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import convert, known_unit, split_header
+from gpmodel.table.write import frame_of, table_text
+
+Values = str | Sequence[float] | Array
+
+
+@dataclass(frozen=True, repr=False)
+class Simulated:
+    """A measured table and the truth behind it, a Model that predicts it but for the noise."""
+
+    table: Dataset
+    truth: Model
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a pose, as text cells of a measured table."""
+        return frame_of(self.table, self.truth.mechanism)
+
+    def summary(self) -> str:
+        """How many poses, of what, and what is true."""
+        return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
+
+    def save(self, file: str | Path, **more: Any) -> Path:
+        """Write the table as .csv and the truth beside it as .truth.json, whose path is returned.
+
+        Raises InputError when they cannot be written.
+        """
+        path = Path(file)
+        write_text(path, table_text(self.to_dataframe()))
+        self.truth.save(path.with_suffix(".truth.json"), **more)
+        return path.with_suffix(".truth.json")
+
+    def __repr__(self) -> str:
+        return f"<{len(self.table)} simulated poses of {self.truth.mechanism.name}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary(), self.to_dataframe())
+
+
+def simulate(
+    mechanism: Mechanism,
+    effects: Sequence[str] = (),
+    *,
+    poses: int | TableLike = 90,
+    noise: str | float = "0.03 mm",
+    geometry_sigma: str | float = 0.0,
+    inputs: Mapping[str, Values] | None = None,
+    seed: int = 0,
+) -> Simulated:
+    """Poses measured on a mechanism with known errors, by an instrument at a random place with a random tool point.
+
+    effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value". poses: how many random ones within the
+    limits, or a table of joint values. noise: standard deviation of each of x, y, z, text with a unit or m.
+    geometry_sigma: of every constant error, m, and rad at 1 m. inputs: further columns by header with its unit,
+    "temperature [degC]": "20:30" (uniform), "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
+    or the mechanism's payload, hangs at the tool point. Raises InputError for what cannot be read.
+    """
+    spread = quantity(noise, "length", "noise")
+    sigma = quantity(geometry_sigma, "length", "geometry_sigma")
+    rng = np.random.default_rng(whole(seed, "seed"))
+    given = None if isinstance(poses, int) else dataset_of(poses, mechanism, need_measurement=False)
+    count = len(given) if given is not None else whole(poses, "poses", 1)
+    columns = [_column(header, values, count, rng) for header, values in (inputs or {}).items()]
+    payload = next((values for name, _, values in columns if name == "payload"), None)
+    carried = choice_of(mechanism).payload
+    if payload is None and carried is not None:
+        payload = np.full(count, carried)
+    tool_point = random_tool_point(rng)
+    if payload is not None and isinstance(mechanism, LoadedMechanism) and mechanism.choice.payload_com is None:
+        mechanism = mechanism.carrying_at(tool_point)
+    made = measure(
+        mechanism, random_poses(mechanism, count, rng) if given is None else given.q, effects, rng,
+        noise=spread, geometry_sigma=sigma, payload=payload,
+        inputs={n: v for n, _, v in columns if n != "payload"},
+        input_units={n: u for n, u, _ in columns if n != "payload"},
+        tool_point=tool_point,
+    )  # fmt: skip
+    return Simulated(made.dataset, Model(_truth(made)))
+
+
+def _truth(made: Simulation) -> SavedModel:
+    count = len(made.theta)
+    return SavedModel(
+        model=made.model,
+        theta=made.theta,
+        stderr=np.full(count, np.nan),
+        covariance=np.zeros((count, count)),
+        placement=made.placement,
+        lever=1.0,
+        sigma=made.noise,
+        pose=False,
+        input_units=dict(made.dataset.extra_units),
+    )
+
+
+def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
+    """Name, unit and values (count,) of one further column."""
+    name, unit = split_header(header)
+    if unit is None or not known_unit(unit):
+        raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")
+    if isinstance(values, str):
+        if ":" in values:
+            low, high = (convert(v, unit, "inputs") for v in values.split(":", 1))
+            return name, unit, rng.uniform(low, high, count)
+        return name, unit, rng.choice([convert(v, unit, "inputs") for v in values.split("|")], count)
+    array = np.asarray(values, dtype=float)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise InputError(f"'{header}': expected {count} finite values, one a pose", "inputs")
+    return name, unit, array

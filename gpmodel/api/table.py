@@ -1,0 +1,82 @@
+"""Measured tables, from files or data frames."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import choice_of
+from gpmodel.table.dataset import Dataset, with_payload
+from gpmodel.table.read import dataset_from, read_frame
+from gpmodel.table.write import frame_of
+
+TableLike = Dataset | pd.DataFrame | str | Path
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A table as it was given and as cells of text, empty ones missing; `path` is what messages call it."""
+
+    given: pd.DataFrame
+    text: pd.DataFrame
+    path: Path
+    sha256: str
+
+
+def read_table(source: TableLike, mechanism: Mechanism) -> Dataset:
+    """Measured poses of `mechanism` from a .csv or .xlsx file, or a data frame with the same headers.
+
+    Units are in the headers, in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism is
+    carried in every row. Raises InputError: file missing or empty, a column without or with an unknown unit, joints
+    missing or in surplus, text among numbers, nothing measured, a payload column beside the mechanism's payload.
+    """
+    return dataset_of(source, mechanism, need_measurement=True)
+
+
+def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool) -> Dataset:
+    """The same; poses that nobody measured as well where `need_measurement` is False."""
+    payload = choice_of(mechanism).payload
+    if isinstance(source, Dataset):
+        named = tuple(joint.name for joint in mechanism.joints)
+        if source.joints != named:
+            raise InputError(
+                f"{source.source} was read for joints {', '.join(source.joints)}; expected {', '.join(named)}", "table"
+            )
+        carried = payload is not None and not source.payload_given
+        return with_payload(source, payload) if carried else source
+    cells = cells_of(source)
+    dataset = dataset_from(cells.text, cells.path, mechanism, need_measurement=need_measurement, sha256=cells.sha256)
+    return with_payload(dataset, payload)
+
+
+def cells_of(source: pd.DataFrame | str | Path) -> Cells:
+    """Cells of a file or data frame. Raises InputError where there is no row, or it is neither."""
+    if isinstance(source, str | Path):
+        path = Path(source)
+        frame, digest = read_frame(path)
+        return Cells(frame, frame, path, digest)
+    if not isinstance(source, pd.DataFrame):
+        raise InputError(f"{type(source).__name__}, expected a file or a pandas.DataFrame", "table")
+    if source.empty:
+        raise InputError("the data frame has no rows; expected one row per pose", "table")
+    kept = source.reset_index(drop=True)
+    text = pd.DataFrame({i: kept.iloc[:, i].map(_cell) for i in range(kept.shape[1])}, dtype=object)
+    text.columns = pd.Index([str(header) for header in kept.columns])
+    digest = hashlib.sha256(kept.to_csv(index=False).encode()).hexdigest()
+    return Cells(kept, text, Path("data frame"), digest)
+
+
+def frame_to_extend(source: TableLike, mechanism: Mechanism) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
+    """What new columns are put beside, the same as cells of text, and what messages call it."""
+    if isinstance(source, Dataset):
+        frame = frame_of(source, mechanism)
+        return frame, frame, Path(source.source)
+    cells = cells_of(source)
+    return cells.given, cells.text, cells.path
+
+
+def _cell(value: object) -> str | None:
+    return None if value is None or value is pd.NA or value != value else str(value)

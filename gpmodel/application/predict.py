@@ -1,0 +1,60 @@
+"""What the instrument would read at poses nobody measured."""
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.application.model_file import SavedModel, matched
+from gpmodel.arrays import Array
+from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
+from gpmodel.model.error_model import observe, prepare
+from gpmodel.numerics.se3 import rotation_vector
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import split_header
+from gpmodel.table.write import joint_column
+
+
+def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
+    """Columns by header, each (N,): x y z [mm] and, where the model was fitted to poses, rx ry rz [deg], both in
+    the instrument's frame; and the distances [mm] the model knows anchors for. Approximate joint values are solved
+    against what the row measured first, and added with the residual [um] they leave.
+
+    Raises InputError as `matched`.
+    """
+    fitting = matched(saved, dataset)
+    poses = solve_joints(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement)
+    tip = observe(saved.model, poses, saved.theta, saved.placement).tip
+    columns = {f"{a} [mm]": 1e3 * tip[:, i, 3] for i, a in enumerate("xyz")}
+    if saved.pose:
+        turns = np.degrees(rotation_vector(tip[:, :3, :3]))
+        columns |= {f"r{a} [deg]": turns[:, i] for i, a in enumerate("xyz")}
+    register = np.stack([saved.placement.registration[s] for s in fitting.label("setup").tolist()])
+    for name, anchor in saved.placement.anchors.items():
+        there = register[:, :3, :3] @ anchor + register[:, :3, 3]
+        columns[f"{name} [mm]"] = 1e3 * np.linalg.norm(tip[:, :3, 3] - there, axis=1)
+    if (free := free_joints(saved.mechanism)) and np.isfinite(fitting.position).any():
+        for i in free:
+            joint = saved.mechanism.joints[i]
+            header, values = joint_column(f"solved_{joint.name}", joint.kind, poses.dataset.q[:, i])
+            columns[header] = values
+        columns["residual [um]"] = 1e6 * np.linalg.norm(fitting.position - tip[:, :3, 3], axis=1)
+    return columns
+
+
+def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
+    """`frame` and the columns; one whose name the frame has already is added as `predicted_NAME`."""
+    taken = {split_header(str(header))[0] for header in frame.columns}
+    return frame.assign(
+        **{f"predicted_{h}" if split_header(h)[0] in taken else h: values for h, values in columns.items()}
+    )
+
+
+def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
+    """Distance (M,), mm, between measured and predicted point of the rows that measured all of it."""
+    tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
+    error = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
+    return error[np.isfinite(error)]
+
+
+def reads_rows(saved: SavedModel) -> bool:
+    """Whether any effect reads the row number, which means nothing in another session."""
+    return any("row" in effect.inputs for effect in saved.model.effects)
