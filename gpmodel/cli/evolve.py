@@ -92,7 +92,7 @@ def evolve(
     table: Path, mechanism: LoadedMechanism, representation: str, space: str, population: int | None,
     generations: int | None, seconds: float | None, runs: int, operators: str | None, norm: str,
     standard: tuple[str, ...], holdout: float, threads: int, checkpoint: Path | None, seed: int,
-    out: Path | None, quiet: bool,
+    folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Evolve programs on what the standard model leaves of TABLE; count the inputs they refer to.
 
@@ -131,13 +131,13 @@ def evolve(
     counted = histogram([run.record() for run in done], task.problem.inputs.names)
     if not quiet:
         show(console, done, counted)
-    if out is not None:
-        with finished_folder(out) as folder:
+    if folder is not None:
+        with finished_folder(folder) as draft:
             report = report_of(done, counted, task.problem, request)
-            (folder / "evolve.json").write_text(to_json(report), encoding="utf-8")
-            (folder / "programs.txt").write_text(_programs(done), encoding="utf-8")
+            (draft / "evolve.json").write_text(to_json(report), encoding="utf-8")
+            (draft / "programs.txt").write_text(_programs(done), encoding="utf-8")
         if not quiet:
-            click.echo(f"evolve.json and programs.txt are in {out}")
+            click.echo(f"evolve.json and programs.txt are in {folder}")
 
 
 def report_of(runs: Sequence[Run], counted: Histogram, problem: Problem, request: dict[str, Any]) -> dict[str, Any]:

@@ -153,7 +153,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
     "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
-    "nothing to resume": (["--resume", "nowhere"], "no progress.json there"),
+    "nothing to resume": (["--resume", "nowhere"], "nowhere has no progress.json"),
 }
 
 

@@ -1,0 +1,136 @@
+"""`import gpmodel as gp`: its names, what they load, and what they return."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import run, table, write
+
+import gpmodel as gp
+
+FRAME = table(60, effects=("base_compliance=3e-7",))
+
+
+def test_importing_it_loads_neither_click_nor_matplotlib_nor_rich_nor_numbers() -> None:
+    code = "import sys, gpmodel; print(sorted({'click', 'matplotlib', 'rich', 'numpy', 'pandas'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_none_of_them_loads_the_command_line() -> None:
+    code = (
+        "import sys, gpmodel as gp\n"
+        "found = [getattr(gp, name) for name in gp.__all__]\n"
+        "assert set(gp.__all__) <= set(dir(gp))\n"
+        "print(len(found), sorted({'click', 'matplotlib', 'rich'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"{len(gp.__all__)} []"
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = gp.nonsense
+
+
+def test_a_frame_and_a_file_are_the_same_table(tmp_path: Path) -> None:
+    arm = gp.load_mechanism("irb6400r")
+    path = write(FRAME.assign(group="a", note=""), tmp_path / "t.csv")
+    file, frame = gp.read_table(path, arm), gp.read_table(pd.read_csv(path), arm)
+    np.testing.assert_array_equal(file.q, frame.q)
+    np.testing.assert_array_equal(file.position, frame.position)
+    assert file.label("group").tolist() == frame.label("group").tolist()
+    assert len(frame.sha256) == 64
+
+
+def test_a_payload_belongs_to_the_mechanism_wherever_the_table_came_from(tmp_path: Path) -> None:
+    path = write(FRAME, tmp_path / "t.csv")
+    plain, loaded = gp.load_mechanism("irb6400r"), gp.load_mechanism("irb6400r", payload="60 kg")
+    assert "60 kg" in repr(loaded)
+    assert set(gp.read_table(path, loaded).payload) == {60.0}
+    fits = [gp.calibrate(loaded, source, ["base_compliance"]) for source in (path, gp.read_table(path, plain))]
+    values = [fit.model.saved.theta for fit in fits]
+    np.testing.assert_array_equal(*values)
+    point = fits[0].model.saved.placement.tool[""][:3, 3]
+    assert fits[0].model.mechanism.choice.payload_com == pytest.approx(point, abs=1e-3)  # type: ignore[attr-defined]
+
+
+def test_calibrate_says_what_the_command_says(tmp_path: Path) -> None:
+    path = write(FRAME, tmp_path / "t.csv")
+    fit = gp.calibrate(gp.load_mechanism("irb6400r"), path, ["base_compliance"])
+    command = run("calibrate", path, "--mechanism", "irb6400r", "--effect", "base_compliance")
+    assert command.stdout == fit.summary() + "\n"
+    assert fit.verdict in fit.summary()
+    rows = fit.to_dataframe()
+    (found,) = rows[rows["catalogue"] == "base_compliance"].to_dict("records")
+    assert found["value"] == pytest.approx(3e-7, abs=4 * found["stderr"])
+    assert fit.ladder()["step"].tolist() == ["registration", "standard", "base_compliance"]
+    assert "<pre>" in fit._repr_html_()
+    assert len(repr(fit).splitlines()) == 1
+
+
+def test_an_effect_object_is_calibrated_like_a_named_one() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    mine = gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("sin(2*J4)"))
+    fit = gp.calibrate(arm, FRAME, [mine])
+    assert "mine" in fit.to_dataframe()["name"].tolist()
+
+
+def test_a_saved_model_predicts_and_compensates_frames(tmp_path: Path) -> None:
+    arm = gp.load_mechanism("irb6400r")
+    fit = gp.calibrate(arm, FRAME, ["base_compliance"])
+    fit.model.save(tmp_path / "model.json")
+    model = gp.load_model(tmp_path / "model.json")
+    joints = FRAME[[f"J{i} [deg]" for i in range(1, 7)]].astype(float)
+    predicted = model.predict(joints)
+    assert predicted.columns.tolist()[-3:] == ["x [mm]", "y [mm]", "z [mm]"]
+    miss = predicted[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() - FRAME[["x [mm]", "y [mm]", "z [mm]"]].astype(float)
+    assert np.linalg.norm(miss, axis=1).mean() < 0.1
+    assert model.misses(FRAME).mean() < 0.1
+    corrected = model.compensate(joints.iloc[:3])
+    assert {"corrected_J1 [deg]", "correction [mm]", "status"} <= set(corrected.columns)
+    assert fit.model.summary() == model.summary()
+
+
+def test_simulated_tables_go_through_the_front_door(tmp_path: Path) -> None:
+    arm = gp.load_mechanism("irb6400r", payload="60 kg")
+    made = gp.simulate(arm, ["joint_compliance J2=1e-6"], poses=60, seed=3, inputs={"temperature [degC]": "20:30"})
+    assert made.truth.misses(made.table).max() < 0.2
+    assert gp.check(arm, made.table).sound
+    truth = made.save(tmp_path / "t.csv")
+    assert gp.load_model(truth).summary() == made.truth.summary()
+    assert gp.calibrate(arm, made.table, ["joint_compliance J2"]).ladder()["held-out rms [mm]"].iloc[-1] < 0.1
+
+
+def test_chosen_poses_are_a_table_of_joint_values() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    poses = gp.choose_poses(arm, 12)
+    assert poses.to_dataframe().columns.tolist() == [f"J{i} [deg]" for i in range(1, 7)]
+    assert len(gp.simulate(arm, poses=poses.to_dataframe()).table) == 12
+
+
+WRONG = {
+    "payload": lambda arm: gp.load_mechanism("irb6400r", payload="60"),
+    "payload_com": lambda arm: gp.load_mechanism("irb6400r", payload_com=(0.0, 1.0)),
+    "table": lambda arm: gp.read_table(7, arm),
+    "holdout": lambda arm: gp.calibrate(arm, FRAME, holdout=1.5),
+    "seed": lambda arm: gp.calibrate(arm, FRAME, seed=-1),
+    "condition_limit": lambda arm: gp.calibrate(arm, FRAME, condition_limit=float("nan")),
+    "standard": lambda arm: gp.calibrate(arm, FRAME, standard=("J9 *",)),
+    "noise": lambda arm: gp.simulate(arm, noise="-1 mm"),
+    "poses": lambda arm: gp.simulate(arm, poses=0),
+    "inputs": lambda arm: gp.simulate(arm, inputs={"temperature": "20:30"}),
+    "effects": lambda arm: gp.simulate(arm, ["gear_harmonic J4"]),
+    "count": lambda arm: gp.choose_poses(arm, 2, criterion="observability"),
+    "criterion": lambda arm: gp.choose_poses(arm, 2, criterion="beauty"),
+    "above": lambda arm: gp.choose_poses(arm, 2, above="200"),
+}
+
+
+@pytest.mark.parametrize("argument", WRONG)
+def test_what_is_wrong_with_an_argument_is_one_line_that_names_it(argument: str) -> None:
+    with pytest.raises(gp.InputError) as caught:
+        WRONG[argument](gp.load_mechanism("irb6400r"))  # type: ignore[no-untyped-call]
+    assert str(caught.value).startswith(f"{argument}: ")
+    assert caught.value.argument == argument
+    assert "\n" not in str(caught.value)
