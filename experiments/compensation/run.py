@@ -18,7 +18,10 @@ from experiments.chapter5 import POSITION, cartesian, effects_of, fit, options, 
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
-from gpmodel.evolution.search import CartesianProblem, Settings, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import CartesianProblem
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import thesis_settings
 from gpmodel.formula.algebra import latex, simplify
 from gpmodel.formula.program import Program
 from gpmodel.model.error_model import ErrorModel, Poses, observe
@@ -36,9 +39,9 @@ def linear_share(move: Array, coordinate: Array) -> float | None:
 def evolved(model: Calibration, train: Poses, population: int, generations: int) -> tuple[Program, Array, Array]:
     """The equation, simplified; the points (3, N) and what it adds to them, m."""
     full = cartesian(model, train)
-    problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms")
-    changes = {"population": population, "generations": generations, "crossover": 0.03, "mutation": 0.03}
-    settings = Settings.thesis("linear", operators="smooth", parsimony=PRICE, **changes)
+    problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms", PRICE)
+    sequences = Linear.thesis(operators="smooth", crossover=0.03, mutation=0.03)
+    settings = thesis_settings(sequences, population, generations)
     program = evolve(problem, settings, np.random.default_rng(510)).best.program
     return simplify(program), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values
 

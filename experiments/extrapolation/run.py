@@ -21,7 +21,10 @@ from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import as_candidate, without_poles
 from gpmodel.discovery.residual import gather
-from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import sites_of
 
@@ -29,8 +32,8 @@ from gpmodel.model.sites import sites_of
 def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:
     """Errors, m, on training and held-out poses of the best compensator of the training poses."""
     seen, unseen = (cartesian(model, case.poses.subset(rows)) for rows in (case.train, case.heldout))
-    changes = {"population": chosen.population, "generations": chosen.generations}
-    found = evolve(seen, Settings.thesis("linear", **changes, crossover=0.03, mutation=0.03), rng).best.program
+    how = thesis_settings(Linear.thesis(crossover=0.03, mutation=0.03), chosen.population, chosen.generations)
+    found = evolve(seen, how, rng).best.program
     errors = []
     for problem in (seen, unseen):
         tip = problem.inputs.select(POSITION).values
@@ -43,12 +46,12 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     """Errors after each round on training and held-out poses, and the programs with where they act."""
     train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
-    size = {"population": chosen.slot_population, "generations": chosen.slot_generations}
     plain = {name: name for name in THESIS_INPUTS}
-    how = Settings(**size, seconds=1e9, parsimony=2.0, climb=2)
+    how = Settings(budget=Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, climb=2))
     for _ in range(chosen.rounds):
         evidence = gather(model, train, 0)
-        found = evolve(SlotProblem(inputs, evidence.targets(sites, np.arange(len(train)))), how, rng)
+        targets = evidence.targets(sites, np.arange(len(train)))
+        found = evolve(SlotProblem(inputs, targets, parsimony=2.0), how, rng)
         offered = [
             as_candidate(f.program, sites[f.site], plain, 2.0 * f.complexity + np.log(len(sites))) for f in found.front
         ]

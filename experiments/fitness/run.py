@@ -7,7 +7,6 @@ From the root of the repository: python -m experiments.fitness.run [--seeds 5] [
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,24 +14,28 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.evolution.search import Settings, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.selection import Tournament
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.tree import Tree
+from gpmodel.formula.operators import TABLE_CONSTANTS
 
 
 def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:
     """The thesis' settings at both ends of its 1 to 5 % for crossover and mutation, its trees, and ours."""
-    ours = Settings(
-        population=max(population // 4, 40), generations=generations, seconds=1e9, operators="thesis", length=160,
-        own_constants=4, constants=Settings.thesis().constants, registers=8, parsimony=0.0, tournament=2,
-        crossover=0.05, mutation=0.03, restart_after=0,
-    )  # fmt: skip
+    sequences = Linear(
+        operators="thesis", constants=TABLE_CONSTANTS, length=160, registers=8, crossover=0.05, mutation=0.03
+    )
+    budget = Budget(max(population // 4, 40), generations, seconds=1e9, restart_after=0)
+    ours = Settings(sequences, Tournament(2), budget)
+    mixed = Linear.thesis(crossover=0.05, mutation=0.05)
     return {
-        "linear, thesis, 1 %": Settings.thesis("linear", population=population, generations=generations),
-        "linear, thesis, 5 %": Settings.thesis(
-            "linear", population=population, generations=generations, crossover=0.05, mutation=0.05
-        ),
-        "tree, thesis": Settings.thesis("tree", population=tree_population, generations=generations),
+        "linear, thesis, 1 %": thesis_settings(Linear.thesis(), population, generations),
+        "linear, thesis, 5 %": thesis_settings(mixed, population, generations),
+        "tree, thesis": thesis_settings(Tree.thesis(), tree_population, generations),
         "linear, ours": ours,
-        "linear, ours, longer": replace(ours, generations=10 * generations),
+        "linear, ours, longer": ours.with_budget(generations=10 * generations),
     }
 
 
@@ -52,7 +55,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         axes.plot(generation, np.median(best, axis=0), color=f"C{colour}", label=name)
         axes.fill_between(generation, best.min(axis=0), best.max(axis=0), color=f"C{colour}", alpha=0.2, linewidth=0)
         rows[name] = {
-            "population": settings.population,
+            "population": settings.budget.population,
             "evaluations": runs[0].evaluations,
             "final_mm": rounded(best[:, -1], 1.0),
             "median_final_mm": round(float(np.median(best[:, -1])), 4),

@@ -15,7 +15,10 @@ from experiments.chapter5 import ANGLES, THESIS_INPUTS, effects_of, options, rou
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
 from gpmodel.discovery.residual import gather
-from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import sites_of
@@ -32,12 +35,9 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     # 1. Operators: smooth ones, of the same order as what they are given.
     operators = ("add", "subtract", "multiply", "square", "sin", "cos")
     # 2. Representation: few operations on many inputs suit trees, many on few suit a sequence.
-    representation = "linear"
+    representation = Linear(operators=operators, crossover=0.03, mutation=0.05)
     # 3. Evolutionary parameters.
-    settings = Settings(
-        representation=representation, operators=operators, population=chosen.population,
-        generations=chosen.generations, seconds=1e9, crossover=0.03, mutation=0.05, parsimony=2.0,
-    )  # fmt: skip
+    settings = Settings(representation, budget=Budget(chosen.population, chosen.generations, seconds=1e9))
 
     rounds: list[dict[str, Any]] = []
     figure = Figure(figsize=(3 * chosen.rounds, 5), layout="constrained")
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     for number, (top, bottom) in enumerate(rows.T, 1):
         before = [model.error, errors_on(model, heldout)]
         evidence = gather(model, train, 0)
-        problem = SlotProblem(inputs, evidence.targets(sites, np.arange(len(train))))
+        problem = SlotProblem(inputs, evidence.targets(sites, np.arange(len(train))), parsimony=2.0)
 
         # 4. Which inputs do programs use, more often than on shuffled errors?
         real = [evolve(problem, settings, rng).best for _ in range(chosen.runs)]

@@ -17,8 +17,10 @@ from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesia
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration.gauss_newton import Calibration
 from gpmodel.discovery.residual import gather
-from gpmodel.evolution.problems import Problem
-from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import Inputs, Problem, SlotProblem
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.model.sites import sites_of
 
 BOTH = ("base_compliance", "joint_compliance J5")
@@ -29,17 +31,17 @@ POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("
 
 
 def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
-    changes = {"population": chosen.population, "generations": chosen.generations, "threads": 1}
-    settings = Settings.thesis("linear", **changes, crossover=0.03, mutation=0.03)
-    return cartesian(model, case.poses.subset(case.train), null), settings
+    settings = thesis_settings(Linear.thesis(crossover=0.03, mutation=0.03), chosen.population, chosen.generations)
+    return cartesian(model, case.poses.subset(case.train), null), settings.with_budget(threads=1)
 
 
 def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
     train = case.poses.subset(case.train)
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
-    problem = SlotProblem(inputs, gather(model, train, 0).targets(sites_of(case.mechanism), np.arange(len(train))))
-    changes = {"population": chosen.slot_population, "generations": chosen.slot_generations, "threads": 1}
-    return problem.shuffled(null) if null else problem, Settings(**changes, seconds=1e9, parsimony=2.0)
+    targets = gather(model, train, 0).targets(sites_of(case.mechanism), np.arange(len(train)))
+    problem = SlotProblem(inputs, targets, parsimony=2.0)
+    budget = Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, threads=1)
+    return problem.shuffled(null) if null else problem, Settings(budget=budget)
 
 
 SEARCHES = {"Cartesian": cartesian_search, "slot": slot_search}

@@ -15,6 +15,7 @@ from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.comparison import climb
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.linear import Linear
 from gpmodel.families import catalogue
 
 STEPS = ("standard", "+ base compliance", "+ joint bending", "the loop's own")
@@ -26,7 +27,7 @@ def one_robot(seed: int, runs: int) -> dict[str, Any]:
     named = [(n, catalogue.build(text, case.mechanism, case.poses.states)) for n, text in HAND_MADE]
     rungs = climb(case.mechanism, case.poses, case.train, case.heldout, effects_of(case), named)[1:]
     table = [[r.train.mean, r.train.max, r.heldout.mean, r.heldout.max] for r in rungs]
-    search = Search(runs=runs, workers=1, strategies=("linear",))
+    search = Search(runs=runs, workers=1, strategies=(Linear(),))
     found = discover(case.mechanism, case.poses, case.train, case.heldout, search=search, seed=seed)
     last = found.steps[-1]
     table.append([last.train_error.mean(), last.train_error.max(), last.heldout_error.mean(), last.heldout_error.max()])

@@ -8,8 +8,12 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.tree import Tree
 from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
@@ -26,19 +30,19 @@ class Found:
 
 Engine = Callable[[dict[str, Array], Array, float, int], Found]
 
-LAWS = Settings(
-    operators="physics", constants=(1.0, 2.0), own_constants=0, outputs=4, registers=6, length=40,
-    parsimony=3.0, restart_after=25, polish_every=0, target=1.0 - 1e-10, threads=1,
-)  # fmt: skip
+SEQUENCES = Linear(operators="physics", own_constants=0, outputs=4, registers=6)
+TREES = Tree(operators="physics", own_constants=0, outputs=4)
+BUDGET = Budget(restart_after=25, polish_every=0, target=1.0 - 1e-10, threads=1)
+PARSIMONY = 3.0
 
 
-def here(representation: str, outputs: int) -> Engine:
+def here(representation: Linear | Tree, population: int) -> Engine:
     """Our search; with one output the program itself is the answer, scaled, as elsewhere."""
 
     def search(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
-        population = 1024 if representation == "linear" else 256
-        settings = replace(LAWS, representation=representation, seconds=seconds, outputs=outputs, population=population)
-        problem = SlotProblem(Inputs(tuple(columns), np.array(list(columns.values()))), regression(response))
+        settings = Settings(representation, budget=replace(BUDGET, population=population, seconds=seconds))
+        inputs = Inputs(tuple(columns), np.array(list(columns.values())))
+        problem = SlotProblem(inputs, regression(response), parsimony=PARSIMONY)
         program = evolve(problem, settings, np.random.default_rng(seed)).best.program
         table = np.vstack([program.evaluate(columns), np.ones_like(response)]).T
         solved = np.linalg.lstsq(table, response, rcond=None)[0]
@@ -94,9 +98,9 @@ def gplearn(columns: dict[str, Array], response: Array, seconds: float, seed: in
 def available(noisy: bool = False) -> dict[str, Engine]:
     """Our engines, and the peers that are installed; ``noisy`` data let Operon weigh length against error."""
     engines: dict[str, Engine] = {
-        "linear, 4 registers solved": here("linear", 4),
-        "linear, 1 register": here("linear", 1),
-        "tree, 4 roots solved": here("tree", 4),
+        "linear, 4 registers solved": here(SEQUENCES, 1024),
+        "linear, 1 register": here(replace(SEQUENCES, outputs=1), 1024),
+        "tree, 4 roots solved": here(TREES, 256),
     }
     if find_spec("pyoperon"):
         engines["Operon"] = partial(operon, "minimum_description_length" if noisy else "mean_squared_error")

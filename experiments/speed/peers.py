@@ -5,7 +5,7 @@ import random
 import numpy as np
 from deap import gp
 
-from gpmodel.evolution.tree import TreeBreeding
+from gpmodel.evolution.tree_breeding import TreeBreeding
 
 NAMES = {"add": np.add, "subtract": np.subtract, "multiply": np.multiply, "max": np.maximum}
 

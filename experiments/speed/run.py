@@ -24,20 +24,27 @@ import numpy as np
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
 from gpmodel.evolution import engine
 from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.search import CartesianProblem, Inputs, Settings
+from gpmodel.evolution.problems import CartesianProblem, Inputs
+from gpmodel.evolution.settings import thesis_settings
 from gpmodel.evolution.threads import cores, over_slices
-from gpmodel.evolution.tree import Individual, TreeBreeding, Trees
+from gpmodel.evolution.tree_breeding import TreeBreeding
+from gpmodel.evolution.tree_population import Individual, Trees
 from gpmodel.formula.operators import BY_CODE, operator_set
 
 START = """
 import numpy as np
-from gpmodel.evolve import Inputs, Settings, SlotProblem, evolve
-from gpmodel.projection import regression
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.projection import regression
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.tree import Tree
 x = np.random.default_rng(0).normal(size=(3, 40))
 problem = SlotProblem(Inputs(("a", "b", "c"), x), regression(x[0] * x[1]))
-for kind in ("linear", "tree"):
-    evolve(problem, Settings(kind, population=64, generations=2, polish_every=1), np.random.default_rng(0))
+for kind in (Linear(), Tree()):
+    evolve(problem, Settings(kind, budget=Budget(64, 2, polish_every=1)), np.random.default_rng(0))
 """
 
 
@@ -60,7 +67,7 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
     points, joints = rng.normal(size=(3, 40)), rng.uniform(-1, 1, (6, 40))
     inputs = Inputs(("x", "y", "z", *(f"J{k}" for k in range(1, 7))), np.vstack([points, joints]))
     measured = points + 0.1 * np.stack([np.sin(joints[3]), 0.5 * points[1], np.zeros(40)])
-    run = Generations(CartesianProblem(inputs, measured), Settings.thesis(), rng)
+    run = Generations(CartesianProblem(inputs, measured), thesis_settings(Linear.thesis()), rng)
     population = run.breeding.initial(65536, rng)
     scores = run.scores(population)
     rows = {"evaluation, random population": timed(lambda: run.scores(population), repeats)}
@@ -68,13 +75,11 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
         population, scores = run.following(population, scores)
     rows["evaluation, generation 30"] = timed(lambda: run.scores(population), repeats)
     rows["one generation"] = timed(lambda: run.following(population, scores), repeats)
+    decode = population.decoder(run.layout)
     rows["of it: decoding"] = timed(
-        lambda: over_slices(
-            65536, run.threads, lambda part: engine.decode(population, part, run.layout) and None, 2048
-        ),
-        repeats,
+        lambda: over_slices(65536, run.threads, lambda part: decode(part) and None, 2048), repeats
     )
-    code = engine.decode(population, slice(0, 2048), run.layout)
+    code = decode(slice(0, 2048))
     live = np.concatenate([words[:n] & 0xFFFF for words, n in zip(code.words, code.count, strict=True)])
     poses = 32 * sum(np.count_nonzero(live == c) * seconds for c, seconds in operator_seconds().items())
     return {
@@ -114,7 +119,7 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
 
     def evaluate() -> None:
         def work(part: slice) -> None:
-            first[part] = engine.values(engine.decode(forest, part, layout), fixed)[:, 0, 0]
+            first[part] = engine.values(forest.decoded(layout, part), fixed)[:, 0, 0]
 
         over_slices(16384, cores(), work, 512)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.search import Inputs, SlotProblem
 
 Array = NDArray[np.float64]
 POSES, HELD_OUT, SITES, ENABLED, NOISE, TRUE_SITE = 90, 200, 20, 25, 0.1, 7
@@ -63,7 +63,7 @@ def planted(effect: Effect, seed: int) -> Planted:
     train, held = np.arange(POSES), np.arange(POSES, poses)
     parts = [_targets(sensitivity[:, rows], enabled[rows], error[rows]) for rows in (train, held)]
     inputs = [Inputs(names, values[:, rows], names[:6]) for rows in (train, held)]
-    problem = SlotProblem(inputs[0], parts[0], parts[1], inputs[1])
+    problem = SlotProblem(inputs[0], parts[0], parts[1], inputs[1], parsimony=2.0)
     gain, coefficients = parts[0].set_gain(shape[None, train], TRUE_SITE)
     return Planted(problem, shape[train], gain, parts[1].gain_of(shape[None, held], coefficients, TRUE_SITE))
 

@@ -20,21 +20,22 @@ from deap import algorithms, base, creator, gp, tools
 from experiments.recovery.engines import available
 from experiments.recovery.run import slowdown
 from experiments.speed.slot_problems import EFFECTS, NOISE, TRUE_SITE, Planted, planted
-from gpmodel.evolution.search import Settings, evolve
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.tree import Tree
 
 Array = np.ndarray
 Predict = Callable[[dict[str, Array]], Array]
 
 
-def ours(representation: str) -> Callable[[Planted, float, int], tuple[float, bool]]:
+def ours(representation: Representation, population: int) -> Callable[[Planted, float, int], tuple[float, bool]]:
     """Held-out gain and whether the place is right."""
 
     def solve(case: Planted, seconds: float, seed: int) -> tuple[float, bool]:
-        settings = Settings(
-            representation, population=1024 if representation == "linear" else 512, seconds=seconds, threads=1,
-            parsimony=2.0, target=0.99 * case.gain,
-        )  # fmt: skip
-        best = evolve(case.problem, settings, np.random.default_rng(seed)).best
+        budget = Budget(population, seconds=seconds, threads=1, target=0.99 * case.gain)
+        best = evolve(case.problem, Settings(representation, budget=budget), np.random.default_rng(seed)).best
         return float(best.validation or 0.0), best.site == TRUE_SITE
 
     return solve
@@ -107,7 +108,12 @@ def main() -> None:
     chosen = parser.parse_args()
     installed = available(noisy=True)
     peers = {name: told_the_place(installed[name]) for name in ("Operon", "gplearn") if name in installed}
-    engines = {"linear": ours("linear"), "tree": ours("tree"), **peers, "DEAP default": told_the_place(DeapDefault)}
+    engines = {
+        "linear": ours(Linear(), 1024),
+        "tree": ours(Tree(), 512),
+        **peers,
+        "DEAP default": told_the_place(DeapDefault),
+    }
     results: dict[str, Any] = {
         "command": f"python -m experiments.speed.solve --seconds {chosen.seconds:g} --seeds {chosen.seeds}"
     }

@@ -21,49 +21,44 @@ from gpmodel.cli.console import command_line, console_for_text
 from gpmodel.cli.options import mechanism_options, out_folder_option, quiet_option, seed_option, table_argument
 from gpmodel.errors import InputError
 from gpmodel.evolution.input_histogram import Histogram, histogram
+from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Problem
 from gpmodel.evolution.runs import Run, load_runs, run_all, save_runs
-from gpmodel.evolution.settings import REPRESENTATIONS, Settings
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.tree import Tree
 from gpmodel.files import finished_folder, to_json
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import standard_effects
 from gpmodel.table.split import hold_out
 
+REPRESENTATIONS: dict[str, type[Linear | Tree]] = {"linear": Linear, "tree": Tree}
+POPULATIONS = {"cartesian": {"linear": 65536, "tree": 4096}, "slot": {"linear": 1024, "tree": 512}}
+
 
 def settings_for(
-    space: str,
-    representations: Sequence[str],
-    population: int | None,
-    generations: int | None,
-    seconds: float | None,
-    operators: str | None,
-    threads: int,
-) -> list[Settings]:
+    space: str, names: Sequence[str], operators: str | None, population: int | None, budget: dict[str, Any]
+) -> dict[str, Settings]:
     """The thesis' settings in Cartesian space and the defaults at a slot, with what was asked changed.
 
-    Raises InputError for an unknown representation or operator, or a population too small to select from.
+    budget: fields of ``Budget`` that were asked for. Raises InputError for an unknown representation or operator,
+    or a population too small to select from.
     """
-    chosen = []
-    for representation in representations:
-        if representation not in REPRESENTATIONS:
-            raise InputError(f"--representation {representation!r}: expected {' or '.join(REPRESENTATIONS)}")
-        settings = (
-            Settings.thesis(representation)
-            if space == "cartesian"
-            else Settings(
-                representation=representation,
-                population=1024 if representation == "linear" else 512,
-                generations=100,
-                seconds=1e9,
-                parsimony=2.0,
-            )
-        )
-        asked = {"population": population, "generations": generations, "seconds": seconds, "operators": operators}
-        given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-        if seconds is not None and generations is None:
-            given["generations"] = 1_000_000
-        chosen.append(replace(settings, threads=threads, **given))
+    chosen = {}
+    for name in names:
+        if name not in REPRESENTATIONS:
+            raise InputError(f"--representation {name!r}: expected {' or '.join(REPRESENTATIONS)}")
+        kind = REPRESENTATIONS[name]
+        representation = kind.thesis() if space == "cartesian" else kind()
+        if operators is not None:
+            representation = replace(representation, operators=operators)
+        size = population or POPULATIONS[space][name]
+        settings = thesis_settings(representation, size)
+        if space == "slot":
+            settings = Settings(representation, budget=Budget(size, generations=100, seconds=1e9))
+        if "seconds" in budget and "generations" not in budget:
+            settings = settings.with_budget(generations=1_000_000)
+        chosen[name] = settings.with_budget(**budget)
     return chosen
 
 
@@ -102,7 +97,9 @@ def evolve(
     from gpmodel.discovery.problems import cartesian_task, slot_task
 
     names = [name.strip() for name in representation.split(",")]
-    settings = settings_for(space, names, population, generations, seconds, operators, threads)
+    asked = {"generations": generations, "seconds": seconds, "threads": threads}
+    budget = {name: value for name, value in asked.items() if value is not None}
+    settings = settings_for(space, names, operators, population, budget)
     dataset = read_table(table, mechanism)
     arm, poses = hang_payload(mechanism, prepare(mechanism, dataset))
     geometry = standard_effects(arm, standard)
@@ -117,7 +114,7 @@ def evolve(
     request = {
         "sha256": dataset.sha256, "mechanism": mechanism.choice.name, "space": space, "norm": norm, "seed": seed,
         "holdout": holdout, "standard": list(standard),
-        "settings": [repr(replace(s, threads=0)) for s in settings],
+        "settings": [repr(s.with_budget(threads=0)) for s in settings.values()],
     }  # fmt: skip
     finished = load_runs(checkpoint, request) if checkpoint else []
     done: list[Run] = []

@@ -2,7 +2,7 @@
 
 import ast
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
@@ -13,7 +13,10 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.residual import Evidence
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
-from gpmodel.evolution.search import Evolution, Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.representation import label
+from gpmodel.evolution.search import Evolution, evolve
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.program import Program
@@ -92,19 +95,18 @@ def explore(
     chances = search.runs if progress.number == 1 else max(1, search.runs // 2)
     shuffles = list(evidence.shuffled(rng, chances * len(search.strategies)).T)
     tasks: list[Task] = []
+    budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=search.workers)
+    problem = SlotProblem(inputs, targets, parsimony=search.nats_per_node)
     for strategy in search.strategies:
-        settings = Settings(
-            representation=strategy, population=search.population, generations=search.generations, seconds=1e9,
-            parsimony=search.nats_per_node, threads=search.workers, depth=5, climb=search.climb,
-        )  # fmt: skip
+        settings = Settings(strategy, budget=budget)
         for run in range(search.runs):
-            tasks.append(Task(False, SlotProblem(inputs, targets), settings, rng.spawn(1)[0]))
+            tasks.append(Task(False, problem, settings, rng.spawn(1)[0]))
             if run < chances:
                 shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
-                tasks.append(Task(True, SlotProblem(inputs, shuffled), settings, rng.spawn(1)[0]))
+                tasks.append(Task(True, replace(problem, targets=shuffled), settings, rng.spawn(1)[0]))
     between = evidence.poses.states.between()
     candidates: dict[str, Candidate] = {}
-    tried: dict[str, list[Evolution]] = {r: [] for r in search.strategies}
+    tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
     by_chance: list[Evolution] = []
     progress.say(f"evolving, 0 of {len(tasks)} runs done")
     for done, (task, found) in enumerate(zip(tasks, search.mapper(run_task, tasks), strict=True), 1):
@@ -112,7 +114,7 @@ def explore(
         if task.shuffled:
             by_chance.append(found)
             continue
-        tried[task.settings.representation].append(found)
+        tried[label(task.settings.representation)].append(found)
         for item in found.front:
             for program in parts(item.program):
                 cost = _cost(search, program.complexity, len(sites))

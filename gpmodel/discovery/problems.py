@@ -9,6 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import Calibration, resolved
 from gpmodel.discovery.explore import readable_inputs
 from gpmodel.discovery.residual import gather
+from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.formula.program import Program
@@ -18,14 +19,16 @@ from gpmodel.model.sites import sites_of
 
 
 @dataclass(frozen=True)
-class Task:
+class TrainingProblem:
     """A problem of the training poses, and the gain of a program on the held-out ones (None without)."""
 
     problem: Problem
     heldout: Callable[[Program], float] | None
 
 
-def cartesian_task(fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max") -> Task:
+def cartesian_task(
+    fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
+) -> TrainingProblem:
     """Thesis Fig 5.2: the model's points (x, y, z; metres, in the root frame) against the measured ones.
 
     train, held: rows of ``poses``. The inputs are those of Table 5.1: the point, the joints, and any column of
@@ -33,7 +36,7 @@ def cartesian_task(fit: Calibration, poses: Poses, train: IntArray, held: IntArr
     """
     problem = _cartesian(fit, poses, train, norm)
     if not len(held):
-        return Task(problem, None)
+        return TrainingProblem(problem, None)
     other = _cartesian(fit, poses, held, norm)
 
     def heldout(program: Program) -> float:
@@ -41,16 +44,16 @@ def cartesian_task(fit: Calibration, poses: Poses, train: IntArray, held: IntArr
             return 0.0
         return 1.0 - other.norm_of(program.evaluate(other.inputs.mapping())) / other.initial_norm()
 
-    return Task(problem, heldout)
+    return TrainingProblem(problem, heldout)
 
 
-def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> Task:
-    """The residual of a fit seen from every site of the mechanism."""
+def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
+    """The residual of a fit seen from every site of the mechanism; a node costs what it costs in the loop."""
     evidence = gather(fit, seen, seed)
     sites = sites_of(mechanism)
     rows = np.arange(len(evidence.poses))
     inputs, _ = readable_inputs(evidence.poses.states, rows)
-    return Task(SlotProblem(inputs, evidence.targets(sites, rows)), None)
+    return TrainingProblem(SlotProblem(inputs, evidence.targets(sites, rows), parsimony=Search().nats_per_node), None)
 
 
 def _cartesian(fit: Calibration, poses: Poses, rows: IntArray, norm: str) -> CartesianProblem:

@@ -4,6 +4,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.tree import Tree
+
 
 class Mapper(Protocol):
     """Runs tasks in order, wherever: `map`, or an executor's."""
@@ -28,7 +32,7 @@ class Search:
     """
 
     runs: int = 6
-    strategies: tuple[str, ...] = ("linear", "tree")
+    strategies: tuple[Representation, ...] = (Linear(), Tree())
     stop_after: float | None = None
     max_effects: int = 12
     workers: int = 2

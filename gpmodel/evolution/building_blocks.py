@@ -106,7 +106,7 @@ class Vocabulary:
                 yield combined(join, values[first] + sign * values[second], operator)
 
 
-def promising(problem: SlotProblem, words: Vocabulary, parsimony: float, count: int) -> tuple[tuple[Program, int], ...]:
+def promising(problem: SlotProblem, words: Vocabulary, count: int) -> tuple[tuple[Program, int], ...]:
     """The best pairs of the vocabulary and the site of each.
 
     Neither of two factors alone need explain anything, so that evolution has no slope to follow. All pairs are ranked
@@ -117,10 +117,10 @@ def promising(problem: SlotProblem, words: Vocabulary, parsimony: float, count: 
         pairs = words.pairs()
         rows = unit_rows(pairs.values)
         least = np.max((rows @ targets.pull.T) ** 2 / np.maximum(rows**2 @ targets.weight.T, 1e-300), axis=1)
-    few = np.argsort(problem.nats(least / targets.energy, pairs.growth, parsimony))[-SCREENED:]
+    few = np.argsort(problem.nats(least / targets.energy, pairs.growth))[-SCREENED:]
     gains = targets.gains(pairs.values[few])
     found = []
-    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few], parsimony))[:count].tolist():
+    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few]))[:count].tolist():
         builder = Builder()
         found.append((builder.program([pairs.build(builder, [], int(few[k]))]), int(gains[k].argmax())))
     return tuple(found)

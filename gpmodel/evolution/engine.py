@@ -2,12 +2,10 @@
 
 import threading
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.population import Forest, Sequences
 
 Array = NDArray[np.float64]
 
@@ -30,37 +28,26 @@ class Code:
     hashes: NDArray[np.uint64]
     constants: Array
 
+    def sink(self) -> tuple[NDArray[Any], ...]:
+        """What decoding fills, in the order of the kernels' arguments."""
+        return self.words, self.outputs, self.count, self.sizes, self.hashes
+
     def take(self, rows: NDArray[np.intp]) -> "Code":
         """The code of some of the programs."""
         return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
-def decode(population: Sequences | Forest, part: slice, layout: Layout) -> Code:
-    """Effective code of a slice of a population."""
-    from gpmodel.evolution.kernels import batch
-
-    constants = np.ascontiguousarray(population.constants[part])
-    bits = constants.view(np.uint64)
-    if isinstance(population, Sequences):
-        longest = population.genes.shape[1] + layout.own_constants + 1
-    else:
-        longest = int(np.max(population.bounds[part, -1] - population.bounds[part, 0]))
+def empty_code(constants: Array, longest: int, outputs: int) -> Code:
+    """Room for the code of as many programs as there are rows of own constants (P, C)."""
     size = len(constants)
-    code = Code(
+    return Code(
         workspace("words", (size, longest)).view(np.int64),
-        np.empty((size, layout.outputs), np.uint16),
+        np.empty((size, outputs), np.uint16),
         np.empty(size, np.int64),
-        np.empty((size, 1 << layout.outputs), np.uint16),
+        np.empty((size, 1 << outputs), np.uint16),
         np.empty(size, np.uint64),
         constants,
     )
-    sink = (code.words, code.outputs, code.count, code.sizes, code.hashes)
-    if isinstance(population, Sequences):
-        tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
-        batch.decode_sequences(population.genes[part], bits, *tables, layout.base, *sink)
-    else:
-        batch.decode_forest(population.codes, population.bounds[part], bits, layout.base, *sink)
-    return code
 
 
 def values(code: Code, fixed: Array) -> Array:

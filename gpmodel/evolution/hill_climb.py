@@ -19,7 +19,7 @@ MOST_OUTPUTS = 3
 CHECKED = 8
 
 
-def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary, parsimony: float) -> Program:
+def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary) -> Program:
     """The program at the top of the hill of single edits, by description length at one site; never a worse one.
 
     Edits of a node: another element, operator or earlier node in its place, an operator or an element joined to it; and
@@ -29,11 +29,11 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
     def saved(one: Program) -> float:
         gain = problem.targets.set_gain(one.evaluate(columns), site)[0]
-        return float(problem.nats(gain, one.complexity + len(one.outputs), parsimony))
+        return float(problem.nats(gain, one.complexity + len(one.outputs)))
 
     best = saved(program)
     for _ in range(MOST_STEPS):
-        trials = sorted(_trials(program, problem, site, words, parsimony), key=lambda trial: -trial[0])[:CHECKED]
+        trials = sorted(_trials(program, problem, site, words), key=lambda trial: -trial[0])[:CHECKED]
         edited = [build() for _, build in trials]
         top = max(edited, key=saved, default=program)
         if not saved(top) > best + 1e-6:
@@ -43,7 +43,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
 
 def _trials(
-    program: Program, problem: SlotProblem, site: int, words: Vocabulary, parsimony: float
+    program: Program, problem: SlotProblem, site: int, words: Vocabulary
 ) -> Iterator[tuple[float, Callable[[], Program]]]:
     """The most promising edits of every node, with about the description length that they save."""
     with np.errstate(all="ignore"):
@@ -53,7 +53,7 @@ def _trials(
         for node in range(len(program.nodes) + (len(program.outputs) < MOST_OUTPUTS)):
             edits = _edits(program, node, values, words)
             gains = problem.targets.set_gains(_outputs_after(program, node, values, edits.values), site)
-            about = problem.nats(gains, size + edits.growth, parsimony)
+            about = problem.nats(gains, size + edits.growth)
             for k in np.argsort(-about)[:CHECKED].tolist():
                 yield float(about[k]), partial(_rebuilt, program, node, edits, k)
 

@@ -4,18 +4,122 @@ Thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts as r
 that takes an operand and stands at the very end is dropped.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.errors import InputError
+from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.population import Sequences
+from gpmodel.evolution.representation import check_ranges
 from gpmodel.evolution.threads import over_slices
-from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE
+from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Programs as sequences of ``length`` genes; the defaults search a slot's shape.
+
+    operators: a named set (``gpmodel.formula.operators.SETS``) or names; constants: fixed ones, own_constants: how
+    many more each program carries. outputs: how many of the ``registers`` are offered as a basis. start_inputs:
+    registers start from the inputs in turn rather than from 0; direct: binary operators may name an element as
+    well as a register. crossover, mutation: rates an element (Fig 5.3).
+    Raises InputError for a choice out of range.
+    """
+
+    length: int = 40
+    registers: int = 4
+    outputs: int = 3
+    operators: str | tuple[str, ...] = "slot"
+    constants: tuple[float, ...] = (1.0, 2.0)
+    own_constants: int = 4
+    start_inputs: bool = True
+    direct: bool = True
+    crossover: float = 0.03
+    mutation: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_ranges(
+            self, length=(2, 4096), registers=(1, 31), outputs=(1, 8), own_constants=(0, 64),
+            crossover=(0.0, 0.999), mutation=(0.0, 0.999),
+        )  # fmt: skip
+        if self.outputs > self.registers:
+            raise InputError(f"outputs: {self.outputs}, but there are {self.registers} registers")
+        operator_set(self.operators)
+
+    @staticmethod
+    def thesis(**changes: Any) -> "Linear":
+        """Section 5.2.2: 160 elements, the operators and constants of Table 5.1, rates of 1 %."""
+        return replace(
+            Linear(
+                length=160, registers=8, outputs=3, operators="thesis", constants=TABLE_CONSTANTS, own_constants=0,
+                start_inputs=False, direct=False, crossover=0.01, mutation=0.01,
+            ),
+            **changes,
+        )  # fmt: skip
+
+    def breeding(self, inputs: tuple[str, ...], start: tuple[str, ...], threads: int) -> "SequenceBreeding":
+        """The machine over these inputs, its registers started from ``start`` where given, and its breeding."""
+        first: list[str | None] = [*start]
+        if not first and self.start_inputs:
+            first = [inputs[k % len(inputs)] for k in range(self.registers)]
+        first = (first + [None] * self.registers)[: max(self.registers, self.outputs)]
+        layout = Layout(
+            inputs, operator_set(self.operators), self.constants, tuple(first), self.outputs,
+            self.own_constants, self.direct,
+        )  # fmt: skip
+        return SequenceBreeding(layout, self.length, self.crossover, self.mutation, threads)
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """A population: genes (P, L) of uint8 and each program's own constants (P, own constants)."""
+
+    genes: NDArray[np.uint8]
+    constants: Array
+
+    def __len__(self) -> int:
+        return len(self.genes)
+
+    def take(self, rows: NDArray[np.intp]) -> "Sequences":
+        """The programs at some positions."""
+        return Sequences(self.genes[rows], self.constants[rows])
+
+    def join(self, other: "Sequences") -> "Sequences":
+        """Both populations, this one first."""
+        return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
+
+    def decoder(self, layout: Layout) -> Callable[[slice], Code]:
+        """Effective code of a slice, by the kernels."""
+        return partial(self._decoded, layout)
+
+    def _decoded(self, layout: Layout, part: slice) -> Code:
+        from gpmodel.evolution.kernels.batch import decode_sequences
+
+        longest = self.genes.shape[1] + layout.own_constants + 1
+        code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
+        tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
+        decode_sequences(self.genes[part], code.constants.view(np.uint64), *tables, layout.base, *code.sink())
+        return code
+
+    def program(self, row: int, layout: Layout) -> Program:
+        """One sequence as a program."""
+        return program_of(self.genes[row], self.constants[row], layout)
+
+    def constants_of(self, row: int) -> Array:
+        """Own constants of one program."""
+        return np.array(self.constants[row])
+
+    def with_constants(self, row: int, values: Array) -> "Sequences":
+        """The one program at ``row`` with other own constants."""
+        return Sequences(self.genes[row : row + 1], values[None, :])
 
 
 @dataclass(frozen=True)

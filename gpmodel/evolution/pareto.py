@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.population import Sequences
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
+from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Solution:
     """A program, where it acts, and what it explains.
 
     ``gain`` is the share of residual energy (slot) or of the norm (compensator) it removes, ``coefficients``
@@ -33,20 +32,6 @@ class Candidate:
     coefficients: Array
     complexity: int
     validation: float | None = None
-
-
-class Population(Protocol):
-    """A population of either representation."""
-
-    def __len__(self) -> int: ...
-
-    def take(self, rows: NDArray[np.intp]) -> Self: ...
-
-    def join(self, other: Self) -> Self: ...
-
-    def constants_of(self, row: int) -> Array: ...
-
-    def with_constants(self, row: int, values: Array) -> Self: ...
 
 
 class Archive:
@@ -70,59 +55,51 @@ class Archive:
             self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
             self.best_gain = max(self.best_gain, gain)
 
-    def front(self) -> tuple[Candidate, ...]:
-        """Candidates that no simpler one equals in gain, simplest first."""
-        return pareto([self._candidate(*self._kept[size]) for size in sorted(self._kept)]) or (self._nothing(),)
+    def front(self) -> tuple[Solution, ...]:
+        """Solutions that no simpler one equals in gain, simplest first."""
+        return pareto([self._solution(*self._kept[size]) for size in sorted(self._kept)]) or (self._nothing(),)
 
-    def best(self, front: tuple[Candidate, ...], parsimony: float) -> Candidate:
-        """The candidate of least description length (slot) or of largest gain (compensator)."""
+    def best(self, front: tuple[Solution, ...]) -> Solution:
+        """The solution of least description length (slot) or of largest gain (compensator)."""
         if isinstance(self.problem, CartesianProblem):
-            return max(front, key=lambda candidate: candidate.gain)
+            return max(front, key=lambda solution: solution.gain)
         problem = self.problem
-        return min(front, key=lambda candidate: description_length(candidate, problem, parsimony))
+        return min(front, key=lambda solution: description_length(solution, problem))
 
-    def _candidate(self, population: Population, chosen: int) -> Candidate:
+    def _solution(self, population: Population, chosen: int) -> Solution:
         return scored(program_at(population, 0, chosen, self.layout), self.problem)
 
-    def _nothing(self) -> Candidate:
+    def _nothing(self) -> Solution:
         nothing = "x, y, z" if isinstance(self.problem, CartesianProblem) else "0"
         return scored(parse(nothing), self.problem)
 
 
-def pareto(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def pareto(solutions: Sequence[Solution]) -> tuple[Solution, ...]:
     """Those that no simpler one equals in gain, simplest first."""
-    found: list[Candidate] = []
-    for candidate in sorted(candidates, key=lambda c: (c.complexity, -c.gain)):
-        if not found or candidate.gain > found[-1].gain + 1e-12:
-            found.append(candidate)
+    found: list[Solution] = []
+    for solution in sorted(solutions, key=lambda c: (c.complexity, -c.gain)):
+        if not found or solution.gain > found[-1].gain + 1e-12:
+            found.append(solution)
     return tuple(found)
 
 
-def description_length(candidate: Candidate, problem: SlotProblem, parsimony: float) -> float:
-    """Nats of a candidate of a slot, less being better; its nodes and its coefficients are paid for."""
-    return -float(problem.nats(candidate.gain, candidate.complexity + len(candidate.coefficients), parsimony))
+def description_length(solution: Solution, problem: SlotProblem) -> float:
+    """Nats of a solution of a slot, less being better; its nodes and its coefficients are paid for."""
+    return -float(problem.nats(solution.gain, solution.complexity + len(solution.coefficients)))
 
 
-def program_at(population: Any, row: int, chosen: int, layout: Layout) -> Program:
+def program_at(population: Population, row: int, chosen: int, layout: Layout) -> Program:
     """One member of a population as a program of the outputs in the bit set ``chosen``."""
-    if isinstance(population, Sequences):
-        from gpmodel.evolution import linear
-
-        program = linear.program_of(population.genes[row], population.constants[row], layout)
-    else:
-        from gpmodel.evolution import tree
-
-        program = tree.program_of(population.individuals[row], layout)
-    return program.select(k for k in range(layout.outputs) if chosen >> k & 1)
+    return population.program(row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
-def scored(program: Program, problem: Problem) -> Candidate:
-    """A program as a candidate of a problem: its best site, gain and coefficients."""
+def scored(program: Program, problem: Problem) -> Solution:
+    """A program as a solution of a problem: its best site, gain and coefficients."""
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):
         initial = problem.initial_norm()
         gain = 1.0 - problem.norm_of(values) / initial if len(values) else 0.0
-        return Candidate(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
+        return Solution(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
     targets = problem.targets
     solved = [targets.set_gain(values, site) for site in range(targets.sites)]
     site = int(np.argmax([gain for gain, _ in solved]))
@@ -131,4 +108,4 @@ def scored(program: Program, problem: Problem) -> Candidate:
     if problem.validation is not None and problem.validation_inputs is not None and len(values):
         held_out = program.evaluate(problem.validation_inputs.mapping())
         validation = problem.validation.gain_of(held_out, coefficients, site)
-    return Candidate(program, site, targets.names[site], gain, coefficients, program.complexity, validation)
+    return Solution(program, site, targets.names[site], gain, coefficients, program.complexity, validation)

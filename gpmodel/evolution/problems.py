@@ -1,14 +1,14 @@
 """What is searched: a compensator in Cartesian space, or the shape (and the place) of an effect at a slot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.engine import Code, compensator_fitness
+from gpmodel.evolution.engine import BLOCK, Code, compensator_fitness
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.scoring import Scores, slot_scores
 
@@ -67,13 +67,16 @@ class CartesianProblem:
 
     ``norm`` is "max" (Fig 5.5) or "rms" of the distances over the poses. Inputs x, y, z hold the model's
     points in the unit of ``measured``; the registers start from them. The gain is the share of that norm
-    removed. Raises InputError where they are missing or measured points are not finite.
+    removed; ``parsimony`` is the cost of a node in that unit. Raises InputError where they are missing or measured
+    points are not finite.
     """
 
     inputs: Inputs
     measured: Array
     norm: str = "max"
+    parsimony: float = 0.0
     slice: ClassVar[int] = 2048
+    start: ClassVar[tuple[str, ...]] = COORDINATES
 
     def __post_init__(self) -> None:
         if self.norm not in ("max", "rms"):
@@ -87,6 +90,11 @@ class CartesianProblem:
     @property
     def sites(self) -> tuple[str, ...]:
         return ("tip",)
+
+    @property
+    def can_drop_the_hopeless(self) -> bool:
+        """Whether a score that passes a limit need not be computed to its end: a maximum over many poses."""
+        return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
         """The norm before any compensation."""
@@ -102,30 +110,34 @@ class CartesianProblem:
         """The same search with the errors, measured less model, permuted over the poses."""
         model = self.inputs.select(COORDINATES).values
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
-        return CartesianProblem(self.inputs, model + error, self.norm)
+        return replace(self, measured=model + error)
 
-    def scores(self, code: Code, fixed: Array, parsimony: float, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Fitness of decoded programs; those above ``hopeless`` may come back infinite."""
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         size = code.sizes.sum(axis=1, dtype=np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self.initial_norm()
-        return Scores(fitness + parsimony * size, gain, size, whole, whole + 7, code.hashes)
+        return Scores(fitness + self.parsimony * size, gain, size, whole, whole + 7, code.hashes)
 
 
 @dataclass(frozen=True)
 class SlotProblem:
     """The shape of an effect and the site where it acts; coefficients are solved by projection.
 
-    ``validation`` holds the same sites on other poses, with ``validation_inputs`` to evaluate there.
+    ``validation`` holds the same sites on other poses, with ``validation_inputs`` to evaluate there; ``parsimony`` is
+    the cost of a node or a coefficient in nats.
     """
 
     inputs: Inputs
     targets: Targets
     validation: Targets | None = None
     validation_inputs: Inputs | None = None
+    parsimony: float = 1.0
     slice: ClassVar[int] = 128
+    start: ClassVar[tuple[str, ...]] = ()
+    can_drop_the_hopeless: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:
@@ -137,18 +149,18 @@ class SlotProblem:
     def sites(self) -> tuple[str, ...]:
         return self.targets.names
 
-    def scores(self, code: Code, fixed: Array, parsimony: float, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Description length and gain of decoded programs at their best site."""
-        return slot_scores(code, fixed, self.targets, parsimony)
+        return slot_scores(code, fixed, self.targets, self.parsimony)
 
-    def nats(self, gain: Array | float, size: Array | float, parsimony: float) -> Array:
+    def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
         left = np.maximum(1.0 - np.asarray(gain), 1e-16)
-        return np.asarray(-0.5 * self.targets.components * np.log(left) - parsimony * np.asarray(size))
+        return np.asarray(-0.5 * self.targets.components * np.log(left) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """The same search with the residual permuted over the poses."""
-        return SlotProblem(self.inputs, self.targets.shuffled(rng))
+        return replace(self, targets=self.targets.shuffled(rng), validation=None, validation_inputs=None)
 
 
 Problem = CartesianProblem | SlotProblem

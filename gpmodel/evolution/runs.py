@@ -1,7 +1,7 @@
 """Many runs of the search, the same again on shuffled residuals, kept on disk as they finish."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ import numpy as np
 from gpmodel.errors import InputError
 from gpmodel.evolution.input_histogram import RunRecord
 from gpmodel.evolution.problems import CartesianProblem, Problem
-from gpmodel.evolution.search import Evolution, Progress, Settings, evolve
+from gpmodel.evolution.search import Evolution, Generation, evolve
+from gpmodel.evolution.settings import Settings
 from gpmodel.files import write_text
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
@@ -43,36 +44,34 @@ class Run:
 def strength_of(evolution: Evolution, problem: Problem) -> float:
     """What the best program explains, comparable between runs: nats for a slot, -log(1 - gain) for a compensator."""
     best = evolution.best
-    left = max(1.0 - best.gain, 1e-16)
     if isinstance(problem, CartesianProblem):
-        return float(-np.log(left))
-    cost = evolution.settings.parsimony * (best.complexity + len(best.coefficients))
-    return float(-0.5 * problem.targets.components * np.log(left) - cost)
+        return float(-np.log(max(1.0 - best.gain, 1e-16)))
+    return float(problem.nats(best.gain, best.complexity + len(best.coefficients)))
 
 
 def run_all(
     problem: Problem,
-    settings: Sequence[Settings],
+    settings: Mapping[str, Settings],
     runs: int,
     seed: int,
     heldout: Callable[[Program], float] | None = None,
     finished: Sequence[Run] = (),
-    progress: Callable[[str, int, bool, Progress], None] | None = None,
+    progress: Callable[[str, int, bool, Generation], None] | None = None,
 ) -> Iterator[Run]:
-    """``runs`` runs of each setting, each beside one on a shuffled residual, yielded as they finish.
+    """``runs`` runs of each named setting, each beside one on a shuffled residual, yielded as they finish.
 
     Those in ``finished`` are yielded as they are. Every run has a random stream of its own, by the seed, its
-    representation and its number: what is left to do gives the same numbers.
+    name and its number: what is left to do gives the same numbers.
     """
     known = {(run.representation, run.number, run.shuffled): run for run in finished}
-    for choice in settings:
+    for name, choice in settings.items():
         for number in range(runs):
             for shuffled in (False, True):
-                key = (choice.representation, number, shuffled)
+                key = (name, number, shuffled)
                 if key in known:
                     yield known[key]
                     continue
-                rng = np.random.default_rng([seed, len(choice.representation), number, shuffled])
+                rng = np.random.default_rng([seed, len(name), number, shuffled])
                 tried = problem.shuffled(rng) if shuffled else problem
                 report = None if progress is None else _reporter(progress, *key)
                 found = evolve(tried, choice, rng, report)
@@ -81,13 +80,13 @@ def run_all(
                 yield Run(
                     *key, str(best.program), best.site_name, best.gain, validation, best.complexity,
                     strength_of(found, tried), found.evaluations, found.seconds,
-                    {name: column.tolist() for name, column in found.history.items()},
+                    {quantity: column.tolist() for quantity, column in found.history.items()},
                 )  # fmt: skip
 
 
 def _reporter(
-    progress: Callable[[str, int, bool, Progress], None], representation: str, number: int, shuffled: bool
-) -> Callable[[Progress], None]:
+    progress: Callable[[str, int, bool, Generation], None], representation: str, number: int, shuffled: bool
+) -> Callable[[Generation], None]:
     return lambda state: progress(representation, number, shuffled, state)
 
 

@@ -11,18 +11,16 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.generations import Generations, distinct
 from gpmodel.evolution.hill_climb import climbed
-from gpmodel.evolution.pareto import Archive, Candidate, description_length, pareto, scored
-from gpmodel.evolution.problems import CartesianProblem, Inputs, Problem, SlotProblem
+from gpmodel.evolution.pareto import Archive, Solution, description_length, pareto, scored
+from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
 from gpmodel.formula.operators import Operator
-
-__all__ = ["Candidate", "CartesianProblem", "Evolution", "Inputs", "Progress", "Settings", "SlotProblem", "evolve"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Progress:
+class Generation:
     """State of a run after one generation; best and median are scores (lower is better) of finite programs."""
 
     generation: int
@@ -45,8 +43,8 @@ class Evolution:
     operators. ``evaluations`` is the number of programs scored.
     """
 
-    front: tuple[Candidate, ...]
-    best: Candidate
+    front: tuple[Solution, ...]
+    best: Solution
     history: dict[str, Array]
     histogram: dict[str, int]
     operators: dict[str, int]
@@ -59,9 +57,9 @@ def evolve(
     problem: Problem,
     settings: Settings,
     rng: np.random.Generator,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[Generation], None] | None = None,
 ) -> Evolution:
-    """Search until ``settings.generations`` or ``settings.seconds`` is over.
+    """Search until the generations or the seconds of the budget are over.
 
     The result depends on the problem, the settings and the generator only, whatever the number of threads
     (where generations end the run; time ends it where it ends). Raises InputError where no program of the
@@ -70,14 +68,14 @@ def evolve(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return _search(Generations(problem, settings, rng), progress)
+        return _search(Generations(problem, settings, rng), settings, progress)
 
 
-def _search(run: Generations, progress: Callable[[Progress], None] | None) -> Evolution:
-    settings = run.settings
+def _search(run: Generations, settings: Settings, progress: Callable[[Generation], None] | None) -> Evolution:
+    budget = run.budget
     archive = Archive(run.problem, run.layout)
     began = time.perf_counter()
-    rows: list[Progress] = []
+    rows: list[Generation] = []
     evaluations = 0
     population, scores = run.start()
     if not np.any(np.isfinite(scores.score)):
@@ -85,38 +83,38 @@ def _search(run: Generations, progress: Callable[[Progress], None] | None) -> Ev
     generation = 0
     idle, record = 0, np.inf
     while True:
-        evaluations += settings.population
+        evaluations += budget.population
         archive.add(population, scores)
         seconds = time.perf_counter() - began
         finite = scores.score[np.isfinite(scores.score)]
         best, median = (float(finite.min()), float(np.median(finite))) if len(finite) else (np.inf, np.inf)
-        left = settings.seconds - seconds
+        left = budget.seconds - seconds
         if generation:
-            left = min(left, seconds / generation * (settings.generations - generation))
-        row = Progress(
+            left = min(left, seconds / generation * (budget.generations - generation))
+        row = Generation(
             generation, best, median, float(archive.best_gain),
             distinct(scores.hashes), evaluations / seconds, seconds, max(0.0, left),
         )  # fmt: skip
         rows.append(row)
         if progress:
             progress(row)
-        done = generation >= settings.generations or seconds >= settings.seconds
-        if done or archive.best_gain >= settings.target:
+        done = generation >= budget.generations or seconds >= budget.seconds
+        if done or archive.best_gain >= budget.target:
             break
         idle = 0 if best < record - 1e-9 * abs(record) or not np.isfinite(record) else idle + 1
         record = min(record, best)
         generation += 1
-        if settings.restart_after and idle >= settings.restart_after:
+        if budget.restart_after and idle >= budget.restart_after:
             population, scores = run.start()
             idle, record = 0, np.inf
             continue
         population, scores = run.following(population, scores)
-        if settings.polish_every and generation % settings.polish_every == 0:
+        if budget.polish_every and generation % budget.polish_every == 0:
             population, scores = run.polished(population, scores)
     front = archive.front()
-    if settings.climb and isinstance(run.problem, SlotProblem):
-        front = _finished(front, run.problem, run.layout.operators, settings)
-    chosen = archive.best(front, settings.parsimony)
+    if budget.climb and isinstance(run.problem, SlotProblem):
+        front = _finished(front, run.problem, run.layout.operators, budget.climb)
+    chosen = archive.best(front)
     history = {
         name: np.array([getattr(row, name) for row in rows])
         for name in ("generation", "best", "median", "gain", "distinct", "evaluations_per_second", "seconds")
@@ -128,12 +126,12 @@ def _search(run: Generations, progress: Callable[[Progress], None] | None) -> Ev
 
 
 def _finished(
-    front: tuple[Candidate, ...], problem: SlotProblem, operators: tuple[Operator, ...], settings: Settings
-) -> tuple[Candidate, ...]:
+    front: tuple[Solution, ...], problem: SlotProblem, operators: tuple[Operator, ...], count: int
+) -> tuple[Solution, ...]:
     """The front after its best programs, and the best pairs of elements, were climbed from by single edits."""
     words = Vocabulary(problem.inputs, operators)
-    best = sorted(front, key=lambda c: description_length(c, problem, settings.parsimony))[: settings.climb]
-    starts = [(c.program, c.site) for c in best]
-    starts += promising(problem, words, settings.parsimony, settings.climb)
-    tops = [climbed(program, problem, site, words, settings.parsimony) for program, site in starts]
+    best = sorted(front, key=lambda solution: description_length(solution, problem))[:count]
+    starts = [(solution.program, solution.site) for solution in best]
+    starts += promising(problem, words, count)
+    tops = [climbed(program, problem, site, words) for program, site in starts]
     return pareto([*front, *(scored(top, problem) for top in tops)])

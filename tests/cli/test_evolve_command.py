@@ -9,7 +9,10 @@ from click.testing import CliRunner, Result
 from gpmodel.cli.evolve import evolve, settings_for
 from gpmodel.cli.simulate import simulate
 from gpmodel.errors import InputError
+from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.runs import load_runs
+from gpmodel.evolution.selection import Truncation
+from gpmodel.evolution.tree import Tree
 from gpmodel.formula.parse import parse
 
 QUICK = ["--mechanism", "irb6400r", "--population", "200", "--generations", "3", "--runs", "2"]
@@ -81,8 +84,11 @@ def test_bad_options_are_one_clear_line(options: list[str], message: str, table:
 
 
 def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
-    linear, tree = settings_for("cartesian", ["linear", "tree"], None, None, None, None, 0)
-    assert (linear.population, linear.length, linear.selected) == (65536, 160, 0.05)
-    assert (linear.crossover, linear.mutation, linear.operators) == (0.01, 0.01, "thesis")
-    assert 10 <= tree.depth <= 15
-    assert settings_for("slot", ["linear"], None, None, 2.0, None, 0)[0].generations > 10**5
+    chosen = settings_for("cartesian", ["linear", "tree"], None, None, {})
+    linear, tree = chosen["linear"], chosen["tree"]
+    assert (linear.budget.population, linear.selection) == (65536, Truncation(0.05))
+    assert linear.representation == Linear.thesis()
+    assert (Linear.thesis().length, Linear.thesis().crossover, Linear.thesis().mutation) == (160, 0.01, 0.01)
+    assert 10 <= Tree.thesis().depth <= 15
+    assert tree.representation == Tree.thesis()
+    assert settings_for("slot", ["linear"], None, None, {"seconds": 2.0})["linear"].budget.generations > 10**5

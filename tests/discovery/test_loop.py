@@ -22,6 +22,7 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.linear import Linear
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
@@ -181,7 +182,7 @@ def test_a_known_effect_is_in_the_standard_model_and_not_found_again() -> None:
     truth, train, heldout = robot("gear", 0)
     known = Candidate("gear error, 2 per turn, J4", CASES["gear"].effects, "gear_harmonic", 4.0)
     answer = discover(
-        truth.model.mechanism, truth.poses, train, heldout, search=replace(SMALL, strategies=("linear",)),
+        truth.model.mechanism, truth.poses, train, heldout, search=replace(SMALL, strategies=(Linear(),)),
         known=(known,),
     )  # fmt: skip
     assert answer.findings == ()

@@ -5,8 +5,10 @@ import pytest
 
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.hill_climb import _edits, _outputs_after, _rebuilt, climbed
+from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.search import Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.operators import operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
@@ -21,7 +23,7 @@ PROGRAMS = ["J1", "J1*cos(J2)", "v = sin(J1); v*v + load, max(v, 0.5)", "exp(J3)
 def problem(law: str, noise: float = 0.02, seed: int = 0) -> SlotProblem:
     response = parse(law).evaluate(INPUTS.mapping())[0]
     spread = noise * response.std() * np.random.default_rng(seed).normal(size=POSES)
-    return SlotProblem(INPUTS, regression(response + spread))
+    return SlotProblem(INPUTS, regression(response + spread), parsimony=2.0)
 
 
 @pytest.mark.parametrize("text", PROGRAMS)
@@ -52,7 +54,7 @@ def test_every_edit_has_the_values_of_the_program_that_it_builds(text: str) -> N
 )
 def test_a_near_miss_is_finished(law: str, near: str) -> None:
     there = problem(law)
-    found = climbed(parse(near), there, 0, WORDS, 2.0)
+    found = climbed(parse(near), there, 0, WORDS)
     assert there.targets.set_gain(found.evaluate(INPUTS.mapping()), 0)[0] > 0.99
 
 
@@ -66,20 +68,22 @@ def test_a_climb_never_costs_description_length(text: str, seed: int) -> None:
         return -0.5 * POSES * np.log(1.0 - gain) - 2.0 * (program.complexity + len(program.outputs))
 
     start = parse(text)
-    assert nats(climbed(start, there, 0, WORDS, 2.0)) >= nats(start)
+    assert nats(climbed(start, there, 0, WORDS)) >= nats(start)
 
 
 @pytest.mark.parametrize("law", ["cos(2*J1)*cos(2*J2)", "sin(J1)*load", "exp(J1)*abs(J3)", "tanh(J2 + J3)"])
 def test_a_pair_that_explains_only_together_is_among_the_promising(law: str) -> None:
     there = problem(law)
-    ((program, site),) = promising(there, WORDS, 2.0, 1)
+    ((program, site),) = promising(there, WORDS, 1)
     assert there.targets.set_gain(program.evaluate(INPUTS.mapping()), site)[0] > 0.99
 
 
 def test_a_search_that_climbs_finds_a_law_that_the_same_search_misses() -> None:
     there = problem("cos(2*J1)*cos(2*J2)")
-    size = {"population": 64, "generations": 5, "seconds": 1e9, "parsimony": 2.0}
-    without, with_climb = (evolve(there, Settings(**size, climb=climb), np.random.default_rng(3)) for climb in (0, 2))
+    without, with_climb = (
+        evolve(there, Settings(budget=Budget(64, 5, seconds=1e9, climb=climb)), np.random.default_rng(3))
+        for climb in (0, 2)
+    )
     assert without.best.gain < 0.6
     assert with_climb.best.gain > 0.99
     gains = [c.gain for c in with_climb.front]
@@ -89,9 +93,7 @@ def test_a_search_that_climbs_finds_a_law_that_the_same_search_misses() -> None:
 
 def test_on_noise_a_climb_gains_little() -> None:
     """Of 80 poses of noise, what evolution and climbing explain costs more nodes than it saves, 2 nats a node."""
-    there = SlotProblem(INPUTS, regression(np.random.default_rng(4).normal(size=POSES)))
-    found = evolve(
-        there, Settings(population=256, generations=20, seconds=1e9, parsimony=2.0, climb=2), np.random.default_rng(1)
-    )
+    there = SlotProblem(INPUTS, regression(np.random.default_rng(4).normal(size=POSES)), parsimony=2.0)
+    found = evolve(there, Settings(budget=Budget(256, 20, seconds=1e9, climb=2)), np.random.default_rng(1))
     saved = -0.5 * POSES * np.log(1.0 - found.best.gain) - 2.0 * found.best.complexity
     assert saved < 5.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gpmodel.evolution import engine, linear, tree
+from gpmodel.evolution import engine, linear, tree_breeding
 from gpmodel.evolution.kernels import breeding, elementary
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.machine import Layout
@@ -76,7 +76,7 @@ LAYOUTS = {
 def population(layout: Layout, representation: str, count: int, rng: np.random.Generator):
     if representation == "linear":
         return linear.SequenceBreeding(layout, 61).initial(count, rng)
-    return tree.TreeBreeding(layout, start_depth=6).initial(count, rng)
+    return tree_breeding.TreeBreeding(layout, start_depth=6).initial(count, rng)
 
 
 @pytest.mark.parametrize("representation", ["linear", "tree"])
@@ -87,16 +87,12 @@ def test_programs_run_like_their_numpy_selves(name: str, representation: str, po
     rng = np.random.default_rng(poses)
     programs = population(layout, representation, 60, rng)
     inputs = rng.normal(size=(len(layout.inputs), poses))
-    readable = programs if representation == "linear" else programs.forest
-    code = engine.decode(readable, slice(0, 60), layout)
+    code = programs.decoder(layout)(slice(0, 60))
     found = engine.values(code, layout.fixed_rows(inputs))
     columns = dict(zip(layout.inputs, inputs, strict=True))
     compared = 0
     for p in range(60):
-        if representation == "linear":
-            program = linear.program_of(programs.genes[p], programs.constants[p], layout)
-        else:
-            program = tree.program_of(programs.individuals[p], layout)
+        program = programs.program(p, layout)
         expected = program.evaluate(columns)
         nearby = program.evaluate({name: column * (1 + 1e-12) for name, column in columns.items()})
         with np.errstate(invalid="ignore"):
@@ -110,23 +106,22 @@ def test_programs_run_like_their_numpy_selves(name: str, representation: str, po
 def test_equal_effective_code_has_an_equal_hash_and_other_code_another() -> None:
     layout = LAYOUTS["slot"]
     programs = population(layout, "linear", 400, np.random.default_rng(0))
-    hashes = engine.decode(programs, slice(0, 400), layout).hashes
+    decode = programs.decoder(layout)
+    hashes = decode(slice(0, 400)).hashes
     words = [
         (code.words[0, : code.count[0]].tobytes(), code.outputs[0].tobytes(), code.constants[0].tobytes())
-        for code in (engine.decode(programs, slice(p, p + 1), layout) for p in range(400))
+        for code in (decode(slice(p, p + 1)) for p in range(400))
     ]
     constant_free = [w[:2] for w in words]
     assert len(set(hashes.tolist())) >= len(set(constant_free))
-    again = engine.decode(programs.take(np.arange(400)[::-1].copy()), slice(0, 400), layout).hashes
+    again = programs.take(np.arange(400)[::-1].copy()).decoder(layout)(slice(0, 400)).hashes
     np.testing.assert_array_equal(again[::-1], hashes)
 
 
 def test_dead_code_does_not_change_the_hash() -> None:
     layout = LAYOUTS["one"]
     genes = np.array([[0, 0, 2, 0, 14, 14, 14], [0, 0, 2, 0, 3, 0, 14]], dtype=np.uint8)
-    from gpmodel.evolution.population import Sequences
-
-    code = engine.decode(Sequences(genes, np.zeros((2, 0))), slice(0, 2), layout)
+    code = linear.Sequences(genes, np.zeros((2, 0))).decoder(layout)(slice(0, 2))
     assert code.hashes[0] == code.hashes[1]
     assert code.count.tolist() == [0, 0]
 
@@ -140,13 +135,13 @@ def test_compensator_fitness_is_the_norm_of_fig_5_5(norm: str, poses: int) -> No
     problem = CartesianProblem(inputs, inputs.values[:3] + 0.1 * rng.normal(size=(3, poses)), norm)
     programs = population(layout, "linear", 300, rng)
     fixed = layout.fixed_rows(inputs.values)
-    code = engine.decode(programs, slice(0, 300), layout)
-    found = problem.scores(code, fixed, 0.0).score
+    code = programs.decoder(layout)(slice(0, 300))
+    found = problem.scores(code, fixed).score
     outputs = engine.values(code, fixed).copy()
     expected = np.array([problem.norm_of(o) if np.all(np.isfinite(o)) else np.inf for o in outputs])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     limit = float(np.median(found))
-    early = problem.scores(code, fixed, 0.0, hopeless=limit).score
+    early = problem.scores(code, fixed, hopeless=limit).score
     np.testing.assert_array_equal(early[found <= limit], found[found <= limit])
     assert np.all(np.isinf(early[found > limit * (1 + 1e-12)]))
 
@@ -173,7 +168,7 @@ def test_chosen_outputs_are_those_of_stepwise_least_squares() -> None:
     inputs = Inputs(layout.inputs, rng.normal(size=(2, 50)))
     programs = population(layout, "linear", 80, rng)
     fixed = layout.fixed_rows(inputs.values)
-    code = engine.decode(programs, slice(0, 80), layout)
+    code = programs.decoder(layout)(slice(0, 80))
     scores = slot_scores(code, fixed, targets, 1.5)
     values = engine.values(code, fixed).copy()
     for p in range(80):
@@ -231,6 +226,7 @@ def test_slot_problem_scores_do_not_depend_on_the_slice() -> None:
     problem = SlotProblem(Inputs(layout.inputs, rng.normal(size=(2, 50))), slot_targets(rng, 4, 50, 5))
     programs = population(layout, "linear", 90, rng)
     fixed = layout.fixed_rows(problem.inputs.values)
-    whole = problem.scores(engine.decode(programs, slice(0, 90), layout), fixed, 1.0)
-    part = problem.scores(engine.decode(programs, slice(30, 60), layout), fixed, 1.0)
+    decode = programs.decoder(layout)
+    whole = problem.scores(decode(slice(0, 90)), fixed)
+    part = problem.scores(decode(slice(30, 60)), fixed)
     np.testing.assert_allclose(part.score, whole.score[30:60], rtol=1e-9)

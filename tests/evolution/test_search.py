@@ -1,20 +1,24 @@
 """The search: what it finds, what it never depends on, and what it refuses."""
 
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.generations import Generations, survivors
+from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
-from gpmodel.evolution.scoring import Scores
-from gpmodel.evolution.search import CartesianProblem, Inputs, Settings, SlotProblem, evolve
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.selection import Tournament
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.tree import Tree
 
 REPRESENTATIONS = ["linear", "tree"]
 QUICK = {
-    "linear": Settings(population=300, generations=60, seconds=1e9, own_constants=1, restart_after=0),
-    "tree": Settings("tree", population=250, generations=30, seconds=1e9, own_constants=1, restart_after=0),
+    "linear": Settings(Linear(own_constants=1), budget=Budget(300, 60, seconds=1e9, restart_after=0)),
+    "tree": Settings(Tree(own_constants=1), budget=Budget(250, 30, seconds=1e9, restart_after=0)),
 }
 
 
@@ -54,9 +58,8 @@ def test_place_and_shape_are_found_together(representation: str) -> None:
 @pytest.mark.parametrize("representation", REPRESENTATIONS)
 def test_noise_alone_is_not_explained_by_much_code(representation: str) -> None:
     inputs = joints(80)
-    problem = SlotProblem(inputs, two_sites(inputs, np.zeros(80)))
-    settings = replace(QUICK[representation], parsimony=3.0)
-    best = evolve(problem, settings, np.random.default_rng(3)).best
+    problem = SlotProblem(inputs, two_sites(inputs, np.zeros(80)), parsimony=3.0)
+    best = evolve(problem, QUICK[representation], np.random.default_rng(3)).best
     assert best.gain < 0.2
     assert best.complexity <= 8
 
@@ -65,9 +68,9 @@ def test_noise_alone_is_not_explained_by_much_code(representation: str) -> None:
 def test_numbers_do_not_depend_on_threads_but_on_the_seed(representation: str) -> None:
     inputs = joints(60)
     problem = SlotProblem(inputs, regression(np.tanh(inputs["J1"] * inputs["J3"])))
-    settings = replace(QUICK[representation], generations=12)
+    settings = QUICK[representation].with_budget(generations=12)
     runs = [
-        evolve(problem, replace(settings, threads=threads), np.random.default_rng(seed))
+        evolve(problem, settings.with_budget(threads=threads), np.random.default_rng(seed))
         for threads, seed in ((1, 5), (2, 5), (2, 6))
     ]
     assert [str(c.program) for c in runs[0].front] == [str(c.program) for c in runs[1].front]
@@ -89,7 +92,7 @@ def test_the_front_grows_in_gain_and_complexity_and_is_true(representation: str)
         gain = problem.targets.gain_of(values, candidate.coefficients, candidate.site)
         assert gain == pytest.approx(candidate.gain, rel=1e-9)
     assert found.histogram == found.best.program.input_counts
-    assert found.evaluations == (QUICK[representation].generations + 1) * QUICK[representation].population
+    assert found.evaluations == 31 * 250 if representation == "tree" else found.evaluations == 61 * 300
 
 
 def test_validation_is_scored_with_the_same_coefficients() -> None:
@@ -107,10 +110,8 @@ def test_a_compensator_lowers_the_norm_of_the_distances(representation: str, nor
     inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 40)))
     measured = inputs.values[:3] + np.stack([0.1 * np.ones(40), 0.0 * inputs["y"], 0.001 * np.sin(inputs["J1"])])
     problem = CartesianProblem(inputs, measured, norm)
-    settings = replace(
-        Settings.thesis(representation), population=3000 if representation == "linear" else 1000, generations=40,
-        length=24,
-    )  # fmt: skip
+    sequences = thesis_settings(Linear.thesis(length=24), 3000, 40)
+    settings = sequences if representation == "linear" else thesis_settings(Tree.thesis(), 1000, 40)
     found = evolve(problem, settings, np.random.default_rng(1))
     assert found.best.gain > (0.5 if representation == "linear" else 0.05)
     after = problem.norm_of(found.best.program.evaluate(inputs.mapping()))
@@ -120,10 +121,10 @@ def test_a_compensator_lowers_the_norm_of_the_distances(representation: str, nor
 def test_a_target_and_a_time_end_the_run() -> None:
     inputs = joints(60)
     problem = SlotProblem(inputs, regression(np.sin(inputs["J1"])))
-    found = evolve(problem, Settings(target=0.999, seconds=60.0), np.random.default_rng(0))
+    found = evolve(problem, Settings(budget=Budget(target=0.999, seconds=60.0)), np.random.default_rng(0))
     assert found.best.gain > 0.999
     assert len(found.history["gain"]) < 50
-    stopped = evolve(problem, Settings(seconds=0.0), np.random.default_rng(0))
+    stopped = evolve(problem, Settings(budget=Budget(seconds=0.0)), np.random.default_rng(0))
     assert len(stopped.history["gain"]) == 1
 
 
@@ -131,17 +132,9 @@ def test_progress_tells_of_every_generation() -> None:
     inputs = joints(60)
     problem = SlotProblem(inputs, regression(inputs["J1"] ** 2))
     seen = []
-    evolve(problem, replace(QUICK["linear"], generations=5), np.random.default_rng(0), seen.append)
+    evolve(problem, QUICK["linear"].with_budget(generations=5), np.random.default_rng(0), seen.append)
     assert [state.generation for state in seen] == list(range(6))
     assert all(state.distinct > 1 and state.evaluations_per_second > 0 for state in seen)
-
-
-def test_survivors_are_the_best_of_each_score_first() -> None:
-    score = np.array([3.0, 1.0, 1.0, 2.0, 1.0, 5.0])
-    zero = np.zeros(6, np.int64)
-    scores = Scores(score, -score, zero, zero, zero, np.zeros(6, np.uint64))
-    assert survivors(scores, 4).tolist() == [1, 3, 0, 5]
-    assert survivors(scores, 4, keep_distinct=False).tolist() == [1, 2, 4, 3]
 
 
 def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
@@ -156,19 +149,20 @@ def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("build", "message"),
     [
-        ({"representation": "graph"}, "expected linear or tree"),
-        ({"population": 2}, "population: 2"),
-        ({"selection": "truncation", "population": 30, "selected": 0.05}, "too small to select 5.0% from"),
-        ({"operators": "thesis,sinus"}, "unknown 'sinus', 'thesis'"),
-        ({"outputs": 5, "registers": 4}, "there are 4 registers"),
-        ({"crossover": 1.5}, "crossover: 1.5"),
+        (lambda: Budget(population=2), "population: 2"),
+        (lambda: thesis_settings(Linear(), population=30), "too small to select 5.0% from"),
+        (lambda: Linear(operators="thesis,sinus"), "unknown 'sinus', 'thesis'"),
+        (lambda: Linear(outputs=5), "there are 4 registers"),
+        (lambda: Tree(crossover=1.5), "crossover: 1.5"),
+        (lambda: Tree(style="wild"), "style: 'wild'"),
+        (lambda: Tournament(0), "size: 0"),
     ],
 )
-def test_settings_out_of_range_are_one_clear_line(changes: dict, message: str) -> None:
+def test_choices_out_of_range_are_one_clear_line(build: Callable[[], object], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
-        Settings(**changes)
+        build()
     assert "\n" not in str(caught.value)
 
 
@@ -187,7 +181,7 @@ def test_no_finite_program_is_an_error() -> None:
     inputs = Inputs(("x", "y", "z"), np.full((3, 20), 1.0))
     problem = CartesianProblem(inputs, np.full((3, 20), 1e200))
     with pytest.raises(InputError, match="no program of the first population is finite"):
-        evolve(problem, replace(Settings.thesis(), population=100, generations=1), np.random.default_rng(0))
+        evolve(problem, thesis_settings(Linear.thesis(), 100, 1), np.random.default_rng(0))
 
 
 def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,9 +189,9 @@ def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pyt
     inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 400)))
     bent = np.stack([0.1 * inputs["J1"], 0.3 * np.sin(inputs["x"]), 0.2 * inputs["z"]])
     problem = CartesianProblem(inputs, inputs.values[:3] + bent)
-    settings = replace(Settings.thesis(), population=1000, generations=12, length=40)
+    settings = thesis_settings(Linear.thesis(length=40), 1000, 12)
     early = evolve(problem, settings, np.random.default_rng(1))
-    monkeypatch.setattr("gpmodel.evolution.generations.BLOCK", 10**6)
+    monkeypatch.setattr("gpmodel.evolution.problems.BLOCK", 10**6)
     full = evolve(problem, settings, np.random.default_rng(1))
     np.testing.assert_array_equal(early.history["best"], full.history["best"])
     assert [str(c.program) for c in early.front] == [str(c.program) for c in full.front]
@@ -206,7 +200,7 @@ def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pyt
     population = run.breeding.initial(1000, np.random.default_rng(2))
     whole = run.scores(population).score
     run.hopeless = float(np.partition(whole, 60)[60])
-    dropped = run.scores_of_selectable(population, 50).score
+    dropped = run.scores_of_eligible(population, 50).score
     assert np.count_nonzero(np.isinf(dropped)) > np.count_nonzero(np.isinf(whole)) + 20
     np.testing.assert_array_equal(np.sort(dropped)[:60], np.sort(whole)[:60])
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from deap import gp
 
+from gpmodel.evolution.forest import OWN_CONSTANT
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.population import OWN_CONSTANT
-from gpmodel.evolution.tree import Individual, TreeBreeding, depth_first_crossover, program_of, structure_mutation
+from gpmodel.evolution.tree_breeding import TreeBreeding, depth_first_crossover, structure_mutation
+from gpmodel.evolution.tree_population import Individual, program_of
 from gpmodel.formula.operators import operator_set
 
 LAYOUT = Layout(("a", "b"), operator_set("thesis"), (1.0,), (None, None), 2, 1)

@@ -9,6 +9,7 @@ from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_word
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.linear import Linear
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
@@ -21,7 +22,7 @@ def run(case: Undeclared) -> tuple[Discovery, Poses]:
     data = case.table(SEED)
     poses = prepare(JOINT, data)
     train, heldout = hold_out(data, 0.3, np.random.default_rng(SEED))
-    search = Search(runs=3, workers=1, strategies=("linear",))
+    search = Search(runs=3, workers=1, strategies=(Linear(),))
     return discover(JOINT, poses, train, heldout, search=search, seed=SEED), poses
 
 

@@ -1,0 +1,39 @@
+"""Programs of several trees each, as the flat codes that the kernels read."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.engine import Code, empty_code
+from gpmodel.evolution.machine import Layout
+
+Array = NDArray[np.float64]
+
+OPERATOR_CODES = 32
+"""Prefix codes from here name a row of fixed values."""
+
+OWN_CONSTANT = 16384
+"""Prefix codes from here name one of the program's own constants."""
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Programs of several trees each, as flat prefix codes.
+
+    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``; constants is (P, most constants), padded.
+    """
+
+    codes: NDArray[np.int16]
+    bounds: NDArray[np.int32]
+    constants: Array
+
+    def decoded(self, layout: Layout, part: slice) -> Code:
+        """Effective code of a slice of programs."""
+        from gpmodel.evolution.kernels.batch import decode_forest
+
+        longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))
+        code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
+        bounds = self.bounds[part]
+        decode_forest(self.codes, bounds, code.constants.view(np.uint64), layout.base, *code.sink())
+        return code

@@ -1,0 +1,155 @@
+"""How trees start and vary (thesis section 5.2.2, Fig 5.6), by DEAP.
+
+DEAP draws from Python's global generator: every call here seeds it from the NumPy generator it is given and
+puts its state back.
+"""
+
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from deap import base, gp
+from numpy.typing import NDArray
+
+from gpmodel.evolution.forest import OPERATOR_CODES
+from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
+
+
+@contextmanager
+def _deap_random(rng: np.random.Generator) -> Iterator[None]:
+    state = random.getstate()
+    random.seed(int(rng.integers(2**63)))
+    try:
+        yield
+    finally:
+        random.setstate(state)
+
+
+@dataclass(frozen=True)
+class TreeBreeding:
+    """How trees are made and varied.
+
+    ``style`` is "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first
+    crossover and the two mutations of section 5.2.2, completed so that a tree is always whole). Starts are
+    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``.
+    """
+
+    layout: Layout
+    style: str = "koza"
+    depth: int = 12
+    shallow: int = 1
+    start_depth: int = 4
+    crossover: float = 0.6
+
+    @cached_property
+    def primitives(self) -> gp.PrimitiveSet:
+        layout = self.layout
+        primitives = gp.PrimitiveSet("program", 0)
+        for operator in layout.operators:
+            primitives._add(OperatorNode(operator.name, operator.arity, operator.code))
+            primitives.prims_count += 1
+        names = [*layout.inputs, *map(repr, layout.constants)]
+        for row, name in enumerate(names):
+            primitives._add(ElementNode(name, OPERATOR_CODES + row))
+            primitives.terms_count += 1
+        for _ in range(layout.own_constants):
+            primitives._add(ConstantNode)
+            primitives.terms_count += 1
+        return primitives
+
+    @cached_property
+    def toolbox(self) -> base.Toolbox:
+        toolbox = base.Toolbox()
+        toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=self.shallow, max_=self.start_depth)
+        toolbox.register("grown", gp.genFull, min_=0, max_=2)
+        if self.style == "koza":
+            toolbox.register("mate", gp.cxOnePoint)
+            toolbox.register("mutate_structure", gp.mutUniform, expr=toolbox.grown, pset=self.primitives)
+        else:
+            toolbox.register("mate", partial(depth_first_crossover, primitives=self.primitives))
+            toolbox.register("mutate_structure", partial(structure_mutation, primitives=self.primitives))
+        toolbox.register("mutate_operator", gp.mutNodeReplacement, pset=self.primitives)
+        return toolbox
+
+    def initial(self, population: int, rng: np.random.Generator) -> Trees:
+        """A random population."""
+        with _deap_random(rng):
+            return Trees(
+                tuple(
+                    Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
+                    for _ in range(population)
+                )
+            )
+
+    def offspring(
+        self, parents: Trees, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
+    ) -> Trees:
+        """One child a pair of parents, by crossover or one of the mutations."""
+        children = []
+        with _deap_random(rng):
+            for mother, father in zip(mothers.tolist(), fathers.tolist(), strict=True):
+                children.append(self._child(parents.individuals[mother], parents.individuals[father]))
+        return Trees(tuple(children))
+
+    def _child(self, mother: Individual, father: Individual) -> Individual:
+        place = random.randrange(len(mother.trees))
+        own = gp.PrimitiveTree(mother.trees[place])
+        other = gp.PrimitiveTree(father.trees[random.randrange(len(father.trees))])
+        toolbox = self.toolbox
+        if random.random() < self.crossover:
+            child = toolbox.mate(own, other)[0]
+        elif self.style == "thesis":
+            child = (
+                toolbox.mutate_structure(own, other)[0] if random.random() < 0.5 else toolbox.mutate_operator(own)[0]
+            )
+        elif random.random() < 0.5:
+            child = toolbox.mutate_structure(own)[0]
+        else:
+            child = toolbox.mutate_operator(own)[0]
+        if child.height > self.depth:
+            return mother
+        return Individual((*mother.trees[:place], child, *mother.trees[place + 1 :]))
+
+
+def _complete(
+    prefix: Sequence[gp.Primitive], supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet
+) -> gp.PrimitiveTree:
+    """``prefix``, then nodes of ``supply`` until the tree is whole; random leaves where the supply ends."""
+    nodes = []
+    missing = 1
+    for node in prefix:
+        nodes.append(node)
+        missing += node.arity - 1
+    while missing > 0:
+        node = next(supply, None)
+        if node is None:
+            node = random.choice(primitives.terminals[object])
+            node = node() if type(node) is gp.MetaEphemeral else node
+        nodes.append(node)
+        missing += node.arity - 1
+    return gp.PrimitiveTree(nodes)
+
+
+def depth_first_crossover(
+    mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
+) -> tuple[gp.PrimitiveTree]:
+    """Fig 5.6: the mother's nodes up to a point, then the father's after it, in depth-first order.
+
+    The father's nodes are used until the child is whole; where they run out, or he is shorter than the
+    point, the open places become random leaves.
+    """
+    point = random.randrange(len(mother))
+    return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)
+
+
+def structure_mutation(
+    mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
+) -> tuple[gp.PrimitiveTree]:
+    """The same with a crossover point of its own in the father, so that sequences are reused elsewhere."""
+    point = random.randrange(len(mother))
+    other = random.randrange(len(father))
+    return (_complete(mother[: point + 1], iter(father[other:]), primitives),)

@@ -1,0 +1,147 @@
+"""Trees as DEAP holds them, with the codes that the kernels read; never compiled by DEAP."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import chain
+from operator import attrgetter
+
+import numpy as np
+from deap import gp
+from numpy.typing import NDArray
+
+from gpmodel.evolution.engine import Code
+from gpmodel.evolution.forest import OPERATOR_CODES, OWN_CONSTANT, Forest
+from gpmodel.evolution.machine import Layout
+from gpmodel.formula.operators import BY_CODE
+from gpmodel.formula.program import Builder, Program
+
+Array = NDArray[np.float64]
+
+
+class OperatorNode(gp.Primitive):
+    __slots__ = ("code",)
+
+    def __init__(self, name: str, arity: int, code: int) -> None:
+        super().__init__(name, [object] * arity, object)
+        self.code = code
+
+
+class ElementNode(gp.Terminal):
+    __slots__ = ("code",)
+
+    def __init__(self, name: str, code: int) -> None:
+        super().__init__(name, True, object)
+        self.code = code
+
+
+def _standard_normal() -> float:
+    return random.gauss(0.0, 1.0)
+
+
+ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)
+ConstantNode.code = OWN_CONSTANT
+_CODE = attrgetter("code")
+
+
+@dataclass(frozen=True)
+class Individual:
+    """Several trees bred together, with their codes; own constants in the order of the codes."""
+
+    trees: tuple[gp.PrimitiveTree, ...]
+
+    @cached_property
+    def codes(self) -> NDArray[np.int16]:
+        """Prefix codes of all trees, own constants numbered in turn."""
+        codes = np.fromiter(map(_CODE, chain.from_iterable(self.trees)), np.int16)
+        own = codes == OWN_CONSTANT
+        if own.any():
+            codes[own] += np.arange(np.count_nonzero(own), dtype=np.int16)
+        return codes
+
+    @cached_property
+    def constants(self) -> list[float]:
+        """Values of the own constants, in the order of the codes."""
+        if self.codes.max() < OWN_CONSTANT:
+            return []
+        return [node.value for tree in self.trees for node in tree if node.code == OWN_CONSTANT]
+
+
+@dataclass(frozen=True)
+class Trees:
+    """A population of individuals; ``forest`` is what the kernels read."""
+
+    individuals: tuple[Individual, ...]
+
+    def __len__(self) -> int:
+        return len(self.individuals)
+
+    @cached_property
+    def forest(self) -> Forest:
+        lengths = np.array([[0, *map(len, individual.trees)] for individual in self.individuals])
+        sizes = lengths.sum(axis=1)
+        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        most = max(1, max(len(individual.constants) for individual in self.individuals))
+        constants = np.zeros((len(self), most))
+        for row, individual in zip(constants, self.individuals, strict=True):
+            row[: len(individual.constants)] = individual.constants
+        codes = np.concatenate([individual.codes for individual in self.individuals])
+        return Forest(codes, (starts[:, None] + lengths.cumsum(axis=1)).astype(np.int32), constants)
+
+    def take(self, rows: NDArray[np.intp]) -> "Trees":
+        return Trees(tuple(self.individuals[row] for row in rows))
+
+    def join(self, other: "Trees") -> "Trees":
+        return Trees(self.individuals + other.individuals)
+
+    def decoder(self, layout: Layout) -> Callable[[slice], Code]:
+        """Effective code of a slice, by the kernels; the prefix codes are laid out first, once."""
+        return partial(self.forest.decoded, layout)
+
+    def program(self, row: int, layout: Layout) -> Program:
+        """One individual as a program."""
+        return program_of(self.individuals[row], layout)
+
+    def constants_of(self, row: int) -> Array:
+        """Own constants of one individual."""
+        return np.array(self.individuals[row].constants)
+
+    def with_constants(self, row: int, values: Array) -> "Trees":
+        """The one individual at ``row`` with other own constants."""
+        remaining = iter(values.tolist())
+        trees = []
+        for tree in self.individuals[row].trees:
+            copy = gp.PrimitiveTree(tree)
+            for k, node in enumerate(tree):
+                if node.code == OWN_CONSTANT:
+                    own = ConstantNode()
+                    own.value = next(remaining)
+                    copy[k] = own
+            trees.append(copy)
+        return Trees((Individual(tuple(trees)),))
+
+
+def program_of(individual: Individual, layout: Layout) -> Program:
+    """The trees of an individual as one Program, one output a tree."""
+    builder = Builder()
+
+    def leaf(node: gp.Terminal) -> int:
+        if node.code == OWN_CONSTANT:
+            return builder.constant(node.value)
+        row = node.code - OPERATOR_CODES
+        if row < len(layout.inputs):
+            return builder.input(layout.inputs[row])
+        return builder.constant(layout.constants[row - len(layout.inputs)])
+
+    outputs = []
+    for tree in individual.trees:
+        stack: list[int] = []
+        for node in reversed(tree):
+            if node.arity == 0:
+                stack.append(leaf(node))
+            else:
+                arguments = [stack.pop() for _ in range(node.arity)]
+                stack.append(builder.apply(BY_CODE[node.code].name, *arguments))
+        outputs.append(stack[0])
+    return builder.program(outputs)
