@@ -44,7 +44,10 @@ def mechanism(name: str) -> Mechanism:
     return found
 
 
-def bare(name: str, count: int, seed: int = 0, *, setups: int = 1, tools: int = 1, payload: bool = True) -> Dataset:
+def bare(
+    name: str, count: int, seed: int = 0, *, setups: int = 1, tools: int = 1, payload: bool = True,
+    in_order: bool = False,
+) -> Dataset:  # fmt: skip
     """Poses with every kind of input column, nothing measured yet."""
     arm = mechanism(name)
     rng = np.random.default_rng([seed, 1])
@@ -65,7 +68,7 @@ def bare(name: str, count: int, seed: int = 0, *, setups: int = 1, tools: int = 
     return Dataset(
         joints=tuple(j.name for j in arm.joints), q=q, position=missing, rotation=missing.copy(),
         row=np.arange(1, count + 1), payload=rng.uniform(0.0, 20.0, count) if payload else np.zeros(count),
-        payload_given=payload, labels=labels, extras=extras, extra_units=units,
+        payload_given=payload, labels=labels, extras=extras, extra_units=units, in_order=in_order,
     )  # fmt: skip
 
 
@@ -126,12 +129,12 @@ def true_tips(truth: Truth, poses: Poses) -> Array:
 def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, Candidate]:
     """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one.
 
-    Of error curves the first, on the joint with the longest lever: on the last their prior hides in the noise.
+    Of effects with priors the first, on the joint with the longest lever: on the last they hide in the noise.
     """
     arm = mechanism(name)
-    pool = catalogue.candidates(arm, prepare(arm, bare(name, count, seed)).states)
-    curves = [c for c in pool if np.isfinite(c.effects[0].prior)]
-    return {c.family: c for c in (*pool, *curves[:1])}
+    pool = catalogue.candidates(arm, prepare(arm, bare(name, count, seed, in_order=True)).states)
+    believed = [c for c in pool if np.isfinite(c.effects[0].prior)]
+    return {c.family: c for c in (*pool, *reversed(believed))}
 
 
 def numbers(found: Discovery) -> list[float]:
@@ -153,12 +156,12 @@ def residuals(truth: Truth, placement: Placement, theta: Array, model: ErrorMode
 def sized(name: str, effects: Sequence[Effect], dataset: Dataset, millimetres: float, seed: int = 0) -> Array:
     """Values (E,), of random direction, with which the effects together move the flange by an RMS of this many mm.
 
-    Effects with a prior have values drawn from it.
+    Effects with a prior are one deviation of it large.
     """
     arm = mechanism(name)
     rng = np.random.default_rng([seed, 3])
     if np.isfinite(effects[0].prior):
-        return np.array([e.prior for e in effects]) * rng.normal(size=len(effects))
+        return np.array([e.prior for e in effects]) * rng.choice([-1.0, 1.0], len(effects))
     poses = prepare(arm, dataset)
     placement = random_placement(dataset, rng)
     rest = observe(ErrorModel(arm, ()), poses, np.zeros(0), placement).tip[:, :3, 3]

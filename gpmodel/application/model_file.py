@@ -1,7 +1,7 @@
 """model.json: a fitted model as text, enough to predict and to compensate."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset, with_payload
 
@@ -52,7 +53,7 @@ class SavedModel:
 
 def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
     """What of a calibration on `dataset` is worth keeping."""
-    read = {name for effect in fit.model.effects for name in effect.inputs}
+    read = needed(fit.model.effects, dataset)
     deviation = np.nan_to_num(fit.stderr)
     return SavedModel(
         model=fit.model,
@@ -65,6 +66,14 @@ def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
         pose=dataset.has_rotation,
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
     )
+
+
+def needed(effects: Sequence[Effect], dataset: Dataset) -> set[str]:
+    """The columns that effects read: by themselves, and those that what they remember is made of."""
+    direct = {name for effect in effects for name in effect.inputs}
+    remembered = {source for name in direct - set(dataset.extras) for source in read_by(name)}
+    clock = clock_of(dataset) if any(name.startswith("lag_") for name in direct) else None
+    return direct | remembered | ({clock} if clock else set())
 
 
 def model_text(saved: SavedModel, **more: Any) -> str:

@@ -143,12 +143,12 @@ def solve_joints(
         q[:, free] += step
         data = replace(current.dataset, q=q)
         if shapes_move:
-            current = prepare(model.mechanism, data)
+            current = prepare(model.mechanism, data, current.states)
         else:
             current = Poses(data, model.mechanism.transforms(q), current.states)
         if np.abs(step).max(initial=0.0) < STEP_TOLERANCE:
             break
-    return current if shapes_move else prepare(model.mechanism, current.dataset)
+    return current if shapes_move else prepare(model.mechanism, current.dataset, current.states)
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.bool_], values: Array) -> Array:

@@ -15,7 +15,7 @@ from gpmodel.discovery.explore import Exploration, Histogram
 from gpmodel.discovery.residual import Score
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.errors import InputError
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, Inner
 from gpmodel.files import write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
@@ -31,6 +31,7 @@ _TYPES = {
         Verdict,
         Test,
         Candidate,
+        Inner,
         Effect,
         Term,
         Expression,

@@ -18,7 +18,7 @@ from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families.candidate import Candidate
-from gpmodel.formula.expression import Expression
+from gpmodel.formula.expression import Columns, Expression
 from gpmodel.formula.program import Program
 from gpmodel.model.effect import axis_unit
 from gpmodel.model.sites import Site
@@ -191,7 +191,7 @@ def parts(program: Program) -> list[Program]:
     return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
 
 
-def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: States) -> bool:
+def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
     """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
     for effect in candidate.effects:
         basis = effect.terms[0].basis

@@ -13,12 +13,27 @@ NO_LOAD = 1e-6
 
 
 @dataclass(frozen=True)
+class Inner:
+    """A constant inside the bases that the linear solve cannot reach.
+
+    name, template: the candidate's name and effects with CONSTANT in its place (see gpmodel.families.inner).
+    lower, upper: its neighbours on the grid, between which it may be refined.
+    """
+
+    name: str
+    template: tuple[Effect, ...]
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
 class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.
 
     family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
     of how many alternatives it was chosen from. found_by: catalogue or evolved. explanation: what it would be
-    physically and who says so, as its family has it.
+    physically and who says so, as its family has it. inner: the constant inside its bases, if there is one.
     """
 
     name: str
@@ -27,6 +42,7 @@ class Candidate:
     cost: float
     found_by: str = "catalogue"
     explanation: str = ""
+    inner: Inner | None = None
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

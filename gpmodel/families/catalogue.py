@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
 from gpmodel.families import load as families_load
+from gpmodel.families import memory as families_memory
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.family import Family, installed
@@ -27,6 +28,9 @@ _OWN: tuple[Family, ...] = (
     Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_angle.transmission_ripple),
     Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
+    Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_memory.play_last_move),
+    Family("friction_windup", "friction winds the transmission up against its last move, the more the higher its load", "Armstrong-Hélouvry 1991", families_memory.friction_windup),
+    Family("hysteresis", "the transmission yields along a loop: many small plays in series (Prandtl-Ishlinskii)", "Visintin 1994, ch. III", families_memory.hysteresis),
     Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", families_angle.backlash_approach),
     Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", families_angle.gear_ratio),
     Family("wrist_coupling", "one wrist axis drags another through its gears", "Mooring 1991", families_angle.wrist_coupling),
@@ -34,11 +38,13 @@ _OWN: tuple[Family, ...] = (
     Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", families_load.balancing_spring),
     Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening),
     Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", families_session.thermal_growth),
+    Family("lagged_growth", "thick parts follow the room's temperature late, in the first order", "Slocum 1992, ch. 2; ISO 230-3", families_memory.lagged_growth),
     Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", families_session.thermal_zero),
     Family("drift", "instrument or base creeps during the session", "ISO 230-3", families_session.drift),
     Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", families_session.setup_step),
     Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", families_session.tool_slip),
     Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", families_session.warm_up),
+    Family("settling", "after an event of the session a part approaches its new state exponentially", "ISO 230-3", families_session.settling),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),
     Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", families_angle.run_out),
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),

@@ -1,22 +1,25 @@
 """Families of effects that follow the session: temperature, time, and what was moved between two rows."""
 
 from collections.abc import Iterator
-from itertools import chain
 
 import numpy as np
 
-from gpmodel.arrays import Array
-from gpmodel.families.candidate import Candidate, one
+from gpmodel.families.candidate import Candidate, one, revolute
+from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
+from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
+from gpmodel.model.memory import temperatures
 from gpmodel.model.states import States
 
 MOST_STEPS = 200
 
+EVENTS = 12
+"""Moments at which something may have started to settle; a time constant of a twentieth of the session or more does not
+need them closer."""
 
-def _temperatures(states: States) -> list[str]:
-    return [c for c in states.columns if states.units[c] in ("degC", "K", "kelvin", "celsius", "degF", "°C")]
+SETTLED = 1e-4
+"""rad, or share of a link's length: 5 K of steel (Slocum 1992, ch. 2)."""
 
 
 def _steps(states: States) -> list[int]:
@@ -38,27 +41,18 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
             yield one(effect.name, effect, 3.0 + np.log(len(axes) * len(rows)))
 
 
-def _along(slot: str, link: Array, basis: Expression) -> tuple[Term, ...]:
-    """A stretch of a link, its vector (3,) in the slot's frame, m."""
-    return tuple(Term(slot, f"T{a}", basis, float(v)) for a, v in zip("xyz", link, strict=True) if abs(v) > 1e-9)
-
-
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
-    lengths = {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}
-    for column in _temperatures(states):
-        unit = f"1/{states.units[column]}"
-        along = {slot: _along(slot, link, Expression(column)) for slot, link in lengths.items()}
+    for column in _measured_temperatures(states):
+        unit, basis = f"1/{states.units[column]}", Expression(column)
         name = f"thermal growth of the arm ({column})"
-        yield one(name, Effect(name, tuple(chain(*along.values())), unit, "thermal_growth"), 4.0)
-        for slot, terms in along.items():
-            if np.linalg.norm(lengths[slot]) > 0.02:
-                name = f"thermal growth of the link before {slot} ({column})"
-                yield one(name, Effect(name, terms, unit, "thermal_growth"), 5.0)
+        yield one(name, arm_growth(name, mechanism, basis, unit, "thermal_growth"), 4.0)
+        name = f"thermal growth of the link before {{slot}} ({column})"
+        for effect in link_growth(name, mechanism, basis, unit, "thermal_growth"):
+            yield one(effect.name, effect, 5.0)
 
 
 def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    for column in _temperatures(states):
+    for column in _measured_temperatures(states):
         for j in mechanism.joints:
             effect = drive_effect(
                 f"thermal drift of the zero, {j.name} ({column})", j, Expression(column), family="thermal_zero"
@@ -82,13 +76,50 @@ def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
+def _clock(states: States) -> tuple[str, float, float]:
+    """The column the session runs along, its first value and its span: times that order the rows, else the row."""
+    name = states.past.clock if states.past else "row"
+    values = states.past.columns[name] if states.past else states[name]
+    return name, float(np.min(values, initial=np.inf)), float(np.ptp(values)) or 1.0
+
+
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    span = float(np.ptp(states["row"])) or 1.0
+    clock, start, span = _clock(states)
+    since = clock if clock == "row" else f"({clock} - {start:.6g})"
     for share in (0.05, 0.1, 0.2, 0.4):
-        basis = Expression(f"exp(-row/{share * span:.4g})")
+        basis = Expression(f"exp(-{since}/{share * span:.4g})")
         for j in mechanism.joints:
             name = f"warm-up of the zero, {j.name}"
             yield one(name, drive_effect(name, j, basis, family="warm_up"), 7.0)
         for axis in AXES:
             name = f"warm-up of the set-up, {axis}"
             yield one(name, effect_at(name, "base", axis, basis, family="warm_up"), 7.0)
+        name = "warm-up of the link before {slot}"
+        for effect in link_growth(name, mechanism, basis, "1", "warm_up"):
+            yield one(effect.name, effect, 7.0)
+
+
+def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """1 - exp(-t/tau) with t the time since an event, at each of a dozen moments."""
+    clock, start, span = _clock(states)
+    if states.past is None:
+        return
+    moments = [float(f"{start + span * k / (EVENTS + 1):.4g}") for k in range(1, EVENTS + 1)]
+    for moment in moments:
+        since = f"max({clock} - {moment:g}, 0)"
+        for share in (0.05, 0.15, 0.45):
+            basis = Expression(f"1 - exp(-{since}/{share * span:.3g})")
+            after = f"after {clock} {moment:g}"
+            for effect in _settling(mechanism, basis, after):
+                yield one(effect.name, effect, float(np.log(3 * EVENTS)) + 4.0)
+
+
+def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[Effect]:
+    """Each zero and each link."""
+    for j in revolute(mechanism):
+        yield drive_effect(f"settling of the zero {after}, {j.name}", j, basis, family="settling", prior=SETTLED)
+    yield from link_growth(f"settling of the link before {{slot}} {after}", mechanism, basis, "1", "settling", SETTLED)
+
+
+def _measured_temperatures(states: States) -> list[str]:
+    return [c for c in temperatures(states.units) if not c.startswith("lag_")]

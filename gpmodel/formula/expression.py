@@ -2,7 +2,7 @@
 
 import ast
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -50,23 +50,11 @@ class Expression:
     text: str
 
     def __post_init__(self) -> None:
-        for node in ast.walk(self._tree):
-            call_ok = not isinstance(node, ast.Call) or (
-                isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS and not node.keywords
-            )
-            number_ok = not isinstance(node, ast.Constant) or isinstance(node.value, (int, float))
-            if not (isinstance(node, _NODES) and call_ok and number_ok):
-                raise InputError(
-                    f"basis '{self.text}': '{ast.unparse(node)}' is not allowed; "
-                    f"expected arithmetic and {', '.join(_FUNCTIONS)}"
-                )
+        _parsed(self.text)
 
-    @cached_property
+    @property
     def _tree(self) -> ast.Expression:
-        try:
-            return ast.parse(self.text, mode="eval")
-        except SyntaxError:
-            raise InputError(f"basis '{self.text}': not an expression; write for example sin(2*J4)") from None
+        return _parsed(self.text)
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
@@ -86,6 +74,25 @@ class Expression:
 
     def __str__(self) -> str:
         return self.text
+
+
+@lru_cache(maxsize=1 << 16)
+def _parsed(text: str) -> ast.Expression:
+    """The tree of an expression, checked; thousands of candidates are written anew in every round."""
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError:
+        raise InputError(f"basis '{text}': not an expression; write for example sin(2*J4)") from None
+    for node in ast.walk(tree):
+        call_ok = not isinstance(node, ast.Call) or (
+            isinstance(node.func, ast.Name) and node.func.id in _FUNCTIONS and not node.keywords
+        )
+        number_ok = not isinstance(node, ast.Constant) or isinstance(node.value, (int, float))
+        if not (isinstance(node, _NODES) and call_ok and number_ok):
+            raise InputError(
+                f"basis '{text}': '{ast.unparse(node)}' is not allowed; expected arithmetic and {', '.join(_FUNCTIONS)}"
+            )
+    return tree
 
 
 ONE = Expression("1")

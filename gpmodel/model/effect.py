@@ -67,9 +67,11 @@ def axis_unit(axis: str) -> str:
     return "m" if axis.startswith("T") else "rad"
 
 
-def effect_at(name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "") -> Effect:
+def effect_at(
+    name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
+) -> Effect:
     """The common effect: one slot, one axis, one basis."""
-    return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family)
+    return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family, prior)
 
 
 def drive_effect(

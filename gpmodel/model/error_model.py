@@ -45,9 +45,9 @@ class Poses:
         return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows))
 
 
-def prepare(mechanism: Mechanism, dataset: Dataset) -> Poses:
-    """Nominal transforms and states of every pose, computed once."""
-    return Poses(dataset, mechanism.transforms(dataset.q), states_of(mechanism, dataset))
+def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
+    """Nominal transforms and states of every pose, computed once. same: see `states_of`."""
+    return Poses(dataset, mechanism.transforms(dataset.q), states_of(mechanism, dataset, same))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,8 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model import memory
+from gpmodel.model.memory import Past
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
@@ -21,33 +23,61 @@ class States:
 
     Joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the mechanism's loads (Nm, N),
     payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts),
-    the table's extra columns in their own units, and row (from 1).
+    the table's extra columns in their own units, and row (from 1). Where the rows are in the order of measurement also
+    what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
+    that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name.
     """
 
     columns: Mapping[str, Array]
     units: Mapping[str, str]
+    past: Past | None = None
+    rows: IntArray | None = None
 
     def __getitem__(self, name: str) -> Array:
-        try:
+        if name in self.columns:
             return self.columns[name]
-        except KeyError:
-            available = ", ".join(self.columns)
-            raise InputError(f"input '{name}' is not known here; available: {available}") from None
+        whole = self.past.column(name) if self.past else None
+        if whole is not None:
+            return whole if self.rows is None else whole[self.rows]
+        if not self.past and memory.read_by(name):
+            raise InputError(
+                f"input '{name}' depends on the rows before; expected a table whose rows are said to be in the order "
+                "of measurement, or with a column of times that never falls"
+            )
+        available = ", ".join(self.columns)
+        raise InputError(f"input '{name}' is not known here; available: {available}")
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """The same columns at some poses only."""
-        return States(MappingProxyType({k: v[rows] for k, v in self.columns.items()}), self.units)
+        """The same columns at some poses only; what they remember is still that of the whole table."""
+        taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
+        columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
+        return States(columns, self.units, self.past, taken)
 
-    def between(self, count: int = 2000) -> "States":
+    def between(self, count: int = 2000) -> "Between":
         """Columns (count,) at random places on straight lines between pairs of poses: where nobody measured."""
         rng = np.random.default_rng(0)
         first, second = rng.integers(0, len(self), (2, count))
-        part = rng.random(count)
-        mixed = {k: v[first] + part * (v[second] - v[first]) for k, v in self.columns.items()}
-        return States(MappingProxyType(mixed), self.units)
+        return Between(self, first, second, rng.random(count))
+
+
+@dataclass(frozen=True)
+class Between:
+    """Columns (C,) a part of the way from the poses `first` (C,) to the poses `second` (C,)."""
+
+    states: States
+    first: IntArray
+    second: IntArray
+    part: Array
+
+    def __getitem__(self, name: str) -> Array:
+        values = self.states[name]
+        return values[self.first] + self.part * (values[self.second] - values[self.first])
+
+    def __len__(self) -> int:
+        return len(self.part)
 
 
 def load_unit(name: str) -> str:
@@ -55,8 +85,11 @@ def load_unit(name: str) -> str:
     return "N" if name.startswith("force_") else "Nm"
 
 
-def states_of(mechanism: Mechanism, dataset: Dataset) -> States:
-    """Every column a basis may read for the poses of `dataset`."""
+def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
+    """Every column a basis may read for the poses of `dataset`.
+
+    same: states of the same poses with approximate joint values, whose memory of a whole table is kept.
+    """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
 
@@ -83,4 +116,20 @@ def states_of(mechanism: Mechanism, dataset: Dataset) -> States:
     for name, values in dataset.extras.items():
         put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")
-    return States(MappingProxyType(columns), MappingProxyType(units))
+    return _remembering(columns, units, mechanism, dataset, same)
+
+
+def _remembering(
+    columns: dict[str, Array], units: dict[str, str], mechanism: Mechanism, dataset: Dataset, same: States | None
+) -> States:
+    """The states of a table, with the standing columns of memory where its rows are in order."""
+    past, rows = (same.past, same.rows) if same else (None, None)
+    clock = None if past else memory.clock_of(dataset)
+    if clock is not None:
+        past = Past(MappingProxyType(dict(columns)), MappingProxyType(dict(units)), clock)
+    if past is not None:
+        for name in memory.standing(past, [j.name for j in mechanism.joints]):
+            whole = past.column(name)
+            if whole is not None and name not in columns:
+                columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
+    return States(MappingProxyType(columns), MappingProxyType(units), past, rows)

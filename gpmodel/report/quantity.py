@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import Calibration
 from gpmodel.families.candidate import Candidate
+from gpmodel.model.memory import read_by
 from gpmodel.model.states import PAYLOAD_SHARE, States
 
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
@@ -93,7 +94,7 @@ def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, s
     out = {}
     for joint, column in zip(joints, columns, strict=True):
         out[joint] = column
-        for prefix in ("torque", "payload_torque", "approach"):
+        for prefix in ("torque", "payload_torque", "approach", "last_move"):
             out[f"{prefix}_{joint}"] = f"{prefix}_{column}"
         for axis in "xyz":
             for prefix in ("force", "moment"):
@@ -102,5 +103,12 @@ def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, s
 
 
 def translate(text: str, names: Mapping[str, str]) -> str:
-    """`text` with whole words replaced: `J1` is never matched inside `J10`."""
-    return _WORD.sub(lambda match: names.get(match[0], match[0]), text)
+    """`text` with whole words replaced, those inside remembered columns too: `J1` is never matched inside `J10`."""
+
+    def said(match: re.Match[str]) -> str:
+        word = match[0]
+        for source in () if word in names else read_by(word):
+            word = word.replace(f"_{source}", f"_{names.get(source, source)}", 1)
+        return names.get(word, word)
+
+    return _WORD.sub(said, text)

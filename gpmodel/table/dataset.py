@@ -33,6 +33,7 @@ class Dataset:
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
+    in_order: the rows are said to be in the order of measurement, so that a pose may depend on those before it.
     """
 
     joints: tuple[str, ...]
@@ -51,6 +52,7 @@ class Dataset:
     sha256: str = ""
     columns: tuple[str, ...] = ()
     joints_approximate: bool = False
+    in_order: bool = False
     extra_names: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -41,6 +41,12 @@ def known_unit(unit: str) -> bool:
     return True
 
 
+@lru_cache(maxsize=256)
+def is_time(unit: str) -> bool:
+    """Whether it is a unit of time."""
+    return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
+
+
 def factor(unit: str, dimension: str, where: str) -> float:
     """How many SI units one `unit` of `dimension` (length, angle or mass) is.
 

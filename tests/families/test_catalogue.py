@@ -36,7 +36,7 @@ def test_the_required_families_are_there_and_each_says_what_it_is_and_who_says_s
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_candidates_are_distinct_finite_and_of_known_families_and_slots(name: str) -> None:
     arm = mechanism(name)
-    states = prepare(arm, bare(name, 30)).states
+    states = prepare(arm, bare(name, 30, in_order=True)).states
     pool = catalogue.candidates(arm, states)
     assert len(set(pool)) == len(pool)
     for candidate in pool:
@@ -69,9 +69,9 @@ def test_what_the_table_lacks_is_not_offered() -> None:
 @pytest.mark.parametrize(("name", "family"), PLANTED, ids=lambda v: str(v))
 def test_a_planted_instance_is_recovered_within_its_deviation(name: str, family: str) -> None:
     candidate = PLANTED[name, family]
-    data = bare(name, 90, 7)
+    data = bare(name, 90, 8, in_order=True)
     theta = sized(name, candidate.effects, data, 0.4)
-    truth = measure(name, candidate.effects, theta, 7, dataset=data)
+    truth = measure(name, candidate.effects, theta, 8, dataset=data)
     arm = truth.model.mechanism
     fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *candidate.effects)), truth.poses)
     k = len(theta)
@@ -93,7 +93,7 @@ def test_most_families_are_told_apart_from_geometry_by_ninety_poses() -> None:
     arm = mechanism("irb6400r")
     for (name, _), candidate in PLANTED.items():
         if name == "irb6400r":
-            truth = measure(name, (), (), 7, dataset=bare(name, 90, 7))
+            truth = measure(name, (), (), 7, dataset=bare(name, 90, 8, in_order=True))
             fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *candidate.effects)), truth.poses)
             alias += float(fit.unique_share[-len(candidate.effects) :].min()) < ALIASED
     assert alias <= 2

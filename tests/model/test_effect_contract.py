@@ -22,7 +22,9 @@ ANCHORS = ("distance_a", "distance_b")
 
 def scene(name: str, count: int = 11) -> tuple[Poses, Placement]:
     """Poses at which position, rotation and two distances are all observed, two setups and two tools."""
-    data = replace(bare(name, count, 3, setups=2, tools=2), distances={a: np.zeros(count) for a in ANCHORS})
+    data = replace(
+        bare(name, count, 3, setups=2, tools=2, in_order=True), distances={a: np.zeros(count) for a in ANCHORS}
+    )
     return prepare(mechanism(name), data), random_placement(data, np.random.default_rng(4), ANCHORS)
 
 

@@ -88,6 +88,7 @@ NAMES = table_names(("J1", "J10", "elbow"), ("axis_1", "axis_10", "J3"))
         ("moment_elbow_x and moment_base_x", "moment_J3_x and moment_base_x"),
         ("J10.moving", "axis_10.moving"),
         ("payload_torque_elbow", "payload_torque_J3"),
+        ("last_move_elbow*stop_torque_J10_0p4", "last_move_J3*stop_torque_axis_10_0p4"),
         ("my_J1 J1_old", "my_J1 J1_old"),
     ],
 )

@@ -1,0 +1,111 @@
+"""Families of effects that remember: play, friction, hysteresis, and what follows the temperature with a lag.
+
+They exist where the rows are in the order of measurement. Magnitudes: play 0.25 to 1 arc minute from side to side (Gong
+2000); expansion and what bends by it as in gpmodel.families.thermal.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.families.candidate import Candidate, across, loaded, one, revolute
+from gpmodel.families.inner import CONSTANT, geometric, on_grid
+from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_growth
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.model.effect import drive_effect, effect_at
+from gpmodel.model.memory import temperatures, word
+from gpmodel.model.states import States
+
+PLAY = 1e-4
+"""Half the play of a drive, rad or, over a pitch radius of 0.1 m, a tenth of it in m."""
+
+WIDTHS = (0.02, 0.05, 0.1, 0.2)
+"""Half-widths of stop operators, as shares of a joint's travel or of a torque's span: what is narrower looks like play,
+what is wider like a smooth curve."""
+
+LAGS = 8
+
+
+def _play(joint: Joint) -> float:
+    return PLAY if joint.kind == "revolute" else 0.1 * PLAY
+
+
+def _moving(mechanism: Mechanism, states: States) -> list[Joint]:
+    return [j for j in mechanism.joints if states.past and f"last_move_{j.name}" in states.columns]
+
+
+def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _moving(mechanism, states):
+        name = f"play by the last move, {j.name}"
+        basis = Expression(f"last_move_{j.name}")
+        yield one(name, drive_effect(name, j, basis, family="play_last_move", prior=_play(j)), 4.0)
+
+
+def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _moving(mechanism, states):
+        torque = f"torque_{j.name}"
+        if loaded(states, torque):
+            name = f"friction windup, {j.name}"
+            load = f"abs({torque})/{float(np.max(np.abs(states[torque]))):.4g}"
+            effects = tuple(
+                drive_effect(f"{name}, {part}", j, Expression(basis), family="friction_windup", prior=_play(j))
+                for part, basis in (
+                    ("constant", f"last_move_{j.name}"),
+                    ("with the load", f"last_move_{j.name}*{load}"),
+                )
+            )
+            yield Candidate(name, effects, "friction_windup", 4.5)
+
+
+def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    for j in _moving(mechanism, states):
+        for column in (j.name, f"torque_{j.name}"):
+            span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0
+            if span > 0:
+                over = "its angle" if column == j.name else "its torque"
+                name = f"hysteresis over {over}, {j.name}"
+                widths = [float(f"{share * span:.4g}") for share in WIDTHS]
+                effects = tuple(
+                    drive_effect(
+                        f"{name}, within {width:g}", j, Expression(f"stop_{column}_{word(width)}/{width:.4g}"),
+                        family="hysteresis", prior=_play(j),
+                    )
+                    for width in widths
+                )  # fmt: skip
+                yield Candidate(name, effects, "hysteresis", 5.0)
+
+
+def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Links that grow, axes that tilt and zeros that drift with a temperature they follow late."""
+    if states.past is None:
+        return
+    times = states.past.columns[states.past.clock]
+    session = float(np.ptp(times))
+    unit = "rows" if states.past.clock == "row" else states.units[states.past.clock]
+    for column in temperatures(states.units):
+        if column.startswith("lag_") or not session * np.ptp(states.past.columns[column]) > 0:
+            continue
+        grid = geometric(max(session / 100, 2 * session / len(times)), session, LAGS)
+        where = f"({column}, lag of {CONSTANT} {unit})"
+        for template in _following(mechanism, f"lag_{column}_{CONSTANT}", where, states.units[column]):
+            yield from on_grid(template, grid)
+
+
+def _following(mechanism: Mechanism, column: str, where: str, kelvin: str) -> Iterator[Candidate]:
+    """What may follow a temperature: all links, each link, the tilt of the base and of each axis, each zero."""
+    family, basis, cost = "lagged_growth", Expression(column), 4.0 + float(np.log(LAGS))
+    name = f"growth of the arm {where}"
+    yield one(name, arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION), cost)
+    name = f"growth of the link before {{slot}} {where}"
+    for effect in link_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION):
+        yield one(effect.name, effect, cost + 1.0)
+    tilting = [("the base", "base", ("x", "y"))]
+    tilting += [(j.name, f"{j.name}.moving", across(j)) for j in revolute(mechanism)]
+    for what, slot, axes in tilting:
+        name = f"tilt of {what} {where}"
+        effects = tuple(effect_at(f"{name}, R{a}", slot, f"R{a}", basis, f"rad/{kelvin}", family, TILT) for a in axes)
+        yield Candidate(name, effects, family, cost + 1.0)
+    for j in revolute(mechanism):
+        name = f"drift of the zero of {j.name} {where}"
+        yield one(name, drive_effect(name, j, basis, f"rad/{kelvin}", family, ZERO), cost + 1.0)

@@ -1,0 +1,148 @@
+"""Columns that remember: what a pose inherits from the poses measured before it.
+
+Each has a name that an expression can write, its one constant at the end with `p` for the decimal point:
+
+    last_move_J2            side the joint came from: sign of its last move, 0 where nothing is known yet
+    play_J2_0p01            play operator of half-width r:  y_k = max(x_k - r, min(x_k + r, y_(k-1))), y_0 = x_0
+    stop_torque_J2_40       stop operator, x - play: within ±r
+    lag_temperature_2400    first order lag, tau dy/dt = x - y, y_0 = x_0, over `time` or the rows
+
+Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishlinskii's hysteresis);
+ISO 230-2, 3.3 (direction of approach).
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.errors import InputError
+from gpmodel.table.bundles import SAME_JOINT
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import is_time
+
+_LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
+_WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
+FEWEST_ROWS = 10
+"""Rows from which a column of times that never falls says that the rows are in order: by chance once in 10! tables."""
+
+
+def word(value: float) -> str:
+    """A positive constant as the end of a name: 0.0123 as `0p0123`, to four digits."""
+    return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace(".", "p")
+
+
+def read_by(name: str) -> tuple[str, ...]:
+    """The column a derived one is made of, with `last_move_J2` reading J2; nothing for any other name."""
+    match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
+    return (match["of"],) if match else ()
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """The columns (N,) of a whole table whose rows were measured in the order of `clock`, and what follows from it.
+
+    clock: name of the column of times, or `row`. Derived columns are computed on first use, once.
+    """
+
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
+    clock: str
+    _known: dict[str, Array] = field(default_factory=dict)
+
+    def column(self, name: str) -> Array | None:
+        """A derived column (N,), None where the name is of none."""
+        if name not in self._known:
+            sources = read_by(name)
+            if not sources or sources[0] not in self.columns:
+                return None
+            order = np.argsort(self.columns["row"], kind="stable")
+            values = np.empty(len(order))
+            values[order] = self._in_order(name, self.columns[sources[0]][order], order)
+            self._known[name] = values
+        return self._known[name]
+
+    def unit(self, name: str) -> str:
+        """That of the column it is made of; `1` for a direction."""
+        return "1" if _LAST_MOVE.match(name) else self.units[read_by(name)[0]]
+
+    def _in_order(self, name: str, values: Array, order: IntArray) -> Array:
+        match = _WITH_CONSTANT.match(name)
+        if match is None:
+            still = SAME_JOINT if self.units[read_by(name)[0]] in ("rad", "m") else 0.0
+            return last_move(values, self.columns["row"][order], still)
+        size = float(match["size"].replace("p", "."))
+        if match["what"] == "lag":
+            return lag(values, self.columns[self.clock][order], size)
+        behind = play(values, size)
+        return behind if match["what"] == "play" else values - behind
+
+
+def last_move(values: Array, rows: Array, still: float) -> Array:
+    """Sign (N,) of the last move of more than `still`; 0 before the first, and after a gap in the row numbers."""
+    out = np.zeros(len(values))
+    side, at = 0.0, values[0] if len(values) else 0.0
+    for k in range(1, len(values)):
+        if rows[k] > rows[k - 1] + 1:
+            side, at = 0.0, values[k]
+        elif abs(values[k] - at) > still:
+            side, at = (1.0 if values[k] > at else -1.0), values[k]
+        out[k] = side
+    return out
+
+
+def play(values: Array, half_width: float) -> Array:
+    """Play operator (N,): it follows at a distance of at most `half_width`."""
+    out = np.array(values, dtype=float)
+    for k, value in enumerate(values[1:].tolist(), 1):
+        out[k] = max(value - half_width, min(value + half_width, out[k - 1]))
+    return out
+
+
+def lag(values: Array, time: Array, constant: float) -> Array:
+    """Solution (N,) at the rows of tau dy/dt = x - y, y_0 = x_0, x linear between the rows."""
+    out = np.array(values, dtype=float)
+    step = np.diff(time) / constant
+    decay = np.exp(-step)
+    mean = np.where(step > 1e-9, -np.expm1(-step) / np.where(step > 0, step, 1.0), 1.0)
+    drive = (mean - decay) * values[:-1] + (1.0 - mean) * values[1:]
+    for k, (keeps, takes) in enumerate(zip(decay.tolist(), drive.tolist(), strict=True), 1):
+        out[k] = keeps * out[k - 1] + takes
+    return out
+
+
+def clock_of(dataset: Dataset) -> str | None:
+    """The column the rows are in order of: one of times that never falls, else `row` where the table says so.
+
+    None where nothing says that the rows are in order. Raises InputError where the table says so and a time falls.
+    """
+    times = [name for name, unit in dataset.extra_units.items() if is_time(unit)]
+    for name in times:
+        steps = np.diff(dataset.extras[name][np.argsort(dataset.row, kind="stable")])
+        if len(dataset) >= FEWEST_ROWS and np.all(steps >= 0) and np.any(steps > 0):
+            return name
+        if dataset.in_order and np.any(steps < 0):
+            row = np.sort(dataset.row)[int(np.argmax(steps < 0)) + 1]
+            raise InputError(
+                f"{dataset.source}: rows are said to be in the order of measurement, but '{name}' falls at row {row}; "
+                "sort the rows, or do not say so"
+            )
+    return "row" if dataset.in_order else None
+
+
+def standing(past: Past, joints: Sequence[str]) -> list[str]:
+    """The derived columns that every search may read: the last move of each joint that moves, its stop over a tenth of
+    its range, and temperatures that lag by a thirtieth, a tenth and a third of the session."""
+    moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
+    names = [f"last_move_{j}" for j in moving]
+    names += [f"stop_{j}_{word(0.1 * span)}" for j, span in moving.items()]
+    session = float(np.ptp(past.columns[past.clock]))
+    warm = [c for c in temperatures(past.units) if np.ptp(past.columns[c]) > 0]
+    return names + [f"lag_{c}_{word(session / share)}" for c in warm for share in (30, 10, 3)]
+
+
+def temperatures(units: Mapping[str, str]) -> list[str]:
+    """Names of the columns that are temperatures, by their unit."""
+    return [c for c, unit in units.items() if unit in ("degC", "K", "kelvin", "celsius", "degF", "°C")]

@@ -1,0 +1,113 @@
+"""Families that remember: what they find, and what they make of robots, repeats and instruments that are innocent."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism, sized
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.families import memory
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates
+from gpmodel.families.inner import at, refined
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.dataset import Dataset
+
+ARM = mechanism("irb6400r")
+FAMILIES = {"play_last_move", "friction_windup", "hysteresis", "lagged_growth", "settling"}
+FLOOR = 5.0
+
+
+@cache
+def table(kind: str = "poses") -> Dataset:
+    """120 rows in order over 5 hours: independent poses, a walk, or 40 poses measured three times with jitter."""
+    data = bare("irb6400r", 120, 3, payload=False)
+    rng = np.random.default_rng(4)
+    q = data.q.copy()
+    if kind == "walk":
+        q = np.clip(np.cumsum(0.08 * rng.normal(size=q.shape), axis=0) + q[0], q.min(0), q.max(0))
+    if kind == "repeats":
+        q = np.repeat(q[:40], 3, axis=0) + 2e-5 * rng.normal(size=q.shape)
+    time = np.cumsum(rng.uniform(1.0, 4.0, 120))
+    room = 21.0 + 3.0 * np.sin(2 * np.pi * time / 260.0)
+    return replace(
+        data, q=q, extras={"time": time, "temperature": room}, extra_units={"time": "min", "temperature": "degC"}
+    )
+
+
+def pool(data: Dataset) -> tuple[Candidate, ...]:
+    return candidates(ARM, prepare(ARM, data).states)
+
+
+def evidence(data: Dataset, effects: tuple, theta: Array, moved: Array | None = None) -> Evidence:
+    truth = measure("irb6400r", effects, theta, 5, dataset=data)
+    poses = truth.poses
+    if moved is not None:
+        poses = prepare(ARM, replace(poses.dataset, position=poses.dataset.position + moved))
+    return gather(calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses), poses, 0)
+
+
+PLANTED = {
+    "play by the last move, J2": "poses",
+    "friction windup, J3": "walk",
+    "hysteresis over its angle, J1": "walk",
+    "growth of the arm (temperature, lag of 53 min)": "poses",
+    "tilt of J1 (temperature, lag of 53 min)": "poses",
+}
+
+
+@pytest.mark.parametrize(("name", "kind"), PLANTED.items())
+def test_of_the_whole_catalogue_the_planted_one_saves_most(name: str, kind: str) -> None:
+    offered = {c.name: c for c in pool(table(kind))}
+    there = evidence(table(kind), offered[name].effects, sized("irb6400r", offered[name].effects, table(kind), 0.3))
+    scores = there.scores(tuple(offered.values()))[0]
+    best = max(zip(offered, scores, strict=True), key=lambda pair: pair[1].nats)
+    assert best[0] == name
+    assert best[1].nats > 20.0
+
+
+@pytest.mark.parametrize("kind", ["poses", "walk", "repeats"])
+def test_an_innocent_robot_has_no_memory(kind: str) -> None:
+    there = evidence(table(kind), (), np.zeros(0))
+    mine = [c for c in pool(table(kind)) if c.family in FAMILIES]
+    assert len(mine) > 300
+    rng = np.random.default_rng(0)
+    scores, by_chance = there.scores(mine, rng.normal(size=(len(there.residual), 40)))
+    assert max(s.nats for s in scores) < FLOOR
+    assert np.mean(by_chance < FLOOR) > 0.9
+
+
+def test_a_drifting_instrument_is_called_a_drift() -> None:
+    data = table()
+    creep = 4e-4 * np.linspace(0.0, 1.0, 120)[:, None] * np.array([0.6, -0.5, 0.62])
+    there = evidence(data, (), np.zeros(0), creep)
+    offered = pool(data)
+    best = offered[int(np.argmax([s.nats for s in there.scores(offered)[0]]))]
+    assert best.family == "drift"
+
+
+def test_the_constant_of_a_lag_is_refined_between_its_neighbours() -> None:
+    data = table()
+    start = next(c for c in pool(data) if c.name == "growth of the arm (temperature, lag of 53 min)")
+    truth = at(start, 70.0)
+    there = evidence(data, truth.effects, sized("irb6400r", truth.effects, data, 0.3) * 3)
+    found = refined(start, lambda c: there.scores([c])[0][0].nats)
+    assert found.inner is not None
+    assert start.inner is not None
+    assert start.inner.lower < found.inner.value < start.inner.upper
+    assert found.inner.value == pytest.approx(70.0, rel=0.15)
+    assert f"lag of {found.inner.value:.5g} min" in found.name
+    assert found.effects[0].inputs == (f"lag_temperature_{found.inner.value:.4g}".replace(".", "p"),)
+
+
+def test_without_an_order_of_the_rows_nothing_remembers() -> None:
+    data = replace(table(), extras={}, extra_units={})
+    assert not {c.family for c in pool(data)} & FAMILIES
+    said = {c.family for c in pool(replace(data, in_order=True))}
+    assert said & FAMILIES == {"play_last_move", "friction_windup", "hysteresis", "settling"}
+    assert not [c for f in (memory.play_last_move,) for c in f(ARM, prepare(ARM, data).states)]

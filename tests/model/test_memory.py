@@ -1,0 +1,144 @@
+"""What a pose remembers: operators against their definitions, and tables that say they are in order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import bare, mechanism
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.model.memory import lag, last_move, play, read_by, word
+from gpmodel.model.states import States, states_of
+from gpmodel.table.dataset import Dataset
+
+ARM = mechanism("irb6400r")
+READ = ("last_move_J2", "stop_J2_0p1", "play_torque_J2_40", "lag_temperature_7p5", "lag_J1_20")
+paths = st.lists(st.floats(-10, 10), min_size=2, max_size=40).map(np.array)
+widths = st.floats(0.01, 5.0)
+
+
+def in_order(count: int = 40, seed: int = 0) -> Dataset:
+    return bare("irb6400r", count, seed, in_order=True)
+
+
+def test_the_side_of_the_last_move_waits_for_a_move_and_forgets_at_a_gap() -> None:
+    values = np.array([0.0, 0.0, 0.3, 0.3001, 0.1, 0.1, 0.5, 0.4])
+    rows = np.array([1.0, 2, 3, 4, 5, 6, 9, 10])
+    np.testing.assert_array_equal(last_move(values, rows, 5e-4), [0, 0, 1, 1, -1, -1, 0, -1])
+
+
+@given(paths, widths)
+def test_play_follows_at_its_width_and_no_further_than_it_is_pushed(values: Array, width: float) -> None:
+    behind = play(values, width)
+    assert np.all(np.abs(values - behind) <= width + 1e-12)
+    pushed = np.abs(np.diff(behind)) > 0
+    ends = np.abs((values - behind)[1:][pushed])
+    np.testing.assert_allclose(ends, width, atol=1e-9)
+    twice = np.repeat(values, 2)
+    np.testing.assert_array_equal(play(twice, width)[::2], behind)
+
+
+@given(paths, st.floats(0.1, 30.0), st.floats(0.1, 0.9))
+def test_a_lag_is_the_exact_answer_to_straight_lines(values: Array, constant: float, part: float) -> None:
+    time = np.arange(len(values), dtype=float)
+    denser = np.concatenate([time, time[:-1] + part])
+    order = np.argsort(denser)
+    between = np.interp(denser[order], time, values)
+    finer = lag(between, denser[order], constant)
+    np.testing.assert_allclose(finer[np.isin(denser[order], time)], lag(values, time, constant), atol=1e-9)
+
+
+def test_a_lag_of_a_step_is_an_exponential_and_waiting_lets_it_settle() -> None:
+    time = np.array([0.0, 1e-9, 1.0, 2.0, 5.0, 50.0])
+    np.testing.assert_allclose(lag(np.array([0.0, 1, 1, 1, 1, 1]), time, 2.0), 1 - np.exp(-time / 2.0), atol=1e-8)
+    np.testing.assert_array_equal(lag(np.full(4, 3.0), np.zeros(4), 2.0), np.full(4, 3.0))
+
+
+@pytest.mark.parametrize("name", READ)
+def test_a_subset_remembers_poses_that_are_not_in_it(name: str) -> None:
+    whole = states_of(ARM, in_order())
+    rows = np.array([31, 2, 17, 18])
+    for part in (whole.subset(rows), whole.subset(np.isin(np.arange(40), rows))):
+        take = rows if part[name][0] == whole[name][31] else np.sort(rows)
+        np.testing.assert_array_equal(part[name], whole[name][take])
+    twice = whole.subset(np.arange(10, 40)).subset(np.array([5, 0]))
+    np.testing.assert_array_equal(twice[name], whole[name][[15, 10]])
+
+
+@pytest.mark.parametrize("name", READ)
+def test_memory_follows_the_rows_not_their_place_in_the_table(name: str) -> None:
+    data = in_order()
+    turned = np.random.default_rng(1).permutation(40)
+    np.testing.assert_array_equal(states_of(ARM, data.subset(turned))[name], states_of(ARM, data)[name][turned])
+
+
+def test_standing_columns_are_there_only_where_the_rows_are_in_order() -> None:
+    states, plain = states_of(ARM, in_order()), states_of(ARM, replace(in_order(), in_order=False))
+    new = set(states.columns) - set(plain.columns)
+    assert {f"last_move_{j.name}" for j in ARM.joints} <= new
+    assert any(n.startswith("lag_temperature_") for n in new)
+    assert all(read_by(n) and np.isfinite(states[n]).all() and states.units[n] for n in new)
+    assert states.units["last_move_J2"] == "1"
+    with pytest.raises(InputError, match=r"'last_move_J2' depends on the rows before; expected a table whose rows"):
+        plain["last_move_J2"]
+    with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
+        states["lag_colour_4"]
+
+
+def test_a_joint_that_stays_has_no_last_move() -> None:
+    data = in_order()
+    q = data.q.copy()
+    q[:, 3] = 0.2 + 1e-4 * np.random.default_rng(0).normal(size=40)
+    assert "last_move_J4" not in states_of(ARM, replace(data, q=q)).columns
+
+
+def timed(times: Array, said: bool) -> Dataset:
+    data = replace(bare("irb6400r", len(times)), in_order=said)
+    return replace(data, extras={**data.extras, "time": times}, extra_units={**data.extra_units, "time": "min"})
+
+
+def test_times_that_never_fall_say_that_the_rows_are_in_order() -> None:
+    times = np.cumsum(np.random.default_rng(0).uniform(0.5, 4.0, 30))
+    states = states_of(ARM, timed(times, said=False))
+    expected = lag(states["temperature"], times, 12.0)
+    np.testing.assert_array_equal(states["lag_temperature_12"], expected)
+    assert states_of(ARM, timed(np.full(30, 2.0), said=False)).past is None
+    assert states_of(ARM, timed(times[::-1].copy(), said=False)).past is None
+
+
+def test_times_that_fall_in_a_table_said_to_be_in_order_are_refused() -> None:
+    times = np.arange(30.0)
+    times[17] = 3.0
+    with pytest.raises(InputError, match=r"said to be in the order of measurement, but 'time' falls at row 18"):
+        states_of(ARM, timed(times, said=True))
+
+
+def test_between_poses_a_remembered_column_lies_between() -> None:
+    states = states_of(ARM, in_order())
+    between = states.between(200)
+    for name in ("J2", *READ):
+        assert len(between) == len(between[name]) == 200
+        assert states[name].min() <= between[name].min() <= between[name].max() <= states[name].max()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0123, "0p0123"), (2400.0, "2400"), (1e-5, "0p00001"), (12.34567, "12p35")]
+)
+def test_a_constant_is_written_as_the_end_of_a_name(value: float, text: str) -> None:
+    assert word(value) == text
+    assert read_by(f"lag_room_temperature_2_{text}") == ("room_temperature_2",)
+    assert read_by("lagging") == read_by("play_J2") == read_by("temperature_2") == ()
+    assert isinstance(states_of(ARM, in_order())[f"play_J2_{text}"], np.ndarray)
+
+
+def test_a_column_of_the_table_comes_before_a_derived_one() -> None:
+    data = in_order()
+    mine = np.arange(40.0)
+    data = replace(
+        data, extras={**data.extras, "last_move_J2": mine}, extra_units={**data.extra_units, "last_move_J2": "1"}
+    )
+    states: States = states_of(ARM, data)
+    np.testing.assert_array_equal(states["last_move_J2"], mine)
