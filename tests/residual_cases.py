@@ -5,7 +5,8 @@ from functools import cache
 from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, prepare
@@ -29,11 +30,11 @@ def pool() -> tuple[Candidate, ...]:
 
 
 @cache
-def seen(planted: str, millimetres: float = 0.25) -> Evidence:
-    """The evidence of ninety poses of a robot with one catalogue effect that the model lacks, or none."""
+def seen(planted: str, millimetres: float = 0.25) -> Residual:
+    """The residual of ninety poses of a robot with one catalogue effect that the model lacks, or none."""
     data = bare("irb6400r", 90, 5)
     effects = next((c.effects for c in pool() if c.name == planted), ())
     theta = sized("irb6400r", effects, data, millimetres) if effects else ()
     truth = measure("irb6400r", effects, theta, 5, dataset=data)
     fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
-    return gather(fit, truth.poses, 0)
+    return residual_of(fit, truth.poses, Criteria(), 0)

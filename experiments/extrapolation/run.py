@@ -20,7 +20,9 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import as_candidate, without_poles
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.score import scores
+from gpmodel.discovery.targets import targets
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.search import evolve
@@ -49,16 +51,16 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     plain = {name: name for name in THESIS_INPUTS}
     how = Settings(budget=Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, climb=2))
     for _ in range(chosen.rounds):
-        evidence = gather(model, train, 0)
-        targets = evidence.targets(sites, np.arange(len(train)))
-        found = evolve(SlotProblem(inputs, targets, parsimony=2.0), how, rng)
+        residual = residual_of(model, train, Criteria(), 0)
+        problem = SlotProblem(inputs, targets(residual, sites, np.arange(len(train))), parsimony=2.0)
+        found = evolve(problem, how, rng)
         offered = [
             as_candidate(f.program, sites[f.site], plain, 2.0 * f.complexity + np.log(len(sites))) for f in found.front
         ]
         usable = [
             c for c in offered if c is not None and without_poles(Criteria(), c, train.states, train.states.between())
         ]
-        best = max(zip(evidence.scores(usable)[0], usable, strict=True), key=lambda pair: pair[0].nats)[1]
+        best = max(zip(scores(residual, usable), usable, strict=True), key=lambda pair: pair[0].nats)[1]
         texts.append(best.name)
         effects = (*model.model.effects, *best.effects)
         model = calibrate(ErrorModel(case.mechanism, effects), train, condition_limit=model.condition_limit)

@@ -14,7 +14,10 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import ANGLES, THESIS_INPUTS, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.score import scores
+from gpmodel.discovery.targets import targets
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.search import evolve
@@ -44,8 +47,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     rows = figure.subplots(2, chosen.rounds, squeeze=False)
     for number, (top, bottom) in enumerate(rows.T, 1):
         before = [model.error, errors_on(model, heldout)]
-        evidence = gather(model, train, 0)
-        problem = SlotProblem(inputs, evidence.targets(sites, np.arange(len(train))), parsimony=2.0)
+        residual = residual_of(model, train, Criteria(), 0)
+        problem = SlotProblem(inputs, targets(residual, sites, np.arange(len(train))), parsimony=2.0)
 
         # 4. Which inputs do programs use, more often than on shuffled errors?
         real = [evolve(problem, settings, rng).best for _ in range(chosen.runs)]
@@ -54,9 +57,9 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
 
         # 5. How do the evolved equations behave, and which known effect behaves like them?
         best = max(real, key=lambda b: b.gain)
-        known = [c for c in catalogue.candidates(case.mechanism, train.states) if np.isinf(c.effects[0].prior)]
-        scores = evidence.scores(known)[0]
-        order = sorted(range(len(known)), key=lambda i: -scores[i].nats)[:3]
+        known = [c for c in catalogue.candidates(case.mechanism, train.states) if not c.has_priors]
+        saved = scores(residual, known)
+        order = sorted(range(len(known)), key=lambda i: -saved[i].nats)[:3]
 
         # 6. Put the physical model into the simulation and see what it is worth on poses it has not seen.
         chosen_effect = known[order[0]]
@@ -66,7 +69,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
             {
                 "inputs": dict(zip(THESIS_INPUTS, zip(used, by_chance, strict=True), strict=True)),
                 "equation": f"{best.program} at {best.site_name}",
-                "hypotheses": {known[i].name: round(scores[i].nats, 1) for i in order},
+                "hypotheses": {known[i].name: round(saved[i].nats, 1) for i in order},
                 "held-out mean, max before": rounded([before[1].mean(), before[1].max()]),
                 "held-out mean, max after": rounded([after.mean(), after.max()]),
             }

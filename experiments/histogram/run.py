@@ -16,7 +16,9 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration.gauss_newton import Calibration
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.targets import targets
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, Problem, SlotProblem
 from gpmodel.evolution.search import evolve
@@ -38,8 +40,9 @@ def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np
 def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
     train = case.poses.subset(case.train)
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
-    targets = gather(model, train, 0).targets(sites_of(case.mechanism), np.arange(len(train)))
-    problem = SlotProblem(inputs, targets, parsimony=2.0)
+    residual = residual_of(model, train, Criteria(), 0)
+    seen = targets(residual, sites_of(case.mechanism), np.arange(len(train)))
+    problem = SlotProblem(inputs, seen, parsimony=2.0)
     budget = Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, threads=1)
     return problem.shuffled(null) if null else problem, Settings(budget=budget)
 

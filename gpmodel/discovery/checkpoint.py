@@ -12,8 +12,8 @@ import numpy as np
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Test, Verdict
 from gpmodel.discovery.explore import Exploration, Histogram
-from gpmodel.discovery.residual import Score
 from gpmodel.discovery.result import Finding, Round
+from gpmodel.discovery.score import Score
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate, Inner
 from gpmodel.files import write_text

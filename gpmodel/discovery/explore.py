@@ -10,8 +10,11 @@ from scipy import stats
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import Evidence
+from gpmodel.discovery.null import shuffled
+from gpmodel.discovery.residual import Residual
+from gpmodel.discovery.score import saved
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.targets import aimed, targets
 from gpmodel.errors import InputError
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.representation import label
@@ -78,33 +81,32 @@ class Exploration:
 
 
 def explore(
-    evidence: Evidence, sites: tuple[Site, ...], search: Search, criteria: Criteria, rng: np.random.Generator,
-    progress: Progress,
-) -> Exploration:  # fmt: skip
+    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, progress: Progress
+) -> Exploration:
     """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
     After the first round half as many shuffled runs are added: their maxima are pooled with those of the rounds before.
     Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
     with both); what it finds is scored on all.
     """
-    n = len(evidence.poses)
-    count = search.evolved_poses if evidence.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
+    n = len(residual.poses)
+    count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
-    inputs, names = readable_inputs(evidence.poses.states, rows)
-    targets = evidence.targets(sites, rows)
+    inputs, names = readable_inputs(residual.poses.states, rows)
+    real = targets(residual, sites, rows)
     chances = search.runs if progress.number == 1 else max(1, search.runs // 2)
-    shuffles = list(evidence.shuffled(rng, chances * len(search.strategies)).T)
+    shuffles = list(shuffled(residual, rng, chances * len(search.strategies)).T)
     tasks: list[Task] = []
     budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=search.workers)
-    problem = SlotProblem(inputs, targets, parsimony=search.nats_per_node)
+    problem = SlotProblem(inputs, real, parsimony=search.nats_per_node)
     for strategy in search.strategies:
         settings = Settings(strategy, budget=budget)
         for run in range(search.runs):
             tasks.append(Task(False, problem, settings, rng.spawn(1)[0]))
             if run < chances:
-                shuffled = evidence.aimed(targets, sites, rows, shuffles.pop())
-                tasks.append(Task(True, replace(problem, targets=shuffled), settings, rng.spawn(1)[0]))
-    between = evidence.poses.states.between()
+                by_order = aimed(real, residual, sites, rows, shuffles.pop())
+                tasks.append(Task(True, replace(problem, targets=by_order), settings, rng.spawn(1)[0]))
+    between = residual.poses.states.between()
     candidates: dict[str, Candidate] = {}
     tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
     by_chance: list[Evolution] = []
@@ -119,14 +121,16 @@ def explore(
             for program in parts(item.program):
                 cost = _cost(search, program.complexity, len(sites))
                 candidate = as_candidate(program, sites[item.site], names, cost)
-                if candidate is not None and without_poles(criteria, candidate, evidence.poses.states, between):
+                if candidate is not None and without_poles(
+                    residual.criteria, candidate, residual.poses.states, between
+                ):
                     candidates.setdefault(candidate.name, candidate)
 
-    def saved(run: Evolution) -> float:
-        return _best_nats(evidence, search, run, len(sites))
+    def most(run: Evolution) -> float:
+        return _most_saved(residual, search, run, len(sites))
 
-    null = [saved(run) for run in by_chance]
-    histogram = referenced(inputs.names, tried, by_chance, saved, criteria.input_significance)
+    null = [most(run) for run in by_chance]
+    histogram = referenced(inputs.names, tried, by_chance, most, residual.criteria.input_significance)
     return Exploration(tuple(candidates.values()), np.array(null), histogram)
 
 
@@ -156,10 +160,10 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     return Inputs(tuple(names), np.array(values), angles), written
 
 
-def _best_nats(evidence: Evidence, search: Search, run: Evolution, sites: int) -> float:
+def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
     """The largest description length that any program of a run saves."""
-    saved = [evidence.nats(c.gain, len(c.program.outputs), _cost(search, c.complexity, sites)) for c in run.front]
-    return float(max(saved, default=-np.inf))
+    nats = [saved(residual, c.gain, len(c.program.outputs), _cost(search, c.complexity, sites)) for c in run.front]
+    return float(max(nats, default=-np.inf))
 
 
 def _cost(search: Search, complexity: int, sites: int) -> float:
@@ -194,10 +198,10 @@ def parts(program: Program) -> list[Program]:
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
     """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
     for effect in candidate.effects:
-        basis = effect.terms[0].basis
-        largest = float(np.max(np.abs(basis(between))))
-        if not largest <= criteria.largest_between * float(np.max(np.abs(basis(measured)))):
-            return False
+        for term in effect.terms:
+            largest = float(np.max(np.abs(term.basis(between))))
+            if not largest <= criteria.largest_between * float(np.max(np.abs(term.basis(measured)))):
+                return False
     return True
 
 

@@ -8,12 +8,15 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on, without_outlier_marks
-from gpmodel.discovery.acceptance import Hypothesis, Pool, judge
+from gpmodel.discovery.acceptance import Hypothesis, judge
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Progress, explore
+from gpmodel.discovery.null import shuffled
+from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.replacement import better
-from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.result import Discovery, Finding, Round, Step
+from gpmodel.discovery.score import best_nats, scores
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
@@ -143,21 +146,23 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     rows = np.arange(len(train))
     if len(train) > loop.search.scored_poses:
         rows = np.sort(rng.permutation(len(train))[: loop.search.scored_poses])
-    evidence = gather(calibration, train.subset(rows), loop.seed)
-    loop.say(f"round {number}: residual {1e3 * evidence.rms:.3f} mm, scoring the catalogue")
+    residual = residual_of(calibration, train.subset(rows), loop.criteria, loop.seed)
+    loop.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm, scoring the catalogue")
     known = loop.known
-    instances = instances_of(loop.mechanism, evidence.poses.states, loop.offers)
+    instances = instances_of(loop.mechanism, residual.poses.states, loop.offers)
     named = tuple(c for c in instances if c.name not in known)
-    hypotheses, exploration, nulls = _look(loop, evidence, named, rng, number)
-    if evidence.drawn_in.any():
-        loop.say(f"round {number}: {evidence.drawn_in.sum()} poses stand far out; would a law explain them?")
+    hypotheses, exploration, nulls = _look(loop, residual, named, rng, number)
+    if residual.winsorised.any():
+        loop.say(f"round {number}: {residual.winsorised.sum()} poses stand far out; would a law explain them?")
         everything = np.ones(len(rows), dtype=bool)
-        full = gather(calibration, evidence.poses, loop.seed, trusted=everything)
+        full = residual_of(calibration, residual.poses, loop.criteria, loop.seed, trusted=everything)
         looks = (hypotheses, _look(loop, full, named, rng, number)[0])
-        explained = max((_explained(loop, look, rows, standard_fit) & evidence.drawn_in for look in looks), key=np.sum)
+        explained = max(
+            (_explained(loop, look, rows, standard_fit) & residual.winsorised for look in looks), key=np.sum
+        )
         if explained.any():
             loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
-            cleared = gather(calibration, evidence.poses, loop.seed, trusted=explained)
+            cleared = residual_of(calibration, residual.poses, loop.criteria, loop.seed, trusted=explained)
             hypotheses, exploration, nulls = _look(loop, cleared, named, rng, number)
     best = next((h for h in hypotheses if h.accepted), None)
     dropped: tuple[str, ...] = ()
@@ -172,17 +177,17 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
 
 
 def _look(
-    loop: _Loop, evidence: Evidence, named: tuple[Candidate, ...], rng: np.random.Generator, number: int
+    loop: _Loop, residual: Residual, named: tuple[Candidate, ...], rng: np.random.Generator, number: int
 ) -> tuple[tuple[Hypothesis, ...], Exploration, dict[str, Array]]:
     """The catalogue and what GP evolves, judged; with what chance reaches."""
     known = loop.known
-    null = evidence.scores(named, evidence.shuffled(rng, loop.criteria.shuffles))[1]
+    null = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
     progress = Progress(number, loop.say)
-    exploration = explore(evidence, sites_of(loop.mechanism), loop.search, loop.criteria, rng, progress)
+    exploration = explore(residual, sites_of(loop.mechanism), loop.search, rng, progress)
     pool = (*named, *(c for c in exploration.candidates if c.name not in known))
     earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
-    judged = judge(evidence, Pool(pool, tuple(evidence.scores(pool)[0]), nulls), loop.criteria, loop.search)
+    judged = judge(residual, pool_of(residual, pool, nulls), loop.search)
     return judged, exploration, nulls
 
 
@@ -209,11 +214,11 @@ def _revised(
     train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // loop.search.scored_poses)])
     for finding in list(loop.findings):
         old = finding.candidate
-        without = gather(calibration, train, loop.seed, old.effects)
-        superfluous = finding is not newest and without.scores([old])[0][0].nats < 0
+        without = residual_of(calibration, train, loop.criteria, loop.seed, old.effects)
+        superfluous = finding is not newest and scores(without, [old])[0].nats < 0
         taken = {f.candidate.name for f in loop.findings}
         left = [c for c in pool if c.name not in taken]
-        instead = () if superfluous else better(without, old, left, nulls, loop.criteria, loop.search)
+        instead = () if superfluous else better(without, old, left, nulls, loop.search)
         if superfluous or instead:
             loop.findings.remove(finding)
             loop.findings += [Finding(h, newest.round) for h in instead]

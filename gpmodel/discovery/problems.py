@@ -7,9 +7,11 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import readable_inputs
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.targets import targets
 from gpmodel.errors import InputError
 from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.formula.program import Program
@@ -49,11 +51,11 @@ def cartesian_task(
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
     """The residual of a fit seen from every site of the mechanism; a node costs what it costs in the loop."""
-    evidence = gather(fit, seen, seed)
+    residual = residual_of(fit, seen, Criteria(), seed)
     sites = sites_of(mechanism)
-    rows = np.arange(len(evidence.poses))
-    inputs, _ = readable_inputs(evidence.poses.states, rows)
-    return TrainingProblem(SlotProblem(inputs, evidence.targets(sites, rows), parsimony=Search().nats_per_node), None)
+    rows = np.arange(len(residual.poses))
+    inputs, _ = readable_inputs(residual.poses.states, rows)
+    return TrainingProblem(SlotProblem(inputs, targets(residual, sites, rows), parsimony=Search().nats_per_node), None)
 
 
 def _cartesian(fit: Calibration, poses: Poses, rows: IntArray, norm: str) -> CartesianProblem:

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
-from gpmodel.model.effect import Effect, drive_effect
+from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.states import States
 
 NO_LOAD = 1e-6
@@ -43,6 +43,21 @@ class Candidate:
     found_by: str = "catalogue"
     explanation: str = ""
     inner: Inner | None = None
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether its unknowns are believed to be small before measuring: its effects come with priors, all or none."""
+        return bool(np.isfinite(self.effects[0].prior))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What its bases read, in the order of their first mention."""
+        return tuple(dict.fromkeys(name for effect in self.effects for name in effect.inputs))
+
+    @property
+    def place(self) -> Term:
+        """The slot, axis and basis of its first effect, which stand for where it acts."""
+        return self.effects[0].terms[0]
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from residual_cases import NAMES, pool, seen
 
-from gpmodel.discovery import acceptance as hypothesis
-from gpmodel.discovery.acceptance import Hypothesis, Pool
+from gpmodel.discovery import acceptance
+from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import Evidence
+from gpmodel.discovery.null import shuffled
+from gpmodel.discovery.pool import Pool, pool_of
+from gpmodel.discovery.residual import Residual
+from gpmodel.discovery.score import best_nats, scores
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -21,8 +24,8 @@ LOW = np.random.default_rng(0).normal(-5.0, 1.0, 99)
 RULE = Criteria()
 
 
-def judge(evidence: Evidence, pool: Pool, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
-    return hypothesis.judge(evidence, pool, criteria, Search())
+def judge(residual: Residual, pool: Pool, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
+    return acceptance.judge(replace(residual, criteria=criteria), pool, Search())
 
 
 def judged(
@@ -30,9 +33,7 @@ def judged(
 ) -> tuple[Hypothesis, ...]:
     there = seen(planted)
     candidates = (*pool(), *extra)
-    return judge(
-        there, Pool(candidates, tuple(there.scores(candidates)[0]), {"catalogue": null, "evolved": null}), criteria
-    )
+    return judge(there, pool_of(there, candidates, {"catalogue": null, "evolved": null}), criteria)
 
 
 @pytest.mark.parametrize("planted", [NAMES[0], NAMES[1], NAMES[2]])
@@ -46,7 +47,7 @@ def test_the_planted_effect_is_accepted_first_and_alone(planted: str) -> None:
 
 
 def test_nothing_is_accepted_where_chance_does_as_well() -> None:
-    best = max(s.nats for s in seen(NAMES[1]).scores(pool())[0])
+    best = max(s.nats for s in scores(seen(NAMES[1]), pool()))
     found = judged(NAMES[1], null=best + np.random.default_rng(0).normal(0.0, 1.0, 99))
     assert not any(h.accepted for h in found)
     assert "chance of it on shuffled residuals" in found[0].why
@@ -54,7 +55,7 @@ def test_nothing_is_accepted_where_chance_does_as_well() -> None:
 
 def test_nothing_is_accepted_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = there.scores(pool(), there.shuffled(np.random.default_rng(1), 60))[1]
+    null = best_nats(there, pool(), shuffled(there, np.random.default_rng(1), 60))
     assert not any(h.accepted for h in judged("nothing", null=null))
 
 
@@ -76,7 +77,7 @@ def test_each_rule_alone_refuses_and_says_so(rule: str, limit: float, said: str)
 
 
 def test_a_sign_that_changes_between_folds_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hypothesis, "_stable", lambda coefficients: False)
+    monkeypatch.setattr(acceptance, "_sign_is_stable", lambda coefficients: False)
     assert judged(NAMES[1])[0].why == "sign changes between folds"
 
 
@@ -85,7 +86,7 @@ def test_a_sign_that_changes_between_folds_refuses(monkeypatch: pytest.MonkeyPat
     [([[3.0, 0.1], [2.0, -0.1]], True), ([[3.0, 0.1], [-0.2, 0.1]], False), ([[-1.0], [-2.0]], True)],
 )
 def test_the_leading_coefficient_keeps_its_sign_or_not(coefficients: list[list[float]], stable: bool) -> None:
-    assert bool(hypothesis._stable(np.array(coefficients))) is stable
+    assert bool(acceptance._sign_is_stable(np.array(coefficients))) is stable
 
 
 def test_what_gp_found_takes_the_catalogues_word_and_keeps_how_it_was_found() -> None:
@@ -104,8 +105,7 @@ def test_what_matches_no_family_keeps_its_expression() -> None:
     joint = there.calibration.model.mechanism.joints[4]
     bend = Candidate("bend", (drive_effect("bend", joint, Expression("J4")),), "", 1.0, "evolved")
     others = tuple(c for c in pool() if c.name != NAMES[2] and "J4" not in c.name)
-    scores = tuple(there.scores((*others, bend))[0])
-    found = judge(there, Pool((*others, bend), scores, {"catalogue": LOW, "evolved": LOW}))
+    found = judge(there, pool_of(there, (*others, bend), {"catalogue": LOW, "evolved": LOW}))
     assert found[0].accepted
     assert found[0].candidate == replace(bend, found_by="evolved")
     assert found[0].candidate.family == ""
@@ -128,11 +128,11 @@ def test_alike_columns_are_one_finding_with_rivals() -> None:
 def test_p_values_pay_for_the_number_of_searches() -> None:
     there = seen(NAMES[1])
     candidates = pool()
-    scores = tuple(there.scores(candidates)[0])
-    best = int(np.argmax([s.nats for s in scores]))
-    null = scores[best].nats + np.random.default_rng(0).normal(0.0, 1.0, 200)
-    one = Pool(candidates, scores, {"catalogue": null}).p_value(best)
-    two = Pool(candidates, scores, {"catalogue": null, "evolved": null}).p_value(best)
+    found = scores(there, candidates)
+    best = int(np.argmax([s.nats for s in found]))
+    null = found[best].nats + np.random.default_rng(0).normal(0.0, 1.0, 200)
+    one = Pool(candidates, found, {"catalogue": null}).p_value(best)
+    two = Pool(candidates, found, {"catalogue": null, "evolved": null}).p_value(best)
     assert two == pytest.approx(min(1.0, 2 * one))
     assert 0.2 < one <= 1.0
 
@@ -148,9 +148,9 @@ def test_a_named_effect_comes_before_an_expression_that_saves_little_more(ahead:
     there = seen(NAMES[1])
     gear = next(c for c in pool() if c.name == NAMES[1])
     other = expression("J5 * J6", 1.0)
-    (best,), _ = there.scores([gear])
-    scores = (best, replace(best, nats=best.nats + ahead))
-    first = judge(there, Pool((gear, other), scores, {"catalogue": LOW, "evolved": LOW}))[0]
+    (best,) = scores(there, [gear])
+    told = (best, replace(best, nats=best.nats + ahead))
+    first = judge(there, Pool((gear, other), told, {"catalogue": LOW, "evolved": LOW}))[0]
     assert (first.candidate.name == gear.name) is named
 
 
@@ -159,9 +159,9 @@ def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
     plain, long, worse = (
         expression(t, 1.0) for t in ("sin(2*J4)", "sin(2*sin(J4) + 2*(J4 - sin(J4)))", "2*sin(J4)*cos(J4)")
     )
-    (score,), _ = there.scores([plain])
-    scores = (replace(score, nats=score.nats + 0.5), score, replace(score, nats=score.nats - 3.0))
-    found = judge(there, Pool((long, plain, worse), scores, {"catalogue": LOW, "evolved": LOW}))
+    (score,) = scores(there, [plain])
+    told = (replace(score, nats=score.nats + 0.5), score, replace(score, nats=score.nats - 3.0))
+    found = judge(there, Pool((long, plain, worse), told, {"catalogue": LOW, "evolved": LOW}))
     assert found[0].candidate == plain
     assert found[0].score.nats == score.nats
 
@@ -169,15 +169,15 @@ def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
 def test_a_spike_at_the_worst_pose_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "exp(-(row - 17)**2)")]
-    assert hypothesis.sound(RULE, there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
-    assert not hypothesis.sound(RULE, there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
-    assert not hypothesis.sound(RULE, there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
+    assert acceptance.every_part_counts(there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
+    assert not acceptance.every_part_counts(there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
+    assert not acceptance.every_part_counts(there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
 
 
 def test_a_part_that_does_not_predict_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "J1*J6")]
-    assert not hypothesis.sound(RULE, there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
+    assert not acceptance.every_part_counts(there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
 
 
 @pytest.mark.parametrize(("deviations", "named"), [(1.0, True), (3.0, False)])
@@ -187,8 +187,8 @@ def test_a_named_effect_that_predicts_as_well_is_preferred(
     there = seen(NAMES[1])
     (gear, *_) = judged(NAMES[1])
     unnamed = replace(gear, candidate=expression("J5*J6", 1.0))
-    monkeypatch.setattr(type(there), "better_by", lambda self, effects, others: deviations)
-    chosen = hypothesis._preferred(RULE, there, [unnamed, gear])
+    monkeypatch.setattr(acceptance, "better_by", lambda residual, effects, others: deviations)
+    chosen = acceptance._preferred(there, [unnamed, gear])
     assert chosen is (gear if named else unnamed)
-    assert hypothesis._preferred(RULE, there, [gear, unnamed]) is gear
-    assert hypothesis._preferred(RULE, there, [replace(gear, verdict=gear.verdict.deferred())]) is None
+    assert acceptance._preferred(there, [gear, unnamed]) is gear
+    assert acceptance._preferred(there, [replace(gear, verdict=gear.verdict.deferred())]) is None

@@ -11,8 +11,10 @@ from residual_cases import NAMES, pool, seen
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.cross_validation import cross_validated
 from gpmodel.discovery.replacement import better
-from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel
@@ -28,18 +30,18 @@ def named(name: str) -> Candidate:
 
 
 @cache
-def seen_together(names: tuple[str, ...], millimetres: float = 0.3) -> Evidence:
-    """The evidence of ninety poses of a robot with catalogue effects of which the model has none."""
+def seen_together(names: tuple[str, ...], millimetres: float = 0.3) -> Residual:
+    """The residual of ninety poses of a robot with catalogue effects of which the model has none."""
     data = bare("irb6400r", 90, 5)
     effects = [named(name).effects for name in names]
     theta = np.concatenate([sized("irb6400r", e, data, millimetres) for e in effects])
     truth = measure("irb6400r", [e for some in effects for e in some], theta, 5, dataset=data)
     fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), truth.poses)
-    return gather(fit, truth.poses, 0)
+    return residual_of(fit, truth.poses, RULE, 0)
 
 
-def replaced(there: Evidence, finding: Candidate, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
-    return better(there, finding, pool(), NULLS, criteria, Search())
+def replaced(there: Residual, finding: Candidate, criteria: Criteria = RULE) -> tuple[Hypothesis, ...]:
+    return better(replace(there, criteria=criteria), finding, pool(), NULLS, Search())
 
 
 @pytest.mark.parametrize("planted", [n for n in NAMES if "row" not in n])
@@ -72,21 +74,21 @@ def test_what_does_not_pass_the_tests_of_a_finding_replaces_nothing() -> None:
 
 
 def test_effects_with_priors_are_neither_replaced_nor_put_in() -> None:
-    believed = [c for c in pool() if np.isfinite(c.effects[0].prior)]
+    believed = [c for c in pool() if c.has_priors]
     assert believed
     assert replaced(seen(NAMES[1]), believed[0]) == ()
-    assert better(seen(NAMES[1]), named("base compliance"), believed, NULLS, Criteria(), Search()) == ()
+    assert better(seen(NAMES[1]), named("base compliance"), believed, NULLS, Search()) == ()
 
 
-def test_evidence_beside_an_effect_is_that_of_a_model_with_it() -> None:
+def test_the_residual_beside_an_effect_is_that_of_a_model_with_it() -> None:
     there = seen_together(PAIRS[1])
     first, second = (named(name) for name in PAIRS[1])
     model = there.calibration.model
     fit = calibrate(replace(model, effects=(*model.effects, *first.effects)), there.poses)
-    refitted = gather(fit, there.poses, 0).scores([second])[0][0]
+    refitted = scores(residual_of(fit, there.poses, RULE, 0), [second])[0]
     beside = there.beside(first.effects)
-    (score,), _ = beside.scores([second])
+    (score,) = scores(beside, [second])
     assert score.gain == pytest.approx(refitted.gain, rel=0.01)
     assert score.nats == pytest.approx(refitted.nats, rel=0.02)
-    both = there.cross_validated((*first.effects, *second.effects))[0]
-    assert beside.cross_validated(second.effects)[0] == pytest.approx(both, rel=1e-6)
+    both = cross_validated(there, (*first.effects, *second.effects)).rms
+    assert cross_validated(beside, second.effects).rms == pytest.approx(both, rel=1e-6)

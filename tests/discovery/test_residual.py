@@ -8,8 +8,13 @@ from effect_cases import MECHANISMS, bare, first_of_each_family, measure, mechan
 from residual_cases import NAMES, pool, seen
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery import residual as evidence
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery import cross_validation
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.cross_validation import better_by, cross_validated
+from gpmodel.discovery.null import shuffled
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.score import best_nats, saved, scores
+from gpmodel.discovery.targets import targets
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
@@ -23,8 +28,7 @@ from gpmodel.numerics.rank import canonical_correlation, orthonormal
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    scores, _ = there.scores(candidates)
-    best = candidates[int(np.argmax([s.nats for s in scores]))]
+    best = candidates[int(np.argmax([s.nats for s in scores(there, candidates)]))]
     own = next(c for c in candidates if c.name == planted)
     spans = [orthonormal(there.projected(c.effects)[0]) for c in (best, own)]
     assert canonical_correlation(*spans) > 0.95
@@ -33,21 +37,21 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    scores, null = there.scores(candidates, there.shuffled(np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores), null) < 0.01
+    null = best_nats(there, candidates, shuffled(there, np.random.default_rng(0), 60))
+    assert chance(max(s.nats for s in scores(there, candidates)), null) < 0.01
 
 
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    scores, null = there.scores(pool(), there.shuffled(np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores), null) > 0.05
+    null = best_nats(there, pool(), shuffled(there, np.random.default_rng(0), 60))
+    assert chance(max(s.nats for s in scores(there, pool())), null) > 0.05
 
 
 def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None:
     there = seen(NAMES[1])
-    plain = [c for c in pool() if not np.isfinite(c.effects[0].prior)][::17]
+    plain = [c for c in pool() if not c.has_priors][::17]
     columns = there.problem.columns[:, np.append(np.ones(there.problem.placement, bool), there.calibration.kept)]
-    for candidate, score in zip(plain, there.scores(plain)[0], strict=True):
+    for candidate, score in zip(plain, scores(there, plain), strict=True):
         if np.isfinite(score.nats):
             both = np.hstack([columns, there.columns(candidate.effects)])
             both = both / np.linalg.norm(both, axis=0)
@@ -68,53 +72,54 @@ def test_what_the_model_already_has_scores_nothing_and_neither_does_what_is_not_
     enabled = effect_at("again", "J3.moving", "Ry")
     infinite = effect_at("infinite", "J3.moving", "Ry", Expression("1/(J1 - J1)"))
     for effect in (enabled, infinite):
-        (score,), _ = there.scores([Candidate(effect.name, (effect,), "", 4.0)])
+        (score,) = scores(there, [Candidate(effect.name, (effect,), "", 4.0)])
         assert score.nats == -np.inf
         assert score.gain == 0.0
 
 
 def test_a_description_pays_for_its_unknowns_and_for_what_it_was_chosen_from() -> None:
     there = seen(NAMES[0])
-    assert there.nats(0.2, 1, 4.0) > there.nats(0.2, 2, 4.0) > there.nats(0.2, 2, 6.0)
-    assert there.nats(0.0, 1, 4.0) < 0
-    assert np.isfinite(there.nats(1.0, 1, 4.0))
+    assert saved(there, 0.2, 1, 4.0) > saved(there, 0.2, 2, 4.0) > saved(there, 0.2, 2, 6.0)
+    assert saved(there, 0.0, 1, 4.0) < 0
+    assert np.isfinite(saved(there, 1.0, 1, 4.0))
 
 
 @pytest.mark.parametrize("name", [NAMES[0], NAMES[1]])
 def test_cross_validation_is_a_refit_without_each_fold(name: str) -> None:
     there = seen(name)
     effects = next(c.effects for c in pool() if c.name == name)
-    rms, per_pose, coefficients = there.cross_validated(effects)
+    found = cross_validated(there, effects)
     columns = np.hstack([there.system, there.columns(effects) / np.linalg.norm(there.columns(effects), axis=0)])
     expected = np.zeros(90)
     for fold in np.unique(there.fold_of_row):
         test = there.fold_of_row == fold
         solved = np.linalg.lstsq(columns[~test], there.target[~test], rcond=None)[0]
         np.add.at(expected, there.problem.pose_of_row[test], (there.target[test] - columns[test] @ solved) ** 2)
-    np.testing.assert_allclose(per_pose, expected, rtol=1e-5, atol=1e-16)
-    assert rms == pytest.approx(np.sqrt(expected.mean()))
-    assert coefficients.shape == (len(np.unique(there.fold_of_row)), len(effects))
-    assert rms < there.cross_validated(())[0]
+    np.testing.assert_allclose(found.per_pose, expected, rtol=1e-5, atol=1e-16)
+    assert found.rms == pytest.approx(np.sqrt(expected.mean()))
+    assert found.coefficients.shape == (len(np.unique(there.fold_of_row)), len(effects))
+    assert found.rms < cross_validated(there, ()).rms
 
 
 def test_folds_by_updates_agree_with_folds_by_refits(monkeypatch: pytest.MonkeyPatch) -> None:
     there = replace(seen(NAMES[1]))
     effects = next(c.effects for c in pool() if c.name == NAMES[1])
-    refitted = there.cross_validated(effects)
-    monkeypatch.setattr(evidence, "MANY_COLUMNS", 0)
-    for one, other in zip(refitted, there.cross_validated(effects), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-4)
+    refitted = cross_validated(there, effects)
+    monkeypatch.setattr(cross_validation, "MANY_COLUMNS", 0)
+    updated = cross_validated(there, effects)
+    np.testing.assert_allclose(refitted.per_pose, updated.per_pose, rtol=1e-4)
+    np.testing.assert_allclose(refitted.coefficients, updated.coefficients, rtol=1e-4)
 
 
 def test_better_by_is_the_paired_deviation_of_squared_errors() -> None:
     there = seen(NAMES[1])
     own, other = (next(c.effects for c in pool() if c.name == name) for name in (NAMES[1], NAMES[0]))
-    gain = there.cross_validated(other)[1] - there.cross_validated(own)[1]
+    gain = cross_validated(there, other).per_pose - cross_validated(there, own).per_pose
     expected = gain.mean() / (gain.std(ddof=1) / np.sqrt(len(gain)))
-    assert there.better_by(own, other) == pytest.approx(expected)
-    assert there.better_by(other, own) == pytest.approx(-expected)
-    assert there.better_by(own) > 2 > there.better_by(other)
-    assert there.better_by(own, own) == 0.0
+    assert better_by(there, own, other) == pytest.approx(expected)
+    assert better_by(there, other, own) == pytest.approx(-expected)
+    assert better_by(there, own) > 2 > better_by(there, other)
+    assert better_by(there, own, own) == 0.0
 
 
 def test_poses_at_work_count_where_an_effect_says_something() -> None:
@@ -132,36 +137,36 @@ def test_poses_at_work_count_where_an_effect_says_something() -> None:
 def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
     there = seen(NAMES[1])
     sites = sites_of(mechanism("irb6400r"))
-    targets = there.targets(sites, np.arange(90))
+    seen_by_gp = targets(there, sites, np.arange(90))
     for text in ("sin(2*J4)", "torque_J2", "x*y"):
         basis = Expression(text)
-        gains = targets.gains(basis(there.poses.states)[None])[0]
-        scored = there.scores([Candidate("c", (s.effect("e", basis, "1"),), "", 0.0) for s in sites])[0]
+        gains = seen_by_gp.gains(basis(there.poses.states)[None])[0]
+        scored = scores(there, [Candidate("c", (s.effect("e", basis, "1"),), "", 0.0) for s in sites])
         np.testing.assert_allclose(gains, [s.gain for s in scored], rtol=1e-6, atol=1e-9)
 
 
 def test_shuffling_keeps_the_poses_whole_and_the_model_out() -> None:
     there = seen(NAMES[0])
-    shuffled = there.shuffled(np.random.default_rng(0), 5)
-    assert np.abs(there.enabled.T @ shuffled).max() < 1e-12
-    assert (np.abs(there.residual @ shuffled) < 0.5 * there.energy).all()
-    again = there.shuffled(np.random.default_rng(0), 5)
-    np.testing.assert_array_equal(shuffled, again)
+    order = shuffled(there, np.random.default_rng(0), 5)
+    assert np.abs(there.enabled.T @ order).max() < 1e-12
+    assert (np.abs(there.values @ order) < 0.5 * there.energy).all()
+    again = shuffled(there, np.random.default_rng(0), 5)
+    np.testing.assert_array_equal(order, again)
 
 
-def test_a_far_out_pose_is_drawn_in_and_not_dropped() -> None:
+def test_a_far_out_pose_is_winsorised_and_not_dropped() -> None:
     truth = measure("irb6400r", (), (), 5, count=80)
     position = truth.poses.dataset.position.copy()
     position[7] += 5e-3
     poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=position))
     fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), poses)
-    there = gather(fit, poses, 0)
-    assert np.flatnonzero(there.drawn_in).tolist() == [7]
+    there = residual_of(fit, poses, Criteria(), 0)
+    assert np.flatnonzero(there.winsorised).tolist() == [7]
     assert set(there.problem.pose_of_row) == set(range(80))
     length = np.sqrt(np.bincount(there.problem.pose_of_row, there.target[: there.measured] ** 2))
     assert 3e-5 < length[7] < 1e-3
-    trusted = gather(fit, poses, 0, trusted=np.ones(80, dtype=bool))
-    assert not trusted.drawn_in.any()
+    trusted = residual_of(fit, poses, Criteria(), 0, trusted=np.ones(80, dtype=bool))
+    assert not trusted.winsorised.any()
     assert trusted.energy > 10 * there.energy
 
 
@@ -173,9 +178,9 @@ def test_an_effect_given_back_is_found_again() -> None:
         ErrorModel(truth.model.mechanism, (*geometric_effects(truth.model.mechanism), *effects)), truth.poses
     )
     candidate = Candidate("again", effects, "gear_harmonic", 4.0)
-    (without,), _ = gather(fit, truth.poses, 0, effects).scores([candidate])
+    (without,) = scores(residual_of(fit, truth.poses, Criteria(), 0, effects), [candidate])
     assert without.nats > 100
-    (enabled,), _ = gather(fit, truth.poses, 0).scores([candidate])
+    (enabled,) = scores(residual_of(fit, truth.poses, Criteria(), 0), [candidate])
     assert enabled.nats == -np.inf
 
 

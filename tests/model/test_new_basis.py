@@ -8,7 +8,10 @@ from effect_cases import bare, measure, mechanism
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
 from gpmodel.calibration.linearise import effect_columns
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.null import shuffled
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.error_model import ErrorModel, observe
@@ -49,9 +52,9 @@ def test_a_new_basis_is_predicted_fitted_judged_and_reported() -> None:
     standard = geometric_effects(mechanism("irb6400r"))
     without = calibrate(ErrorModel(mechanism("irb6400r"), standard), train)
     candidate = Candidate("notched track", (NOTCH,), "", 4.0)
-    (score,), null = (evidence := gather(without, train, 0)).scores(
-        [candidate], evidence.shuffled(np.random.default_rng(0), 40)
-    )
+    residual = residual_of(without, train, Criteria(), 0)
+    (score,) = scores(residual, [candidate])
+    null = best_nats(residual, [candidate], shuffled(residual, np.random.default_rng(0), 40))
     assert score.nats > null.max() + 20
     fit = calibrate(ErrorModel(mechanism("irb6400r"), (*standard, NOTCH)), train)
     found = quantity(fit, candidate, train.states)

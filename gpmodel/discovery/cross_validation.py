@@ -1,0 +1,73 @@
+"""Cross-validation: how well a model with candidate effects predicts poses that did not fit it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.discovery.residual import Residual
+from gpmodel.model.effect import Effect
+from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """3-D RMS of the predictions, m; squared error (N,) of each pose, m²; coefficients (folds, E) of the effects."""
+
+    rms: float
+    per_pose: Array
+    coefficients: Array
+
+
+def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
+    """Predictions with these effects in the model, all of it refitted without each fold."""
+    extra = residual.columns(effects)
+    scale = np.linalg.norm(extra, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    sigma = np.sqrt(residual.energy / residual.freedom)
+    extra, belief = extra / scale, np.array([sigma / e.prior for e in effects]) / scale
+    fits = _updated if residual.system.shape[1] + extra.shape[1] >= MANY_COLUMNS else _refitted
+    target, system = residual.target[: residual.measured], residual.system[: residual.measured]
+    per_pose = np.zeros(len(residual.poses))
+    coefficients = []
+    for test, old, new in fits(residual, extra, belief):
+        miss = target[test] - system[test] @ old - extra[test] @ new
+        np.add.at(per_pose, residual.problem.pose_of_row[test], miss**2)
+        coefficients.append(new / scale)
+    return Predicted(float(np.sqrt(per_pose.mean())), per_pose, np.array(coefficients))
+
+
+def paired_t(gain: Array) -> float:
+    """The mean of a gain (N,) in standard deviations of that mean; 0 where all are equal."""
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    return float(gain.mean()) / spread if spread > 0 else 0.0
+
+
+def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
+    """The paired t by which effects predict better than others, pose by pose."""
+    return paired_t(cross_validated(residual, others).per_pose - cross_validated(residual, effects).per_pose)
+
+
+def _refitted(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:
+    """Of each fold: its rows, and coefficients of the system and of the extra columns solved together without them."""
+    count, below = residual.system.shape[1], len(residual.target) - residual.measured
+    columns = np.hstack([residual.system, np.vstack([extra, np.zeros((below, extra.shape[1]))])])
+    rows = np.hstack([np.zeros((len(belief), count)), np.diag(belief)])[belief > 0]
+    for fold in np.unique(residual.fold_of_row):
+        test = residual.fold_of_row == fold
+        keep = np.concatenate([~test, np.ones(below, dtype=bool)])
+        solved = solve(np.vstack([columns[keep], rows]), np.concatenate([residual.target[keep], np.zeros(len(rows))]))
+        yield test, solved[:count], solved[count:]
+
+
+def _updated(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:
+    """The same from each fold's factored normal equations, by block elimination of the extra columns."""
+    for test, factor, base in residual.without_folds:
+        top, right = residual.system[: residual.measured][~test], residual.target[: residual.measured][~test]
+        between = top.T @ extra[~test]
+        solved = linalg.cho_solve(factor, between, check_finite=False)
+        inner = extra[~test].T @ extra[~test] + np.diag(belief**2) - between.T @ solved
+        new = linalg.lstsq(inner, extra[~test].T @ right - between.T @ base, cond=1e-12)[0]
+        yield test, base - solved @ new, new

@@ -1,0 +1,101 @@
+"""What a candidate saves: one projection and a description length, on the residual and on what chance makes of it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array
+from gpmodel.discovery.residual import Residual
+from gpmodel.families.candidate import Candidate
+from gpmodel.numerics import rank as ident
+
+CHUNK = 256
+"""Candidates projected at once: enough for fast products, few enough for their columns to stay small."""
+NOISE_STEPS = 5
+"""Re-estimates of the noise under a prior; the third changes no digit that is shown."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """gain: share of the residual energy removed; nats: description length saved; share: unique part of the column."""
+
+    gain: float
+    nats: float
+    share: float
+
+
+def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float) -> float | Array:
+    """Description length, nats: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
+    fit = -0.5 * residual.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
+    return fit - 0.5 * unknowns * np.log(residual.measured) - cost
+
+
+def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
+    """The score of every candidate; no nats where too little of its column is its own."""
+    out = []
+    for candidate, span, shares in _projected(residual, pool):
+        if shares.max() < residual.criteria.scored_share:
+            out.append(Score(0.0, -np.inf, float(shares.max())))
+            continue
+        gain, nats = _gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS)
+        out.append(Score(float(gain[0]), float(nats[0]), float(shares.min())))
+    return tuple(out)
+
+
+def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> Array:
+    """The most nats (T,) that any candidate saves on each of the residuals (M + B, T) in place of the real one."""
+    best = np.full(trials.shape[1], -np.inf)
+    for candidate, span, shares in _projected(residual, pool):
+        if shares.max() >= residual.criteria.scored_share:
+            best = np.maximum(best, _gains(residual, candidate, span, trials, 0)[1])
+    return best
+
+
+def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
+    """Every candidate with its projected columns (M + B, E) and the unique share (E,) of each."""
+    for start in range(0, len(pool), CHUNK):
+        part = pool[start : start + CHUNK]
+        left, shares = residual.projected([e for c in part for e in c.effects])
+        at = 0
+        for candidate in part:
+            own = slice(at, at + len(candidate.effects))
+            at = own.stop
+            yield candidate, left[:, own], shares[own]
+
+
+def _gains(
+    residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int
+) -> tuple[Array, Array]:
+    """Gain and nats (T,) of a candidate on each trial (M + B, T)."""
+    energies = np.sum(trials**2, axis=0)
+    if candidate.has_priors:
+        return _believed(residual, candidate, span, (trials, energies), noise_steps)
+    count = span.shape[1]
+    q = ident.orthonormal(span) if count > 1 else span / np.linalg.norm(span, axis=0)
+    gain = np.sum((q.T @ trials) ** 2, axis=0) / energies
+    return gain, np.asarray(saved(residual, gain, count, candidate.cost))
+
+
+def _believed(
+    residual: Residual, candidate: Candidate, span: Array, trials: tuple[Array, Array], noise_steps: int
+) -> tuple[Array, Array]:
+    """Gain and nats (T,) of effects with priors, by their marginal likelihood: the priors pay for the unknowns.
+
+    With columns times priors U s Vᵀ and f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,
+    nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost. Source: MacKay (1992), evidence.
+    """
+    norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
+    prior = np.array([e.prior for e in candidate.effects])
+    weighted = span * norms * prior
+    squares, turn = linalg.eigh(weighted.T @ weighted)
+    s = np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))[:, None]
+    u = weighted @ (turn / s.T)
+    parts, energies = (u.T @ trials[0]) ** 2, trials[1]
+    left = energies
+    for _ in range(noise_steps + 1):
+        sigma2 = left / residual.freedom
+        left = energies - np.sum(s**2 / (s**2 + sigma2) * parts, axis=0)
+    volume = 0.5 * np.sum(np.log1p(s**2 / sigma2), axis=0)
+    return 1 - left / energies, 0.5 * residual.freedom * np.log(energies / left) - volume - candidate.cost
