@@ -1,4 +1,7 @@
-"""Seven arms, as modified Denavit-Hartenberg rows with link masses: sizes of real ones, details of none."""
+"""Fourteen machines, as modified Denavit-Hartenberg rows with link masses: sizes of real ones, details of none.
+
+Ten arms, one of them on a tilted foot; a rail, a lift and a gantry that carry one; a selective compliance arm.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,20 @@ import numpy as np
 from experiments.blind.simulator import Arm
 
 
-def _arm(name: str, rows: list[list[float]], limits: list[list[float]], masses: list[float], side: float) -> Arm:
-    """Degrees in; each link's centre lies half way to the next joint and a little to the side."""
+def _arm(
+    name: str,
+    rows: list[list[float]],
+    limits: list[list[float]],
+    masses: list[float],
+    side: float,
+    prismatic: tuple[int, ...] = (),
+) -> Arm:
+    """Degrees and metres in; each link's centre lies half way to the next joint and a little to the side."""
     table = np.array(rows, dtype=float)
     table[:, [0, 3]] = np.radians(table[:, [0, 3]])
-    arm = Arm(name, table, np.radians(limits), np.array(masses), np.zeros((len(rows), 3)))
+    slides = np.isin(np.arange(1, len(rows) + 1), prismatic)[:, None]
+    bounds = np.where(slides, limits, np.radians(limits))
+    arm = Arm(name, table, bounds, np.array(masses), np.zeros((len(rows), 3)), frozenset(prismatic))
     to_next = np.vstack([arm.origins()[1:, :3, 3], [0.0, 0.0, 0.0]])
     centres = 0.5 * to_next + side * np.array([0.5, -0.3, 0.8])
     return replace(arm, centres=centres)
@@ -114,5 +126,63 @@ ARMS: dict[str, Arm] = {
             [14.0, 9.0, 5.0, 3.0],
             0.04,
         ),
+        _arm(
+            "cobot_ten",
+            [[0, 0, 0.1273, 0], [90, 0, 0, 0], [0, -0.612, 0, 0], [0, -0.5723, 0.1639, 0], [90, 0, 0.1157, 0],
+             [-90, 0, 0.0922, 0]],
+            [[-170, 170], [-150, -30], [-130, 130], [-170, 170], [-150, 150], [-170, 170]],
+            [7.8, 12.9, 3.9, 2.0, 2.0, 0.9],
+            0.06,
+        ),
+        _arm(
+            "welder",
+            [[0, 0, 0.45, 0], [-90, 0.15, 0, -90], [0, 0.614, 0, 0], [-90, 0.2, 0.64, 0], [90, 0, 0, 0],
+             [-90, 0, 0.1, 180]],
+            [[-160, 160], [-80, 110], [-70, 80], [-175, 175], [-120, 120], [-175, 175]],
+            [60.0, 35.0, 28.0, 9.0, 5.0, 8.0],
+            0.05,
+        ),
+        _arm(
+            "seven_tilted",
+            [[40, 0, 0.35, 0], [-90, 0.03, 0, 0], [90, -0.03, 0.27, 0], [90, 0.04, 0, 0], [-90, -0.04, 0.28, 0],
+             [90, 0, 0, 0], [90, 0.03, 0.1, 0]],
+            [[-140, 140], [-90, 60], [-130, 130], [-140, -10], [-150, 150], [10, 190], [-150, 150]],
+            [4.2, 3.6, 2.9, 2.4, 1.9, 1.1, 1.6],
+            0.03,
+        ),
+        _arm(
+            "rail_kuka",
+            [[90, 0, 0, 0], [-90, 0, 0.815, 0], [-90, 0.35, 0, -90], [0, 0.85, 0, 0], [-90, 0.145, 0.82, 0],
+             [90, 0, 0, 0], [-90, 0, 0.17, 180]],
+            [[0, 3.0], [-160, 160], [-70, 80], [-50, 80], [-175, 175], [-115, 115], [-175, 175]],
+            [250.0, 180.0, 120.0, 95.0, 22.0, 14.0, 60.0],
+            0.06,
+            prismatic=(1,),
+        ),
+        _arm(
+            "lift_ur",
+            [[0, 0, 0.4, 0], [0, 0.05, 0.0892, 0], [90, 0, 0, 0], [0, -0.425, 0, 0], [0, -0.392, 0.1093, 0],
+             [90, 0, 0.0947, 0], [-90, 0, 0.0823, 0]],
+            [[0, 0.7], [-170, 170], [-150, -30], [-120, 120], [-170, 170], [-150, 150], [-170, 170]],
+            [15.0, 3.7, 8.4, 2.3, 1.2, 1.2, 3.2],
+            0.05,
+            prismatic=(1,),
+        ),
+        _arm(
+            "gantry",
+            [[90, 0, 0, 90], [90, 2.5, 0, 90], [-90, 0.1, 0.2, 0], [0, 0, 0.25, 0], [90, 0, 0, 0], [-90, 0, 0.15, 0]],
+            [[0, 4.0], [0, 2.0], [0, 0.8], [-170, 170], [-110, 110], [-170, 170]],
+            [300.0, 120.0, 40.0, 8.0, 4.0, 3.0],
+            0.05,
+            prismatic=(1, 2, 3),
+        ),
+        _arm(
+            "scara",
+            [[0, 0, 0.45, 0], [0, 0.325, 0, 0], [180, 0.275, 0, 0], [0, 0, 0.1, 0]],
+            [[-130, 130], [-140, 140], [0, 0.2], [-170, 170]],
+            [12.0, 8.0, 2.0, 1.0],
+            0.04,
+            prismatic=(3,),
+        ),
     ]
-}
+}  # fmt: skip

@@ -1,79 +1,15 @@
-"""What is wrong with a blind robot: shapes in and out of any catalogue.
-
-An effect is a small motion, in metres and radians, at one or more frames.  `true` is what the robot does, per unit;
-`basis` is what an oracle told the form would fit (phase known up to a sine and cosine, the moved amount unknown);
-`named` lists the sets of inputs that count as the right answer, as shell patterns on the names in a report.
-"""
+"""What is wrong with a blind robot, one effect a kind: shapes in and out of any catalogue."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from experiments.blind.simulator import Arm, Array, Loads, gravity_loads
-
-Motion = dict[int, Array]
-RX, RY, RZ = 3, 4, 5
-
-
-@dataclass(frozen=True)
-class World:
-    """All that a pose is known by: angles (N, n), extra columns by name, row number as a fraction 0..1, loads."""
-
-    arm: Arm
-    q: Array
-    extra: Mapping[str, Array]
-    row: Array
-    loads: Loads
-    tool: Array
-
-    def angle(self, joint: int) -> Array:
-        return self.q[:, joint - 1]
-
-    def torque(self, joint: int) -> Array:
-        return self.loads.torque[:, joint - 1]
-
-
-@dataclass(frozen=True)
-class Shape:
-    """One drawn effect: the same constants on the measured and on the fresh poses."""
-
-    true: Callable[[World], Motion]
-    basis: Callable[[World], list[Motion]]
-    named: list[list[str]]
-    constants: dict[str, float]
-
-
-def turn(joint: int, phi: Array, axis: int = RZ) -> Motion:
-    """A motion along or about one axis of the frame carried by a joint; RZ is the joint's own axis."""
-    twist = np.zeros((len(phi), 6))
-    twist[:, axis] = phi
-    return {joint: twist}
-
-
-def combine(weights: Array, motions: list[Motion]) -> Motion:
-    out: Motion = {}
-    for weight, motion in zip(weights, motions, strict=True):
-        for slot, twist in motion.items():
-            out[slot] = out.get(slot, 0.0) + weight * twist
-    return out
-
-
-def _fixed(motion: Callable[[World], Motion], named: list[list[str]], **constants: float) -> Shape:
-    return Shape(motion, lambda w: [motion(w)], named, constants)
-
-
-def _mixed(basis: Callable[[World], list[Motion]], weights: Array, named: list[list[str]], **constants: float) -> Shape:
-    return Shape(lambda w: combine(weights, basis(w)), basis, named, constants)
-
-
-def _load_names(k: int) -> list[list[str]]:
-    """A torque about joint k, or the angles it is made of (different inputs must match different patterns)."""
-    angles = ["J2", "J3"] if k <= 3 else [f"J{k}", "J[2-6]"]
-    return [[f"torque_J{k}"], [f"moment_J{k}_z"], angles]
+from experiments.blind import axes, instrument, loads, memory
+from experiments.blind.shapes import RX, RZ, Motion, Shape, World, drive, fixed, load_names, mixed, turn
+from experiments.blind.simulator import Arm, gravity_loads
 
 
 def base_compliance(arm: Arm, rng: np.random.Generator) -> Shape:
@@ -82,11 +18,11 @@ def base_compliance(arm: Arm, rng: np.random.Generator) -> Shape:
         twist[:, RX:RZ] = w.loads.moments[0][:, :2]
         return {0: twist}
 
-    return _fixed(motion, [["moment_base_?"], ["moment_J1*"], ["J1", "J[23]"], ["J1", "torque_J[23]"]])
+    return fixed(motion, [["moment_base_?"], ["moment_J1*"], ["J1", "J[23]"], ["J1", "torque_J[23]"]])
 
 
 def compliance(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    return _fixed(lambda w: turn(joint, w.torque(joint)), _load_names(joint))
+    return fixed(lambda w: turn(joint, w.torque(joint)), load_names(joint))
 
 
 def cross_bending(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
@@ -98,7 +34,7 @@ def cross_bending(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
         [f"torque_J{joint + 1}"],
         ["J2", "J[3-5]"],
     ]
-    return _fixed(lambda w: turn(joint, w.loads.moments[joint][:, 0], RX), names)
+    return fixed(lambda w: turn(joint, w.loads.moments[joint][:, 0], RX), names)
 
 
 def harmonic(arm: Arm, rng: np.random.Generator, joint: int, per_turn: float) -> Shape:
@@ -108,19 +44,20 @@ def harmonic(arm: Arm, rng: np.random.Generator, joint: int, per_turn: float) ->
         angle = per_turn * w.angle(joint)
         return [turn(joint, np.sin(angle)), turn(joint, np.cos(angle))]
 
-    return _mixed(basis, np.array([np.cos(phase), np.sin(phase)]), [[f"J{joint}"]], phase=phase, per_turn=per_turn)
+    return mixed(basis, np.array([np.cos(phase), np.sin(phase)]), [[f"J{joint}"]], phase=phase, per_turn=per_turn)
 
 
 def coupling(arm: Arm, rng: np.random.Generator, source: int, joint: int) -> Shape:
-    return _fixed(lambda w: turn(joint, w.angle(source)), [[f"J{source}"]])
+    return fixed(lambda w: turn(joint, w.angle(source)), [[f"J{source}"]])
 
 
 def gear_ratio(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    return coupling(arm, rng, joint, joint)
+    """A joint moves a little more than it says: the gear's ratio, or the pitch of its screw."""
+    return fixed(lambda w: turn(joint, w.angle(joint), drive(arm, joint)), [[f"J{joint}"]])
 
 
 def thermal_link(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    return _fixed(lambda w: turn(joint, w.extra["temperature"] - 20.0, 0), [["temperature"]])
+    return fixed(lambda w: turn(joint, w.extra["temperature"] - 20.0, 0), [["temperature"]])
 
 
 def thermal_arm(arm: Arm, rng: np.random.Generator) -> Shape:
@@ -131,7 +68,7 @@ def thermal_arm(arm: Arm, rng: np.random.Generator) -> Shape:
         warm = (w.extra["temperature"] - 20.0)[:, None]
         return {i: np.hstack([warm * length, np.zeros((len(w.q), 3))]) for i, length in enumerate(lengths)}
 
-    return _fixed(motion, [["temperature"]])
+    return fixed(motion, [["temperature"]])
 
 
 def warm_up(arm: Arm, rng: np.random.Generator, joint: int, by: str) -> Shape:
@@ -141,7 +78,7 @@ def warm_up(arm: Arm, rng: np.random.Generator, joint: int, by: str) -> Shape:
     def motion(w: World) -> Motion:
         return turn(joint, 1.0 - np.exp(-(w.row if by == "row" else w.extra["time"] / 120.0) / tau), 0)
 
-    return _fixed(motion, [["row"]] if by == "row" else [["time"], ["row"]], tau=tau)
+    return fixed(motion, [["row"]] if by == "row" else [["time"], ["row"]], tau=tau)
 
 
 def drift(arm: Arm, rng: np.random.Generator) -> Shape:
@@ -151,7 +88,7 @@ def drift(arm: Arm, rng: np.random.Generator) -> Shape:
     def basis(w: World) -> list[Motion]:
         return [turn(0, w.row, axis) for axis in range(3)]
 
-    return _mixed(basis, direction / np.linalg.norm(direction), [["row"]])
+    return mixed(basis, direction / np.linalg.norm(direction), [["row"]])
 
 
 def step(arm: Arm, rng: np.random.Generator, where: str) -> Shape:
@@ -163,15 +100,15 @@ def step(arm: Arm, rng: np.random.Generator, where: str) -> Shape:
     def basis(w: World) -> list[Motion]:
         return [turn(slot, (w.row > after).astype(float), axis) for axis in range(axes)]
 
-    return _mixed(basis, weights, [["row"]], after=after)
+    return mixed(basis, weights, [["row"]], after=after)
 
 
 def approach(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    return _fixed(lambda w: turn(joint, w.extra[f"approach_J{joint}"]), [[f"approach_J{joint}"]])
+    return fixed(lambda w: turn(joint, w.extra[f"approach_J{joint}"]), [[f"approach_J{joint}"]])
 
 
 def gravity_backlash(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    return _fixed(lambda w: turn(joint, np.sign(w.torque(joint))), [*_load_names(joint), [f"J{joint}"]])
+    return fixed(lambda w: turn(joint, np.sign(w.torque(joint))), [*load_names(joint), [f"J{joint}"]])
 
 
 def hardening(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
@@ -182,7 +119,7 @@ def hardening(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
         load = w.torque(joint) / scale
         return [turn(joint, load), turn(joint, load**3)]
 
-    return _mixed(basis, np.array([1.0, -0.4]), _load_names(joint), scale=scale)
+    return mixed(basis, np.array([1.0, -0.4]), load_names(joint), scale=scale)
 
 
 def spring(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
@@ -192,7 +129,7 @@ def spring(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     def basis(w: World) -> list[Motion]:
         return [turn(joint, np.sin(w.angle(joint))), turn(joint, np.cos(w.angle(joint)))]
 
-    return _mixed(basis, np.array([np.cos(phase), np.sin(phase)]), [[f"J{joint}"], [f"torque_J{joint}"]], phase=phase)
+    return mixed(basis, np.array([np.cos(phase), np.sin(phase)]), [[f"J{joint}"], [f"torque_J{joint}"]], phase=phase)
 
 
 def payload_deflection(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
@@ -203,14 +140,14 @@ def payload_deflection(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
         loaded = gravity_loads(arm, w.q, w.extra["payload"], w.tool).torque[:, joint - 1]
         return turn(joint, loaded - bare)
 
-    return _fixed(motion, [["payload"], [f"torque_J{joint}"]])
+    return fixed(motion, [["payload"], [f"torque_J{joint}"]])
 
 
 def bump(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     """A worn spot: a Gaussian in one angle."""
     low, high = arm.limits[joint - 1]
     centre, width = low + (high - low) * rng.uniform(0.35, 0.65), (high - low) * rng.uniform(0.07, 0.11)
-    return _fixed(
+    return fixed(
         lambda w: turn(joint, np.exp(-0.5 * ((w.angle(joint) - centre) / width) ** 2)),
         [[f"J{joint}"]],
         centre=centre,
@@ -220,28 +157,28 @@ def bump(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
 
 def dead_zone(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     limit = 0.35 * _stretched(arm, joint)
-    return _fixed(
+    return fixed(
         lambda w: turn(joint, np.sign(w.torque(joint)) * np.maximum(np.abs(w.torque(joint)) - limit, 0.0)),
-        _load_names(joint),
+        load_names(joint),
         limit=limit,
     )
 
 
 def windup(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     scale = 0.25 * _stretched(arm, joint)
-    return _fixed(lambda w: turn(joint, np.tanh(w.torque(joint) / scale)), _load_names(joint), scale=scale)
+    return fixed(lambda w: turn(joint, np.tanh(w.torque(joint) / scale)), load_names(joint), scale=scale)
 
 
 def product(arm: Arm, rng: np.random.Generator, first: int, second: int, joint: int) -> Shape:
     def motion(w: World) -> Motion:
         return turn(joint, np.sin(2 * w.angle(first)) * np.cos(w.angle(second)))
 
-    return _fixed(motion, [[f"J{first}", f"J{second}"]])
+    return fixed(motion, [[f"J{first}", f"J{second}"]])
 
 
 def difference(arm: Arm, rng: np.random.Generator, first: int, second: int, joint: int) -> Shape:
     """A closing bar: the magnitude of the difference of two angles."""
-    return _fixed(lambda w: turn(joint, np.abs(w.angle(first) - w.angle(second))), [[f"J{first}", f"J{second}"]])
+    return fixed(lambda w: turn(joint, np.abs(w.angle(first) - w.angle(second))), [[f"J{first}", f"J{second}"]])
 
 
 def _stretched(arm: Arm, joint: int) -> float:
@@ -250,12 +187,23 @@ def _stretched(arm: Arm, joint: int) -> float:
     return float(np.abs(gravity_loads(arm, q).torque[:, joint - 1]).max())
 
 
+def curve(arm: Arm, rng: np.random.Generator, joint: int, harmonics: int = 10) -> Shape:
+    """A smooth error curve of a drive: sines and cosines of 1 to `harmonics` turns, falling as one over the order."""
+    orders = np.arange(1, harmonics + 1)
+    weights = (rng.normal(size=(2, harmonics)) / orders).ravel()
+
+    def basis(w: World) -> list[Motion]:
+        return [turn(joint, wave(k * w.angle(joint))) for wave in (np.sin, np.cos) for k in orders]
+
+    return mixed(basis, weights, [[f"J{joint}"]], harmonics=harmonics)
+
+
 KINDS: dict[str, Callable[..., Shape]] = {
     make.__name__: make
     for make in (
         base_compliance, compliance, cross_bending, harmonic, coupling, gear_ratio, thermal_link, thermal_arm,
         warm_up, drift, step, approach, gravity_backlash, hardening, spring, payload_deflection, bump, dead_zone,
-        windup, product, difference,
+        windup, product, difference, curve, *memory.KINDS, *loads.KINDS, *axes.KINDS, *instrument.KINDS,
     )
 }  # fmt: skip
 

@@ -5,18 +5,21 @@ Modified Denavit-Hartenberg rows (alpha, a, d, theta0) give the fixed placement 
     O_i = Rx(alpha) Tx(a) Tz(d) Rz(theta0),   p = G * prod_i [ E_(i-1) O_i Rz(q_i) ] * E_n * tool
 
 with G the placement of the robot's base in the tracker, E_0 a small motion of the base and E_i a small motion of
-the frame carried by joint i.  Gravity loads are sums of masses times lever arms.  Metres, radians, kilograms.
+the frame carried by joint i; a prismatic joint has Tz(q_i) for Rz(q_i).  What the instrument does wrong is a shift of p
+in its own frame.  Gravity loads are sums of masses times lever arms.  Metres, radians, kilograms.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, -9.80665])
+INSTRUMENT = -1
+FLOOR = 0.05
 
 
 def rotation_x(angle: float) -> Array:
@@ -32,6 +35,13 @@ def rotation_z(angle: Array | float) -> Array:
     out[..., 1, 0] = np.sin(angle)
     out[..., 0, 1] = -out[..., 1, 0]
     out[..., 2, 2] = out[..., 3, 3] = 1.0
+    return out
+
+
+def slide_z(distance: Array) -> Array:
+    """(N, 4, 4) translations along z by (N,)."""
+    out = np.tile(np.eye(4), (len(distance), 1, 1))
+    out[:, 2, 3] = distance
     return out
 
 
@@ -58,17 +68,28 @@ def small_motion(twist: Array) -> Array:
 
 @dataclass(frozen=True)
 class Arm:
-    """rows: (n, 4) alpha, a, d, theta0 [rad, m]; limits: (n, 2) rad; masses: (n,) kg; centres: (n, 3) m, link frame."""
+    """rows: (n, 4) alpha, a, d, theta0 [rad, m]; limits: (n, 2) rad or m; masses: (n,) kg; centres: (n, 3) m, link
+    frame; prismatic: numbers of the joints that slide, counted from 1."""
 
     name: str
     rows: Array
     limits: Array
     masses: Array
     centres: Array
+    prismatic: frozenset[int] = field(default_factory=frozenset)
 
     @property
     def joints(self) -> list[str]:
         return [f"J{i + 1}" for i in range(len(self.rows))]
+
+    @property
+    def middle(self) -> Array:
+        """(n,) joint values half way between the limits."""
+        return np.asarray(self.limits.mean(axis=1))
+
+    def drive(self, joint: int, values: Array) -> Array:
+        """(N, 4, 4) motions of a joint."""
+        return slide_z(values) if joint in self.prismatic else rotation_z(values)
 
     def origins(self) -> Array:
         """(n, 4, 4) placement of joint i at zero in the frame carried by joint i - 1."""
@@ -86,7 +107,7 @@ def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
     out = []
     for slot, origin in enumerate([None, *arm.origins()]):
         if origin is not None:
-            current = current @ origin @ rotation_z(q[:, slot - 1])
+            current = current @ origin @ arm.drive(slot, q[:, slot - 1])
         if slot in twists:
             current = current @ small_motion(twists[slot])
         out.append(current)
@@ -94,15 +115,16 @@ def frames(arm: Arm, q: Array, twists: dict[int, Array] | None = None) -> Array:
 
 
 def points(arm: Arm, q: Array, placement: Array, tool: Array, twists: dict[int, Array]) -> Array:
-    """(N, 3) measured points in the tracker."""
+    """(N, 3) measured points in the tracker; twists[INSTRUMENT][:, :3] shifts what it reads."""
     last = frames(arm, q, twists)[-1]
     in_base = last[:, :3, :3] @ tool + last[:, :3, 3]
-    return in_base @ placement[:3, :3].T + placement[:3, 3]
+    read = in_base @ placement[:3, :3].T + placement[:3, 3]
+    return read + twists[INSTRUMENT][:, :3] if INSTRUMENT in twists else read
 
 
 @dataclass(frozen=True)
 class Loads:
-    """torque: (N, n) of gravity about each joint axis; moments: (n + 1, N, 3) about each frame's origin, in that
+    """torque: (N, n) of gravity about each joint axis (along it, in newtons, where the joint slides); moments: (n + 1, N, 3) about each frame's origin, in that
     frame's axes, of all that this frame carries (index 0: the base).  Newton metres, as gravity acts on the arm."""
 
     torque: Array
@@ -119,51 +141,41 @@ def gravity_loads(arm: Arm, q: Array, payload: Array | None = None, tool: Array 
         masses.append(payload)
         centres.append(placed[-1][:, :3, :3] @ point + placed[-1][:, :3, 3])
     moments = np.zeros((len(arm.rows) + 1, len(q), 3))
+    torque = np.zeros((len(q), len(arm.rows)))
     for slot in range(len(arm.rows) + 1):
         origin = placed[slot][:, :3, 3]
         total = np.zeros((len(q), 3))
         for link in range(max(slot - 1, 0), len(masses)):
             total += np.cross(centres[link] - origin, masses[link][:, None] * GRAVITY)
         moments[slot] = np.einsum("nji,nj->ni", placed[slot][:, :3, :3], total)
-    return Loads(moments[1:, :, 2].T.copy(), moments)
+        if slot in arm.prismatic:
+            torque[:, slot - 1] = sum(masses[slot - 1 :]) * (placed[slot][:, :3, 2] @ GRAVITY)
+        elif slot:
+            torque[:, slot - 1] = moments[slot][:, 2]
+    return Loads(torque, moments)
+
+
+def weight_regressor(arm: Arm, q: Array, joint: int) -> Array:
+    """(N, 3 (n - joint + 1)) torque about a joint of unit mass moments, fixed in each frame from the joint on.
+
+    z_j . (R_i e_a x g), i = j..n, a = x, y, z: gravity torque is linear in them whatever the masses and their centres,
+    since every lever arm is a sum of vectors that are constant in the frames between.  Prismatic joints excluded.
+    """
+    placed = frames(arm, q)[:, :, :3, :3]
+    axis = placed[joint][:, :, 2]
+    blocks = [np.einsum("nk,nak->na", axis, np.cross(r.transpose(0, 2, 1), GRAVITY)) for r in placed[joint:]]
+    return np.hstack(blocks)
+
+
+def above_floor(arm: Arm, q: Array) -> NDArray[np.bool_]:
+    """(N,) whether the flange is over the floor."""
+    return np.asarray(frames(arm, q)[-1][:, 2, 3] > FLOOR)
 
 
 def draw_poses(arm: Arm, count: int, rng: np.random.Generator) -> Array:
-    """(count, n) joint angles, uniform within the limits, with the flange above the floor."""
-    kept: list[Array] = []
+    """(count, n) joint values, uniform within the limits, with the flange above the floor."""
+    kept = np.empty((0, len(arm.rows)))
     while len(kept) < count:
-        q = rng.uniform(arm.limits[:, 0], arm.limits[:, 1])
-        if frames(arm, q[None])[-1, 0, 2, 3] > 0.05:
-            kept.append(q)
-    return np.array(kept)
-
-
-def rpy(rotation: Array) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch, yaw of URDF: Rz(yaw) Ry(pitch) Rx(roll)."""
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
-    return float(roll), float(pitch), float(yaw)
-
-
-def urdf(arm: Arm) -> str:
-    """The nominal arm as URDF: masses and centres of mass, no meshes, limits five degrees wider than the poses."""
-    text = [f'<?xml version="1.0"?>\n<robot name="{arm.name}">\n  <link name="base"/>']
-    for i, (mass, centre, origin) in enumerate(zip(arm.masses, arm.centres, arm.origins(), strict=True)):
-        low, high = arm.limits[i] + np.radians([-5.0, 5.0])
-        parent = "base" if i == 0 else f"link_{i}"
-        xyz = " ".join(f"{v:.12g}" for v in origin[:3, 3])
-        angles = " ".join(f"{v:.15g}" for v in rpy(origin[:3, :3]))
-        inertia = 0.01 * mass
-        text.append(
-            f'  <link name="link_{i + 1}">\n    <inertial>\n'
-            f'      <origin xyz="{centre[0]:.9g} {centre[1]:.9g} {centre[2]:.9g}" rpy="0 0 0"/>\n'
-            f'      <mass value="{mass:.9g}"/>\n'
-            f'      <inertia ixx="{inertia:.9g}" ixy="0" ixz="0" iyy="{inertia:.9g}" iyz="0" izz="{inertia:.9g}"/>\n'
-            f"    </inertial>\n  </link>\n"
-            f'  <joint name="J{i + 1}" type="revolute">\n'
-            f'    <parent link="{parent}"/>\n    <child link="link_{i + 1}"/>\n'
-            f'    <origin xyz="{xyz}" rpy="{angles}"/>\n    <axis xyz="0 0 1"/>\n'
-            f'    <limit lower="{low:.9g}" upper="{high:.9g}" effort="1000" velocity="3"/>\n  </joint>'
-        )
-    return "\n".join([*text, "</robot>\n"])
+        q = rng.uniform(arm.limits[:, 0], arm.limits[:, 1], (count - len(kept), len(arm.rows)))
+        kept = np.vstack([kept, q[above_floor(arm, q)]])
+    return kept

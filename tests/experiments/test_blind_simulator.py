@@ -12,11 +12,15 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES
+from experiments.blind.description import urdf
 from experiments.blind.effects import KINDS
-from experiments.blind.generate import judge, make, world_of, write
+from experiments.blind.files import write
+from experiments.blind.generate import make
 from experiments.blind.grading import answers, innocent
+from experiments.blind.judge import judge
+from experiments.blind.machine import world_of
 from experiments.blind.oracle import left_by, register
-from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion, urdf
+from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion
 from gpmodel.table.read import read_table
 from robots import load_mechanism
 

@@ -1,0 +1,81 @@
+"""The files of one blind robot: its description, its table, fresh poses, the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.blind.description import urdf
+from experiments.blind.generate import Robot
+from experiments.blind.judge import judge
+from experiments.blind.machine import Sheet
+from experiments.blind.session import UNITS
+from experiments.blind.simulator import Array
+
+
+def table(robot: Robot, sheet: Sheet, positions: Array | None) -> str:
+    """CSV with units in the header; `repeat` where the case labels its repeats and the poses are the table's."""
+    prismatic = robot.arm.prismatic
+    names = [f"J{i} [{'mm' if i in prismatic else 'deg'}]" for i in range(1, len(robot.arm.rows) + 1)]
+    names += [f"{name} [{'N*m' if name.startswith('torque') else UNITS.get(name, '1')}]" for name in sheet.extra]
+    values = [1e3 * v if i + 1 in prismatic else np.degrees(v) for i, v in enumerate(sheet.q.T)]
+    forms = ["%.4f"] * len(values) + ["%g" if name != "time" else "%.8g" for name in sheet.extra]
+    values += list(sheet.extra.values())
+    if robot.case.labelled and sheet is robot.train:
+        names, forms, values = [*names, "repeat"], [*forms, "p%d"], [*values, sheet.pose]
+    if positions is not None:
+        names += ["x [mm]", "y [mm]", "z [mm]"]
+        values += list(1e3 * positions.T)
+        forms += ["%.5f"] * 3
+    line = ",".join(forms)
+    return "\n".join([",".join(names), *(line % row for row in zip(*values, strict=True)), ""])
+
+
+def write(robot: Robot, folder: Path, judged: bool = False) -> dict[str, Any]:
+    """robot.urdf, table.csv, truth.json; fresh_K.csv without and fresh_K_clean.csv, _noisy.csv with positions.
+
+    beyond_K is the same for poses outside the range of the table; judged: fits the geometric model and the oracle, too,
+    puts their errors into the truth and the points of the former into fresh_K_standard.csv (a second or a few).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.urdf").write_text(urdf(robot.arm, masses=robot.case.masses != "none"))
+    (folder / "table.csv").write_text(table(robot, robot.train, robot.train.measured))
+    sheets = {f"fresh_{k}": sheet for k, sheet in enumerate(robot.fresh)}
+    sheets |= {f"beyond_{k}": sheet for k, sheet in enumerate(robot.beyond)}
+    for name, sheet in sheets.items():
+        (folder / f"{name}.csv").write_text(table(robot, sheet, None))
+        (folder / f"{name}_clean.csv").write_text(table(robot, sheet, sheet.clean))
+        (folder / f"{name}_noisy.csv").write_text(table(robot, sheet, sheet.measured))
+    truth = truth_of(robot)
+    if judged:
+        judgement = judge(robot)
+        truth["errors"] = judgement.errors
+        for (name, sheet), positions in zip(sheets.items(), judgement.standard, strict=True):
+            (folder / f"{name}_standard.csv").write_text(table(robot, sheet, positions))
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1))
+    return truth
+
+
+def truth_of(robot: Robot) -> dict[str, Any]:
+    """Everything that was drawn and that a report can be compared with."""
+    return {
+        "case": {k: v for k, v in asdict(robot.case).items() if k != "effects"},
+        "seed": robot.seed,
+        "effects": [
+            {
+                "kind": kind, "settings": settings, "size_mm": target, "amount": amount, "constants": shape.constants,
+                "named": shape.named, "called": shape.called, "place": shape.place, "hidden": target == 0.0,
+            }
+            for (kind, settings, target), shape, amount in zip(
+                robot.case.effects, robot.shapes, robot.amounts, strict=True
+            )
+        ],
+        "outliers": robot.train.outliers.tolist(),
+        "fresh": [f"fresh_{k}" for k in range(len(robot.fresh))],
+        "beyond": [f"beyond_{k}" for k in range(len(robot.beyond))],
+        "poses_fresh": sum(len(s.q) for s in robot.fresh),
+    }  # fmt: skip
