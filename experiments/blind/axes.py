@@ -9,15 +9,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from experiments.blind.shapes import RX, Motion, Shape, World, Z, fixed, mixed, turn
+from experiments.blind.shapes import Motion, Shape, World, Z, fixed, mixed, turn
 from experiments.blind.simulator import Arm
 
 
 def guideway(arm: Arm, rng: np.random.Generator, joint: int, axis: int, waves: int = 2) -> Shape:
     """A carriage strays with its position: sideways (axis 0, 1) or turning (3 to 5), in 1..waves half waves.
 
-    sin(pi k u), cos(pi k u), k = 1..waves, u from 0 to 1 over the travel; straightness E_xz, E_yz, tilt E_az, E_bz, roll
-    E_cz of an axis along z.
+    sin(pi k u), cos(pi k u), k = 1..waves, u from 0 to 1 over the travel: straightness E_xz, E_yz, pitch and yaw E_az,
+    E_bz and roll E_cz of an axis along z.
     """
     low, high = arm.limits[joint - 1]
     orders = np.arange(1, waves + 1)
@@ -27,9 +27,7 @@ def guideway(arm: Arm, rng: np.random.Generator, joint: int, axis: int, waves: i
         u = np.pi * (w.angle(joint) - low) / (high - low)
         return [turn(joint, wave(k * u), axis) for wave in (np.sin, np.cos) for k in orders]
 
-    word = "*straight*" if axis < RX else "*[pyr][ia][twl][cl]*"
-    shape = mixed(basis, weights, [[f"J{joint}"]], axis=axis)
-    return Shape(shape.true, shape.basis, shape.named, shape.constants, [f"{word}j{joint}*"])
+    return mixed(basis, weights, [[f"J{joint}"]], axis=axis)
 
 
 def cyclic(arm: Arm, rng: np.random.Generator, joint: int, lead: float) -> Shape:

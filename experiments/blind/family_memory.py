@@ -36,7 +36,10 @@ ASIDE = [
         columns=("time", "room", "humidity"), minutes=300,
     ),
     Case("lag_forearm", "puma_like", 200, 0.03, (_e("lagging_structure", 0.15, joint=3),), columns=_CLOCK, minutes=240),
-    Case("settling_3", "cobot_ten", 150, 0.04, (_e("settling", 0.15, joint=3, axis=2),), columns=("time",), minutes=200),
+    Case(
+        "settling_3", "cobot_ten", 150, 0.04, (_e("settling", 0.15, joint=3, axis=2),),
+        columns=("time",), minutes=200,
+    ),
     Case(
         "move_lag_ripple", "kuka_like", 300, 0.04,
         (

@@ -10,11 +10,17 @@ from typing import Any
 import numpy as np
 
 from experiments.blind.description import urdf
-from experiments.blind.generate import Robot
 from experiments.blind.judge import judge
-from experiments.blind.machine import Sheet
+from experiments.blind.robot import Robot, Sheet
 from experiments.blind.session import UNITS
 from experiments.blind.simulator import Array
+
+WALK = {
+    "kind": "instrument_walk", "settings": {}, "size_mm": 0.0, "amount": 1.0, "constants": {},
+    "named": [["row"], ["time"], ["*tracker*"], ["*instrument*"]],
+    "called": ["*walk*", "*drift*", "*tracker*", "*instrument*"],
+    "place": "instrument", "hidden": True,
+}  # fmt: skip
 
 
 def table(robot: Robot, sheet: Sheet, positions: Array | None) -> str:
@@ -61,7 +67,11 @@ def write(robot: Robot, folder: Path, judged: bool = False) -> dict[str, Any]:
 
 
 def truth_of(robot: Robot) -> dict[str, Any]:
-    """Everything that was drawn and that a report can be compared with."""
+    """Everything that was drawn and that a report can be compared with.
+
+    hidden: an effect that leaves nothing to find after the geometric model, or is noise; by_row: as in Robot.
+    """
+    walk = [WALK] if robot.case.walk_mm else []
     return {
         "case": {k: v for k, v in asdict(robot.case).items() if k != "effects"},
         "seed": robot.seed,
@@ -73,7 +83,8 @@ def truth_of(robot: Robot) -> dict[str, Any]:
             for (kind, settings, target), shape, amount in zip(
                 robot.case.effects, robot.shapes, robot.amounts, strict=True
             )
-        ],
+        ] + walk,
+        "by_row": robot.by_row,
         "outliers": robot.train.outliers.tolist(),
         "fresh": [f"fresh_{k}" for k in range(len(robot.fresh))],
         "beyond": [f"beyond_{k}" for k in range(len(robot.beyond))],

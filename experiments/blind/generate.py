@@ -1,44 +1,23 @@
-"""From a case and a seed to one blind robot, and to the errors of the geometric fit and of the oracle on it."""
+"""From a case and a seed to one blind robot."""
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES, Case
-from experiments.blind.machine import Machine, Sheet, stand, world_of
+from experiments.blind.files import write
+from experiments.blind.machine import Machine, stand
 from experiments.blind.oracle import left_by
+from experiments.blind.robot import Robot, Sheet
 from experiments.blind.session import walk_noise
-from experiments.blind.shapes import Motion, Shape
-from experiments.blind.simulator import Arm, Array
 
 FRESH = 500
 PROBE = 150
-
-
-@dataclass(frozen=True)
-class Robot:
-    """One blind robot; `arm` is what its description says.  beyond: fresh poses outside the range of the table."""
-
-    case: Case
-    seed: int
-    arm: Arm
-    shapes: list[Shape]
-    amounts: list[float]
-    placement: Array
-    tool: Array
-    train: Sheet
-    fresh: list[Sheet]
-    beyond: list[Sheet]
-
-    def columns(self, sheet: Sheet, tool: Array, placement: Array | None = None) -> list[Motion]:
-        """What the oracle is told: it knows tool and placement nearly, and not where the robot came from."""
-        world = world_of(self.arm, sheet.q, sheet.extra, sheet.row, tool, placement)
-        return [column for shape in self.shapes for column in shape.basis(world)]
 
 
 def make(case: Case | str, seed: int = 0, folder: Path | str | None = None) -> Robot:
@@ -48,26 +27,20 @@ def make(case: Case | str, seed: int = 0, folder: Path | str | None = None) -> R
     """
     case = CASES[case] if isinstance(case, str) else case
     rng = np.random.default_rng([zlib.crc32(case.name.encode()), seed, 7919 if case.aside else 17])
-    described = ARMS[case.arm].heavier(np.zeros(len(ARMS[case.arm].rows))) if case.masses == "none" else ARMS[case.arm]
     machine = stand(case, ARMS[case.arm], rng)
     amounts = _amounts(machine, rng)
     train = _table(machine, amounts, rng)
+    by_row = case.in_order or any(["row"] in shape.named for shape in machine.shapes)
     later = machine.under(outliers=0.0, repeats=1, order="walk" if case.order == "walk" else "independent")
-    counts = [case.poses] * max(1, round(FRESH / case.poses)) if _by_row(machine) else [FRESH]
+    counts = [case.poses] * max(1, round(FRESH / case.poses)) if by_row else [FRESH]
     fresh = [later.measured(amounts, *later.drawn(count, rng), rng) for count in counts]
     beyond = [later.measured(amounts, *later.drawn(FRESH, rng, beyond=True), rng)] if case.trained else []
-    shapes, place, tool = machine.shapes, machine.placement, machine.tool
-    robot = Robot(case, seed, described, shapes, amounts, place, tool, train, fresh, beyond)
+    arm = ARMS[case.arm] if case.masses != "none" else ARMS[case.arm].heavier(np.zeros(len(machine.errors)))
+    place, tool = machine.placement, machine.tool
+    robot = Robot(case, seed, arm, machine.shapes, amounts, place, tool, train, fresh, beyond, by_row)
     if folder is not None:
-        from experiments.blind.files import write
-
         write(robot, Path(folder))
     return robot
-
-
-def _by_row(machine: Machine) -> bool:
-    """Whether row k of a fresh file has to mean what row k of the table does."""
-    return machine.case.in_order or any(["row"] in shape.named for shape in machine.shapes)
 
 
 def _amounts(machine: Machine, rng: np.random.Generator) -> list[float]:

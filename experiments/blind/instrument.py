@@ -1,6 +1,6 @@
 """Errors of the instrument, a laser tracker at the origin of its own frame with z along its standing axis.
 
-p = r (cos el cos az, cos el sin az, sin el).  None of them is the robot's: an effect of the robot in their place is wrong.
+p = r (cos el cos az, cos el sin az, sin el).  An effect of the robot in their place is wrong.
 """
 
 from __future__ import annotations

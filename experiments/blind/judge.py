@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.blind.generate import Robot
-from experiments.blind.machine import Sheet
 from experiments.blind.oracle import CUT, Fit, fit, register, rms_mm
+from experiments.blind.robot import Robot, Sheet
 from experiments.blind.simulator import Array
 
 

@@ -13,7 +13,7 @@ CALLED = ("complian", "bending", "stiff", "spring", "elastic", "mass", "gravity"
 
 
 def _called(joint: int) -> list[str]:
-    return [f"*{word}*j{joint}*" for word in CALLED]
+    return ["*link*mass*", "*mass*link*", *(f"*{word}*j{joint}*" for word in CALLED)]
 
 
 def compliance_unknown(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:

@@ -8,40 +8,10 @@ import numpy as np
 
 from experiments.blind.case import Case
 from experiments.blind.effects import draw
+from experiments.blind.robot import Sheet, world_of
 from experiments.blind.session import Route, extra_columns, measured_torque, noise, region, route, shared_noise
 from experiments.blind.shapes import Motion, Shape, World, combine
-from experiments.blind.simulator import Arm, Array, draw_poses, gravity_loads, points, small_motion
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """Poses as a user would have them, and where they are: clean and measured (N, 3), metres, in the tracker.
-
-    pose (N,): rows with the same number are repeats of one pose, or of one cluster.
-    """
-
-    q: Array
-    extra: dict[str, Array]
-    row: Array
-    clean: Array
-    measured: Array
-    outliers: Array
-    pose: Array
-
-
-def world_of(
-    arm: Arm,
-    q: Array,
-    extra: dict[str, Array],
-    row: Array,
-    tool: Array,
-    placement: Array | None = None,
-    start: Array | None = None,
-) -> World:
-    """What an arm of these masses is known by; the payload hangs at the tool point."""
-    loads = gravity_loads(arm, q, extra.get("payload"), tool)
-    point = points(arm, q, np.eye(4) if placement is None else placement, tool, {})
-    return World(arm, q, extra, row, loads, tool, point, start)
+from experiments.blind.simulator import Arm, Array, draw_poses, points, small_motion
 
 
 @dataclass(frozen=True)

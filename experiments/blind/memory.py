@@ -1,7 +1,7 @@
 """Effects of what happened before: the way a joint came, what it wound up, what has warmed since.
 
 The rows are in the order of measurement.  A robot comes from somewhere before its first row, which neither an oracle
-nor a user knows: they take the first row as the start.
+nor a user knows: they take it that nothing had moved.  What winds up has come to rest before the first row.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ def direction(values: Array, before: float) -> Array:
     return np.asarray(sign[last])
 
 
-def stop_operator(values: Array, radius: float, before: float) -> Array:
-    """(N,) wound up within +-radius: e_k = clip(e_(k-1) + values_k - values_(k-1)); the play operator is values - e.
+def stop_operator(values: Array, radius: float) -> Array:
+    """(N,) wound up within +-radius: e_k = clip(e_(k-1) + values_k - values_(k-1)), e_0 = 0; play is values - e.
 
     Source: Krasnosel'skii and Pokrovskii 1989; Brokate and Sprekels 1996, ch. 2.
     """
-    out, wound, last = np.empty(len(values)), 0.0, before
+    out, wound, last = np.empty(len(values)), 0.0, values[0]
     for k, value in enumerate(values):
         wound = min(max(wound + value - last, -radius), radius)
         out[k], last = wound, value
@@ -66,8 +66,7 @@ def hysteresis(arm: Arm, rng: np.random.Generator, joint: int, elements: int = 3
     weights = rng.dirichlet(np.full(elements, 2.0))
 
     def basis(w: World) -> list[Motion]:
-        values, before = w.angle(joint), w.before(joint)
-        return [turn(joint, stop_operator(values, r, before) / r, drive(arm, joint)) for r in radii]
+        return [turn(joint, stop_operator(w.angle(joint), r) / r, drive(arm, joint)) for r in radii]
 
     shape = mixed(basis, weights, memory_names(joint), **{f"radius_{i}": float(r) for i, r in enumerate(radii)})
     return _called(shape, joint)

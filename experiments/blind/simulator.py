@@ -124,8 +124,11 @@ def points(arm: Arm, q: Array, placement: Array, tool: Array, twists: dict[int, 
 
 @dataclass(frozen=True)
 class Loads:
-    """torque: (N, n) of gravity about each joint axis (along it, in newtons, where the joint slides); moments: (n + 1, N, 3) about each frame's origin, in that
-    frame's axes, of all that this frame carries (index 0: the base).  Newton metres, as gravity acts on the arm."""
+    """What gravity does to the arm, in newton metres and newtons.
+
+    torque: (N, n) about each joint axis, the force along it where the joint slides.  moments: (n + 1, N, 3) about each
+    frame's origin, in that frame's axes, of all that this frame carries (index 0: the base).
+    """
 
     torque: Array
     moments: Array
