@@ -19,9 +19,10 @@ LONGEST_LAW = 7
 MOST_INPUTS = 2
 INSTRUMENT_PLACES = ("base", "*tracker*", "*instrument*", "*registration*", "*measur*")
 UNITS = {
-    "base_compliance": "rad/Nm", "compliance": "rad/Nm", "compliance_measured": "rad/Nm", "gear_ratio": "rad/rad",
-    "payload_deflection": "rad/Nm", "harmonic": "rad", "approach": "rad", "last_move": "rad", "coupling": "rad/rad",
-}  # fmt: skip
+    **dict.fromkeys(("base_compliance", "compliance", "compliance_measured", "payload_deflection"), ("rad/Nm",)),
+    **dict.fromkeys(("harmonic", "approach", "last_move"), ("rad", "m")),
+    **dict.fromkeys(("gear_ratio", "coupling"), ("rad/rad", "m/m", "1")),
+}
 Finding = dict[str, Any]
 Truth = dict[str, Any]
 
@@ -104,17 +105,21 @@ def _constant(node: ast.expr) -> bool:
 
 
 def deviations(findings: list[Finding], truth: dict[str, Any]) -> list[float]:
-    """(value - truth) / sigma of every effect that is one number of known unit, recognised by one named finding."""
+    """(value - truth) / sigma of every effect that is one number of known unit, recognised by one named finding.
+
+    A sine alone, as a balancing spring, is no amplitude of a sine and cosine.
+    """
     if truth["case"]["masses_off"]:
         return []
     out = []
     for effect in truth["effects"]:
-        unit = UNITS.get(effect["kind"])
+        units = UNITS.get(effect["kind"], ())
         joint = effect["settings"].get("joint")
         slot = "base" if joint is None else f"J{joint}.*"
         own = [
             f for f in findings
-            if f.get("catalogue") and recognises(f, effect) and fnmatchcase(f["slot"], slot) and f["unit"] == unit
+            if recognises(f, effect) and fnmatchcase(f["slot"], slot) and f["unit"] in units and f.get("catalogue")
+            and "spring" not in f["catalogue"]
         ]  # fmt: skip
         if len(own) == 1 and own[0].get("stderr"):
             out.append((abs(own[0]["value"]) - abs(effect["amount"])) / own[0]["stderr"])

@@ -1,7 +1,9 @@
-"""Results as Markdown: one table a family, and one of counts."""
+"""Results on disk: JSON, and Markdown with one table a family and one of counts."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 from experiments.blind.cases import CASES, FAMILIES
@@ -12,6 +14,24 @@ COUNTS = (
     "false_additions", "readable", "findings", "within_2_sigma", "parameters", "slowest_s",
 )  # fmt: skip
 COLUMNS = ("case", "set", "seed", "geometry", "oracle", "product", "ratio", "to geometry", "named", "false", "readable")
+
+
+def saved(file: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
+    """Rows of an earlier run, by case and seed."""
+    if file is None or not file.exists():
+        return {}
+    return {(row["case"], row["seed"]): row for row in json.loads(file.read_text())["robots"]}
+
+
+def save(found: dict[tuple[str, int], dict[str, Any]], command: str, file: Path) -> None:
+    """Results and tables as they stand; a kill leaves the last ones whole."""
+    order = list(CASES)
+    rows = [found[key] for key in sorted(found, key=lambda key: (order.index(key[0]), key[1]))]
+    text = json.dumps({"summary": {"command": command, **summarise(rows)}, "robots": rows}, indent=1) + "\n"
+    for path, content in ((file, text), (file.with_suffix(".md"), markdown(rows, command))):
+        part = path.with_name(path.name + ".part")
+        part.write_text(content)
+        part.replace(path)
 
 
 def markdown(rows: list[dict[str, Any]], command: str) -> str:

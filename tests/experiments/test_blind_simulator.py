@@ -1,4 +1,4 @@
-"""The blind robots are what they claim: closed forms, energies, sizes, and an oracle at the noise."""
+"""The simulator of the blind robots: closed forms, energies, differences, and what another program reads."""
 
 import json
 import sys
@@ -8,30 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES
 from experiments.blind.description import urdf
-from experiments.blind.effects import KINDS
 from experiments.blind.files import write
 from experiments.blind.generate import make
-from experiments.blind.grading import answers, innocent
-from experiments.blind.judge import judge
-from experiments.blind.machine import world_of
-from experiments.blind.oracle import left_by, register
-from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion
+from experiments.blind.oracle import Fit, jacobian, register
+from experiments.blind.shapes import shift
+from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion, weight_regressor
 from gpmodel.table.read import read_table
 from robots import load_mechanism
-
-QUICK = {"base", "eccentric_1", "setup_step", "windup_3", "approach_2", "null_outliers"}
-EFFECTS = [name for name, case in CASES.items() if case.effects]
-NULLS = [name for name, case in CASES.items() if not case.effects]
-
-
-def unless_quick(names):
-    """Every case is checked; those outside QUICK only with the slow tests."""
-    return [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 def random_angles(arm, count=5):
@@ -85,6 +73,36 @@ def test_the_written_description_is_the_same_arm(name, tmp_path):
     np.testing.assert_allclose(theirs["moment_base_y"], ours.moments[0][:, 1], rtol=1e-3, atol=0.1)
 
 
+@pytest.mark.parametrize("name", ["irb_like", "seven_tilted", "welder"])
+def test_torque_is_linear_in_mass_moments_fixed_in_the_frames(name):
+    """Frame i carries m_i c_i and, at the next joint, all masses beyond."""
+    arm = ARMS[name]
+    q = random_angles(arm)
+    ahead = np.vstack([arm.origins()[1:, :3, 3], np.zeros(3)])
+    beyond = np.append(np.cumsum(arm.masses[::-1])[::-1][1:], 0.0)
+    moments = arm.masses[:, None] * arm.centres + beyond[:, None] * ahead
+    for joint in range(1, len(arm.rows) + 1):
+        predicted = weight_regressor(arm, q, joint) @ moments[joint - 1 :].ravel()
+        np.testing.assert_allclose(predicted, gravity_loads(arm, q).torque[:, joint - 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["irb_like", "seven_tilted", "rail_kuka", "gantry", "scara"])
+def test_columns_agree_with_differences(name):
+    arm, rng = ARMS[name], np.random.default_rng(2)
+    q = random_angles(arm, 12)
+    placement, tool = small_motion(np.array([[2.0, -1.0, 0.5, 0.3, -0.2, 1.0]]))[0], np.array([0.1, -0.2, 0.1])
+    columns = [{1: rng.normal(size=(12, 6)), 3: rng.normal(size=(12, 6))}, shift(rng.normal(size=(12, 3)))]
+    unknowns = 9 + 6 * len(arm.rows) + len(columns)
+
+    def predict(x):
+        return Fit(arm, placement, tool, x).predict(q, columns).ravel()
+
+    for x, tolerance in ((np.zeros(unknowns), 1e-8), (rng.uniform(-1e-3, 1e-3, unknowns), 1e-2)):
+        steps = 1e-6 * np.eye(unknowns)
+        slopes = np.array([(predict(x + step) - predict(x - step)) / 2e-6 for step in steps]).T
+        np.testing.assert_allclose(jacobian(arm, placement, tool, x, q, columns), slopes, atol=tolerance)
+
+
 def test_a_small_motion_is_rigid_and_turns_by_its_vector():
     twist = np.array([[0.1, 0.2, 0.3, 0.0, 0.0, np.pi / 2], [0, 0, 0, 0, 0, 0]])
     motion = small_motion(twist)
@@ -92,7 +110,7 @@ def test_a_small_motion_is_rigid_and_turns_by_its_vector():
     np.testing.assert_array_equal(motion[1], np.eye(4))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", sorted(set(ARMS) - {"scara"}))
 def test_registration_and_tool_of_an_innocent_robot_are_recovered(name):
     arm = ARMS[name]
     q = random_angles(arm, 40)
@@ -101,43 +119,6 @@ def test_registration_and_tool_of_an_innocent_robot_are_recovered(name):
     measured = points(arm, q, placement, tool, {})
     found, found_tool = register(arm, q, measured)
     np.testing.assert_allclose(points(arm, q, found, found_tool, {}), measured, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", unless_quick(EFFECTS))
-def test_an_effect_leaves_what_it_should_and_the_oracle_takes_it_away(name):
-    case = CASES[name]
-    robot = make(case, 3)
-    errors = judge(robot)
-    expected = np.hypot(np.sqrt(sum(size**2 for _, _, size in case.effects)), np.sqrt(3) * case.noise_mm)
-    assert 0.6 * expected < errors["geometric_train_mm"] < 1.5 * expected
-    assert errors["oracle_clean_mm"] < np.sqrt(3) * case.noise_mm
-    assert errors["oracle_noisy_mm"] < 1.35 * np.sqrt(3) * case.noise_mm
-    assert errors["oracle_clean_mm"] < 0.75 * errors["geometric_clean_mm"]
-
-
-@pytest.mark.parametrize("name", unless_quick(NULLS))
-def test_nothing_undeclared_leaves_the_noise(name):
-    case = CASES[name]
-    errors = judge(make(case, 3))
-    assert errors["oracle_clean_mm"] == errors["geometric_clean_mm"]
-    assert 0.75 < errors["geometric_train_mm"] / (np.sqrt(3) * case.noise_mm) < 1.05
-
-
-@pytest.mark.parametrize("name", ["base", "setup_step", "windup_3", "payload_and_approach"])
-def test_amounts_match_the_requested_sizes(name):
-    """Measured afresh, on this robot's own poses and not on those the amounts were set with."""
-    robot = make(CASES[name], 5)
-    for shape, amount, (_, _, size) in zip(robot.shapes, robot.amounts, robot.case.effects, strict=True):
-        sheet = robot.train
-        world = world_of(robot.arm, sheet.q, sheet.extra, sheet.row, robot.tool)
-        rest = left_by(robot.arm, sheet.q, robot.placement, robot.tool, shape.true(world))
-        assert 0.7 < 1e3 * amount * rest / size < 1.3
-
-
-def test_every_kind_of_effect_has_a_case_and_both_halves_have_three_nulls():
-    used = {kind for case in CASES.values() for kind, _, _ in case.effects}
-    assert used == set(KINDS)
-    assert min(sum(CASES[n].aside == half for n in NULLS) for half in (True, False)) >= 3
 
 
 def test_the_same_seed_writes_the_same_files_and_another_does_not(tmp_path):
@@ -166,24 +147,3 @@ def test_outliers_are_the_listed_rows():
     off = np.linalg.norm(robot.train.measured - robot.train.clean, axis=1)
     assert len(robot.train.outliers) == 2
     assert sorted(np.argsort(off)[-2:]) == robot.train.outliers.tolist()
-
-
-@pytest.mark.parametrize(
-    ("wanted", "inputs", "right"),
-    [
-        ([["torque_J3"], ["J2", "J3"]], ["J3", "J2"], True),
-        ([["torque_J3"], ["J2", "J3"]], ["J3"], False),
-        ([["moment_base_?"]], ["moment_base_x"], True),
-        ([["J5", "J[2-6]"]], ["J5"], False),
-        ([["row"]], [], False),
-    ],
-)
-def test_right_answers(wanted, inputs, right):
-    assert answers(wanted, inputs) is right
-
-
-def test_an_effect_on_a_distractor_is_a_false_addition():
-    truth = [{"named": [["J4"]]}]
-    assert innocent(["humidity"], truth)
-    assert not innocent(["J4", "humidity"], truth)
-    assert innocent(["J4"], [])
