@@ -98,6 +98,15 @@ def test_deviations_need_the_right_joint_and_unit():
     assert deviations([{**right, "unit": "m/N"}], truth) == []
 
 
+@pytest.mark.parametrize(
+    ("turns", "basis", "counts"), [(1, "sin(J3 +1.2)", 1), (2, "sin(J3 +1.2)", 0), (1, "sin(J3)", 0)]
+)
+def test_an_amplitude_is_compared_with_its_own_pair(turns, basis, counts):
+    truth = {**WEAK, "kind": "harmonic", "settings": {"joint": 3, "per_turn": turns}, "named": [["J3"]]}
+    pair = finding("eccentricity", ["J3"], "J3.moving", basis, value=1e-4, stderr=1e-5, unit="rad", catalogue="e")
+    assert len(deviations([pair], {"case": {"masses_off": 0.0}, "effects": [truth]})) == counts
+
+
 def test_every_effect_is_counted_by_itself_and_hidden_ones_are_not():
     truth = {"case": {"masses_off": 0.0}, "effects": [WEAK, {**DRIFT, "hidden": True}]}
     graded = grade([finding(inputs=["torque_J3"], unit="", value=0.0)], truth)

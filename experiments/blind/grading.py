@@ -107,7 +107,7 @@ def _constant(node: ast.expr) -> bool:
 def deviations(findings: list[Finding], truth: dict[str, Any]) -> list[float]:
     """(value - truth) / sigma of every effect that is one number of known unit, recognised by one named finding.
 
-    A sine alone, as a balancing spring, is no amplitude of a sine and cosine.
+    The amplitude of a sine and cosine is compared with that of the same pair only, not with a spring's or a curve's.
     """
     if truth["case"]["masses_off"]:
         return []
@@ -118,12 +118,18 @@ def deviations(findings: list[Finding], truth: dict[str, Any]) -> list[float]:
         slot = "base" if joint is None else f"J{joint}.*"
         own = [
             f for f in findings
-            if recognises(f, effect) and fnmatchcase(f["slot"], slot) and f["unit"] in units and f.get("catalogue")
-            and "spring" not in f["catalogue"]
+            if f.get("catalogue") and f["unit"] in units and fnmatchcase(f["slot"], slot) and recognises(f, effect)
+            and (effect["kind"] != "harmonic" or f["basis"].startswith(_pair(effect["settings"])))
         ]  # fmt: skip
         if len(own) == 1 and own[0].get("stderr"):
             out.append((abs(own[0]["value"]) - abs(effect["amount"])) / own[0]["stderr"])
     return out
+
+
+def _pair(settings: dict[str, Any]) -> str:
+    """How the basis of a sine and cosine of a joint begins, before its phase."""
+    turns = settings["per_turn"]
+    return f"sin({'' if turns == 1 else f'{turns:g}*'}J{settings['joint']} "
 
 
 def worse(ours: np.ndarray, standard: np.ndarray) -> bool:

@@ -31,11 +31,11 @@ class Machine:
         chosen = route(self.case, region(self.case, self.arm, self.centre, beyond), count, rng)
         row = np.arange(len(chosen.q)) / max(self.case.poses - 1, 1)
         extra = extra_columns(self.case, row, len(chosen.q), rng)
-        world = world_of(self.arm, chosen.q, extra, row, self.tool, self.placement, self.arm.middle)
+        world = world_of(self.arm, chosen.q, extra, row, self.tool, self.placement)
         for name in self.case.columns:
             if name.startswith("torque_J"):
                 extra[name] = measured_torque(world.torque(int(name[8:])), rng)
-        return chosen, world
+        return chosen, replace(world, start=self.arm.middle)
 
     def measured(self, amounts: list[float], chosen: Route, world: World, rng: np.random.Generator) -> Sheet:
         """Where the poses are, and what the instrument says of them, with the case's outliers and no walk."""

@@ -28,18 +28,12 @@ class Sheet:
 
 
 def world_of(
-    arm: Arm,
-    q: Array,
-    extra: dict[str, Array],
-    row: Array,
-    tool: Array,
-    placement: Array | None = None,
-    start: Array | None = None,
+    arm: Arm, q: Array, extra: dict[str, Array], row: Array, tool: Array, placement: Array | None = None
 ) -> World:
     """What an arm of these masses is known by; the payload hangs at the tool point."""
     loads = gravity_loads(arm, q, extra.get("payload"), tool)
     point = points(arm, q, np.eye(4) if placement is None else placement, tool, {})
-    return World(arm, q, extra, row, loads, tool, point, start)
+    return World(arm, q, extra, row, loads, tool, point)
 
 
 @dataclass(frozen=True)
