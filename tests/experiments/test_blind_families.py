@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES, FAMILIES
@@ -20,7 +20,7 @@ from experiments.blind.memory import direction, lag, stop_operator
 from experiments.blind.oracle import left_by
 from experiments.blind.robot import world_of
 from experiments.blind.simulator import gravity_loads, small_motion
-from gpmodel.table import read_table
+from gpmodel.table.read import read_table
 from robots import load_mechanism
 
 SINGLE = {"base", "eccentric_1", "setup_step", "windup_3", "approach_2", "null_outliers"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.grading import answers, deviations, false, grade, innocent, nodes, readable, worse
 from experiments.blind.run import chosen, parse
