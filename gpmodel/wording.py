@@ -79,6 +79,13 @@ def millimetres(value: float | None) -> str:
     return significant(value, 3) if abs(value) < 0.01 else f"{value:.{3 if abs(value) < 10 else 2}f}"
 
 
+def length(mm: float | None) -> str:
+    """A length given in mm with its unit, in micrometres where it is small."""
+    if mm is None or not math.isfinite(mm):
+        return UNKNOWN
+    return f"{mm:.3f} mm" if mm >= 0.02 else f"{1e3 * mm:.2f} µm"
+
+
 def percent(share: float | None) -> str:
     """A share as whole percent; one decimal below 1 %."""
     if share is None or not math.isfinite(share):
@@ -86,11 +93,23 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
 
 
-def chance(probability: float | None) -> str:
-    """A probability with two digits; what is below a millionth is only said to be."""
+def chance(probability: float | None, shuffles: int | None = None) -> str:
+    """A probability with two digits, and from how many shuffles it is; below 1 / (shuffles + 1) it is extrapolated.
+
+    What is below a millionth is only said to be: the law it is extrapolated by holds no further.
+    """
     if probability is None or not math.isfinite(probability):
         return UNKNOWN
-    return "< 0.000001" if probability < 1e-6 else f"{probability:.2g}"
+    said = "< 0.000001" if probability < 1e-6 else f"{probability:.2g}"
+    if shuffles is None:
+        return said
+    beyond = " by extrapolation" if probability < 1.0 / (shuffles + 1) else ""
+    return f"{said}{beyond} from {shuffles} shuffles"
+
+
+def shortened(text: str, length: int) -> str:
+    """At most `length` characters, an ellipsis for the rest."""
+    return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
 def minus(text: str) -> str:

@@ -57,7 +57,7 @@ def _effects(count: int) -> list[dict[str, Any]]:
         "found_by": "evolved",
         "catalogue": "gear_harmonic", "explanation": "two cycles a turn: oval gear or flexspline (Tuttle 1992)",
         "rivals": [{"name": "gear error, 2 per turn, J6", "cv_rms_mm": 0.071}],
-        "correlation_partners": [["J4 Rx", -0.42], ["J5 Rz", 0.18]], "cv_rms_mm": 0.048, "cv_before_mm": 0.117,
+        "correlated_with": [{"name": "J4 Rx", "correlation": -0.42}], "cv_rms_mm": 0.048, "cv_before_mm": 0.117,
         "p_value": 0.005, "gain": 0.83, "sign_stable": True, "round": 1, "heldout_rms_mm": 0.049,
     }  # fmt: skip
     spring = {
@@ -68,8 +68,8 @@ def _effects(count: int) -> list[dict[str, Any]]:
         "explanation": "gearbox and structure twist about the joint under its gravity torque (Dumas 2011)",
         "rivals": [{"name": "balancing spring, J2", "cv_rms_mm": 0.0341},
                    {"name": "base compliance", "cv_rms_mm": 0.0356}],
-        "correlation_partners": [["J2 Ry", 0.81]], "cv_rms_mm": 0.0329, "cv_before_mm": 0.048, "p_value": 0.005,
-        "gain": 0.52, "sign_stable": True, "round": 2, "heldout_rms_mm": 0.034,
+        "correlated_with": [{"name": "J2 Ry", "correlation": 0.81}], "cv_rms_mm": 0.0329, "cv_before_mm": 0.048,
+        "p_value": 0.005, "gain": 0.52, "sign_stable": True, "round": 2, "heldout_rms_mm": 0.034,
     }  # fmt: skip
     odd = {
         "name": "(J1*J3 - 0.25)*sin(J5)/(1.3 + temperature**2) at J5.moving Ty", "slot": "J5.moving", "axis": "Ty",
@@ -149,7 +149,8 @@ def _parameters(rng: np.random.Generator) -> list[dict[str, Any]]:
                     "name": name, "value": rng.normal(0, scale) if kept else 0.0,
                     "stderr": abs(rng.normal(0, scale / 15)) if kept else None, "unit": "m" if length else "rad",
                     "unique_share": rng.uniform(0.05, 0.9) if kept else None,
-                    "partners": [["J2 Rz", 0.91], ["J3 Tx", -0.64]] if rng.random() < 0.3 else [], "kept": kept,
+                    "correlated_with": [{"name": "J2 Rz", "correlation": 0.91}] if rng.random() < 0.3 else [],
+                    "kept": kept,
                 }
             )  # fmt: skip
     return out

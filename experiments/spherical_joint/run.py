@@ -17,7 +17,9 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.report.content import build
+from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.origin import Origin
+from gpmodel.report.saved import as_dict
 from gpmodel.table.split import hold_out
 from joints import sphere_charts
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
@@ -69,7 +71,7 @@ def improvement() -> dict[str, Any]:
     data = rig.measure(rig.poses(90, rng), rng, disturbance=lambda q, extras: {14: 20e-6 * np.sin(q[:, 0])})
     poses, (train, heldout) = prepare(JOINT, data), hold_out(data, 0.3, np.random.default_rng(0))
     found = discover(JOINT, poses, train, heldout)
-    report = build(found, "python experiments/spherical_joint/run.py", 0, None)
+    report = as_dict(from_discovery(found, Origin("python experiments/spherical_joint/run.py", 0, found.seconds)))
     told = effect_at("told", "J1.moving", "Ty", Expression("sin(J1)"))
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), told)), poses.subset(train))
     rungs = {"sphere fit": found.steps[0], "standard model": found.steps[1], "with what was found": found.steps[-1]}

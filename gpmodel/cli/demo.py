@@ -31,7 +31,7 @@ def demo(out: Path, seed: int, workers: int | None, quiet: bool) -> None:
         report = discover_table(request, out, say, workers)
     page = out / "report.html"
     if not quiet:
-        click.echo(report["verdict"])
+        click.echo(report.verdict)
         click.echo(f"report: {page}")
         if os.environ.get("DISPLAY") and not os.environ.get("CI"):
             click.launch(str(page))

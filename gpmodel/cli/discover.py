@@ -20,11 +20,14 @@ from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Mapper, Search
 from gpmodel.errors import InputError
-from gpmodel.files import finished_folder, to_json, write_text
+from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
-from gpmodel.report.content import build
 from gpmodel.report.figures import write_figures
+from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.origin import Origin
 from gpmodel.report.page import write_page
+from gpmodel.report.saved import to_json
+from gpmodel.report.schema import Report
 from gpmodel.table.split import hold_out
 from gpmodel.table.units import parse_quantity
 
@@ -37,7 +40,7 @@ RUNS_A_MINUTE = 4
 @click.option("--minutes", type=click.FloatRange(0.1), default=1.0, show_default=True,
               help="How hard to look: GP runs grow with it, and no round starts after ten times as long.")  # fmt: skip
 @click.option("--holdout", default=0.3, show_default=True, help="Share of the poses nothing is chosen on.")
-@click.option("--noise", default=None, metavar="LENGTH", help="The instrument's figure, as in 0.03mm.")
+@click.option("--noise", default=None, metavar="LENGTH", help="The instrument's standard deviation of one coordinate.")
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
 @seed_option
 @workers_option
@@ -80,7 +83,7 @@ def discover(
 def discover_table(
     request: dict[str, Any], folder: Path, say: Callable[[str], None], workers: int | None = None,
     resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()), mapper: Mapper = map,
-) -> dict[str, Any]:  # fmt: skip
+) -> Report:  # fmt: skip
     """Run what `request` asks and leave the results in `folder`; the report.
 
     request: table, choice (of the mechanism), minutes, holdout, noise, condition_limit, seed.
@@ -102,9 +105,9 @@ def discover_table(
     return write_results(found, folder, request["seed"], noise)
 
 
-def write_results(found: Discovery, folder: Path, seed: int, noise: float | None) -> dict[str, Any]:
+def write_results(found: Discovery, folder: Path, seed: int, noise: float | None) -> Report:
     """report.html, report.json, model.json, figures and, for robots, calibrated.urdf: all of them or none."""
-    report = build(found, command_line(), seed, noise)
+    report = from_discovery(found, Origin(command_line(), seed, found.seconds, noise))
     with finished_folder(folder) as draft:
         write_text(draft / "report.json", to_json(report))
         save_model(draft / "model.json", saved_model(found.final, found.poses.dataset))

@@ -22,10 +22,9 @@ from gpmodel.report.picture import (
     numbers,
     rms,
     rows_only,
-    shortened,
     step_title,
 )
-from gpmodel.wording import millimetres
+from gpmodel.wording import millimetres, shortened
 
 
 def pictures(report: Report) -> Iterator[Picture]:
@@ -42,7 +41,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     errors = _errors(report)
     if errors:
         said = "; ".join(f"{n} {millimetres(rms(e))} mm RMS" for n, e, _ in errors)
-        shown = [e for e in errors if e[0] != "registration and tool only"] or errors
+        shown = [e for e in errors if e[0] != "registration and tool"] or errors
         shown = [shown[0], shown[-1]] if len(shown) > 1 else shown
         which = _which(report)
         yield Picture(

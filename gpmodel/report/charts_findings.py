@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.report.picture import AFTER, BEFORE, MUTED, Picture, Report, effect_name, log_axis, numbers, shortened
-from gpmodel.wording import millimetres, minus, pretty_unit
+from gpmodel.report.picture import AFTER, BEFORE, MUTED, Picture, Report, effect_name, log_axis, numbers
+from gpmodel.wording import millimetres, minus, pretty_unit, shortened
 
 MOST_PARAMETERS = 36
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))

@@ -18,16 +18,15 @@ from gpmodel.report.picture import (
     Report,
     numbers,
     rows_only,
-    shortened,
 )
-from gpmodel.wording import minus
+from gpmodel.wording import minus, shortened
 
 MOST_INPUTS = 18
 
 
 def pictures(report: Report) -> Iterator[Picture]:
     """The pictures of the search that this report has numbers for."""
-    histograms = [h for h in report.get("histograms") or [report.get("histogram") or {}] if h.get("inputs")]
+    histograms = [h for h in report["histograms"] if h["inputs"]]
     for k, histogram in enumerate(histograms, 1):
         standing = ", ".join(histogram.get("significant") or []) or "none"
         shown = min(MOST_INPUTS, len(histogram["inputs"]))
@@ -93,13 +92,12 @@ def _padded(values: Any, length: int) -> Array:
 
 def _search(figure: Any, rounds: list[Mapping[str, Any]]) -> None:
     axes = figure.subplots()
-    key, null_key = ("nats", "null_nats") if "nats" in rounds[0]["candidates"][0] else ("gain", "null_gain")
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):
-        null = numbers(entry.get(null_key))
+        null = numbers(entry["null_nats"])
         axes.scatter(null, np.full(len(null), row + 0.17), s=16, marker="|", color=NULL, lw=1.2)
         for candidate in entry["candidates"]:
-            value = candidate.get(key)
+            value = candidate["nats"]
             if value is None:
                 continue
             won = bool(candidate.get("accepted"))
@@ -116,7 +114,7 @@ def _search(figure: Any, rounds: list[Mapping[str, Any]]) -> None:
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     axes.axvline(0, color="#b9c0c9", lw=0.8)
     axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
-    axes.set_xlabel("description length saved, nats" if key == "nats" else "share of the residual energy removed")
+    axes.set_xlabel("description length saved, nats")
     for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):
         axes.scatter([], [], color=colour, marker=mark, s=30, label=label)
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.3)

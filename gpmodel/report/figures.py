@@ -8,8 +8,9 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
-from gpmodel.report.picture import INK, MUTED, RULE, Picture, Report
+from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, schema
+from gpmodel.report.picture import INK, MUTED, RULE, Picture
+from gpmodel.report.saved import as_dict
 
 DOTS_PER_INCH = 192
 STYLE: dict[Any, Any] = {
@@ -39,14 +40,15 @@ STYLE: dict[Any, Any] = {
 }
 
 
-def pictures(report: Report) -> Iterator[Picture]:
+def pictures(saved: schema.Report) -> Iterator[Picture]:
     """Every picture this report has the numbers for."""
+    report = as_dict(saved)
     return chain.from_iterable(
         c.pictures(report) for c in (charts_errors, charts_space, charts_search, charts_findings)
     )
 
 
-def write_figures(report: Report, folder: Path) -> dict[str, Path]:
+def write_figures(report: schema.Report, folder: Path) -> dict[str, Path]:
     """Draw `figures/NAME.png` in `folder` for every picture the report has numbers for; the files by name."""
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)

@@ -10,13 +10,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gpmodel import wording
 from gpmodel.files import write_text
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
+from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, schema
 from gpmodel.report.picture import Report, beyond_standard, step_title
+from gpmodel.report.saved import as_dict
 
 PAGE = "report.html"
 
 
-def write_page(report: Report, folder: Path, figures: Mapping[str, Path] | None = None) -> Path:
+def write_page(report: schema.Report, folder: Path, figures: Mapping[str, Path] | None = None) -> Path:
     """Write `report.html` in `folder` with the figures inside it; drawn there first where none are given."""
     if figures is None:
         from gpmodel.report.figures import write_figures
@@ -27,8 +28,9 @@ def write_page(report: Report, folder: Path, figures: Mapping[str, Path] | None 
     return path
 
 
-def html(report: Report, figures: Mapping[str, Path]) -> str:
+def html(saved: schema.Report, figures: Mapping[str, Path]) -> str:
     """The page's text; a report with parts missing gives a page without them."""
+    report = as_dict(saved)
     data, ladder = dict(report.get("data") or {}), list(report.get("ladder") or [])
     return _template().render(
         report=report,
@@ -124,9 +126,7 @@ def _tiles(report: Report, ladder: list[Mapping[str, Any]]) -> list[dict[str, An
 
 
 def _partners(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
-    found = entry.get("correlation_partners") or entry.get("partners") or []
-    pairs = [(p["name"], p["correlation"]) if isinstance(p, Mapping) else (p[0], p[1]) for p in found]
-    return [(str(name), wording.minus(f"{value:+.2f}")) for name, value in pairs if value is not None]
+    return [(c["name"], wording.minus(f"{c['correlation']:+.2f}")) for c in entry["correlated_with"]]
 
 
 def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
@@ -142,14 +142,13 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
             effect.get("cv_before_mm"),
         ),
         ("cross-validated RMS with it", f"{wording.millimetres(effect.get('cv_rms_mm'))} mm", effect.get("cv_rms_mm")),
-        ("held-out gain, RMS", f"{wording.millimetres(effect.get('held_out_gain'))} mm", effect.get("held_out_gain")),
     ]
     return {
         "number": number,
         "name": str(effect.get("name") or f"effect {number}"),
         "explanation": str(effect.get("explanation") or ""),
         "value": wording.measured(effect.get("value"), effect.get("stderr"), str(effect.get("unit") or "1")),
-        "basis": wording.expression(str(effect.get("simplified") or effect.get("basis") or wording.UNKNOWN)),
+        "basis": wording.expression(str(effect.get("basis") or wording.UNKNOWN)),
         "place": " ".join(str(effect[k]) for k in ("slot", "axis") if effect.get(k)) or wording.UNKNOWN,
         "inputs": [str(x) for x in effect.get("inputs") or []],
         "share": share,
@@ -159,7 +158,7 @@ def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
         "round": effect.get("round"),
         "checks": [(label, text) for label, text, given in checks if given is not None],
         "own": effect.get("cv_rms_mm"),
-        "alone": effect.get("rivals") == [],
+        "alone": effect["rivals"] == (),
         "rivals": [{"name": str(r.get("name")), "cv_rms_mm": r["cv_rms_mm"]} for r in rivals],
         "partners": _partners(effect),
         "picture": f"shape_{number}",

@@ -55,18 +55,13 @@ def step_title(report: Report, rung: Mapping[str, Any]) -> str:
     """A rung of the ladder in words."""
     if rung.get("effect") is not None:
         return f"+ {effect_name(report, int(rung['effect']))}"
-    words = {"registration": "registration and tool only", "standard": "standard model"}
+    words = {"registration": "registration and tool", "standard": "standard model"}
     return words.get(str(rung["step"]), str(rung["step"]))
 
 
 def beyond_standard(rung: Mapping[str, Any]) -> bool:
     """Whether a rung of the ladder has more in the model than the standard one."""
     return str(rung["step"]) not in ("registration", "standard")
-
-
-def shortened(text: str, length: int) -> str:
-    """At most `length` characters, an ellipsis for the rest."""
-    return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
 def log_ticks(low: float, high: float) -> list[float]:

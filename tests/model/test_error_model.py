@@ -15,7 +15,8 @@ from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
-from gpmodel.report.content import statistics_mm
+from gpmodel.report.fitted import statistics_mm
+from gpmodel.report.schema import ErrorsMm
 
 
 def written_out(truth: Truth) -> Array:
@@ -122,8 +123,8 @@ def test_what_was_not_measured_is_no_error_and_no_zero() -> None:
 def test_rms_is_of_the_three_dimensional_distance() -> None:
     error = np.linalg.norm(np.array([[3e-3, 4e-3, 0.0], [0.0, 0.0, 12e-3]]), axis=1)
     found = statistics_mm(error)
-    assert found == {"mean_mm": 8.5, "rms_mm": pytest.approx(np.sqrt((25 + 144) / 2)), "max_mm": pytest.approx(12.0)}
-    assert statistics_mm(error[:0]) == {"mean_mm": None, "rms_mm": None, "max_mm": None}
+    assert found == ErrorsMm(8.5, pytest.approx(np.sqrt((25 + 144) / 2)), pytest.approx(12.0))
+    assert statistics_mm(error[:0]) == ErrorsMm(None, None, None)
 
 
 def test_a_subset_predicts_what_the_whole_does() -> None:

@@ -1,0 +1,132 @@
+"""What a fitted calibration says, as records: ladder, parameters, placement, errors pose by pose."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.numerics.se3 import chain, rotation_vector
+from gpmodel.report.quantity import translate
+from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, PlacementRecord, RankRecord
+from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
+from gpmodel.report.schema_search import Correlation
+
+CHAIN_POSES = 60
+"""At most this many poses are drawn as a whole arm, evenly chosen along the rows."""
+
+
+def statistics_mm(error: Array) -> ErrorsMm:
+    """Mean, RMS and maximum of 3-D errors (N,) in m, given in mm."""
+    if len(error) == 0:
+        return ErrorsMm()
+    mm = 1e3 * error
+    return ErrorsMm(float(mm.mean()), float(np.sqrt(np.mean(mm**2))), float(mm.max()))
+
+
+def optional(value: float) -> float | None:
+    """A float of JSON: None for what is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def finite(values: Array) -> tuple[float | None, ...]:
+    """Numbers (N,) as report.json keeps them, to six digits."""
+    return tuple(float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist())
+
+
+def vectors(values: Array) -> Vectors:
+    """The rows (N, 3) likewise."""
+    return tuple(finite(row) for row in values)
+
+
+def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[str, str]) -> tuple[Correlation, ...]:
+    """Whatever is correlated above 0.8 with one of the effects, at most eight."""
+    partners = final.partners()
+    near = [(n, c) for e in effects for n, c in partners.get(e.name, ())]
+    return tuple(Correlation(translate(n, names), c) for n, c in near[:8])
+
+
+def parameters(
+    final: Calibration, names: Mapping[str, str], without: frozenset[str] = frozenset()
+) -> tuple[ParameterRecord, ...]:
+    """Every unknown of a fit, those of the names in `without` left out."""
+    return tuple(
+        ParameterRecord(
+            name=translate(effect.name, names),
+            value=float(final.theta[i]),
+            stderr=optional(final.stderr[i]),
+            unit=effect.unit,
+            unique_share=float(final.unique_share[i]) if final.kept[i] else None,
+            kept=bool(final.kept[i]),
+            correlated_with=correlations(final, [effect], names),
+        )
+        for i, effect in enumerate(final.model.effects)
+        if effect.name not in without
+    )
+
+
+def rank_curve(calibration: Calibration) -> tuple[RankRecord, ...]:
+    """Cross-validated error against rank, where the condition limit was chosen by it."""
+    return tuple(RankRecord(c.condition_limit, c.rank, optional(1e3 * c.cv_rms)) for c in calibration.rank_curve)
+
+
+def placements(transforms: Mapping[str, Array], turned: bool) -> tuple[PlacementRecord, ...]:
+    """Registrations or tools by label; with their rotation where it was fitted."""
+    out = []
+    for label, transform in transforms.items():
+        x, y, z = (1e3 * transform[:3, 3]).tolist()
+        a, b, c = np.degrees(rotation_vector(transform[None, :3, :3])[0]).tolist()
+        out.append(PlacementRecord(label, (x, y, z), (a, b, c) if turned else None))
+    return tuple(out)
+
+
+def tool_displacement(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> Array:
+    """How far (N,) some effects of a fitted model move the measured point, m."""
+    names = {e.name for e in effects}
+    without = np.where([e.name in names for e in calibration.model.effects], 0.0, calibration.theta)
+    tips = [observe(calibration.model, poses, t, calibration.placement).tip for t in (calibration.theta, without)]
+    return np.asarray(np.linalg.norm((tips[0] - tips[1])[:, :3, 3], axis=1))
+
+
+def root_residual(calibration: Calibration, poses: Poses) -> Array:
+    """Measured minus modelled position (N, 3) in the mechanism's root frame, m; NaN where nothing was measured, or at
+    a set-up or tool the calibration does not know."""
+    out = np.full((len(poses), 3), np.nan)
+    known = _known(calibration, poses)
+    seen = resolved(calibration, poses.subset(known))
+    data = seen.dataset
+    observed = observe(calibration.model, seen, calibration.theta, calibration.placement)
+    residual = measured_minus(observed, data)[:, :3]
+    turn = np.stack([calibration.placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
+    out[known] = (np.swapaxes(turn, 1, 2) @ residual[:, :, None])[:, :, 0]
+    return out
+
+
+def _known(calibration: Calibration, poses: Poses) -> IntArray:
+    data, placement = poses.dataset, calibration.placement
+    known = np.isin(data.label("setup"), list(placement.registration)) & np.isin(
+        data.label("tool"), list(placement.tool)
+    )
+    return np.flatnonzero(known)
+
+
+def plots(poses: Poses, train: IntArray, steps: Sequence[tuple[str, Calibration, Array, Array]]) -> PlotRecord:
+    """Errors and residuals pose by pose. steps: name, fit and errors (m) on training and held-out poses, in order."""
+    heldout = np.ones(len(poses), dtype=bool)
+    heldout[train] = False
+    fits = {name: fit for name, fit, _, _ in steps}
+    shown = {n: fits[n] for n in (REGISTRATION, STANDARD) if n in fits} | {"final": steps[-1][1]}
+    drawn = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), CHAIN_POSES)).astype(int))
+    arms = 1e3 * chain(poses.transforms[:, drawn])[:, :, :3, 3]
+    return PlotRecord(
+        rows=tuple(poses.dataset.row.tolist()),
+        points_mm=vectors(1e3 * np.column_stack([poses.states[a] for a in "xyz"])),
+        heldout_mask=tuple(heldout.tolist()),
+        residual_mm={name: vectors(1e3 * root_residual(fit, poses)) for name, fit in shown.items()},
+        error_mm={name: SideErrors(finite(1e3 * seen), finite(1e3 * unseen)) for name, _, seen, unseen in steps},
+        slots=tuple(fits[steps[-1][0]].model.mechanism.slots),
+        chain_poses=tuple(drawn.tolist()),
+        chain_mm=tuple(vectors(np.round(arm, 2)) for arm in np.swapaxes(arms, 0, 1)),
+    )

@@ -1,0 +1,201 @@
+"""The Report of a discovery."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from gpmodel.calibration.gauss_newton import resolved
+from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
+from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.explore import Histogram
+from gpmodel.discovery.residual import deviations
+from gpmodel.discovery.result import Discovery, Round, Step
+from gpmodel.report import fitted, verdict
+from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, ranges, repeatability, versions
+from gpmodel.report.quantity import quantity, read_columns, translate
+from gpmodel.report.schema import Confirmation, MechanismRecord, Report, StepRecord
+from gpmodel.report.schema_poses import PlotRecord
+from gpmodel.report.schema_search import (
+    CandidateRecord,
+    EffectRecord,
+    HistogramRecord,
+    Rival,
+    RoundRecord,
+    TermRecord,
+    TestRecord,
+)
+from gpmodel.report.shapes import shape_record
+
+MOST_TERMS = 6
+"""Terms listed of one effect; a curve has dozens and its basis says so."""
+
+
+def from_discovery(discovery: Discovery, origin: Origin) -> Report:
+    """Everything the loop found, tried and left, under the table's own names."""
+    poses, final = discovery.poses, discovery.final
+    data = poses.dataset
+    names = names_of(data)
+    floor, source = floor_mm(data, origin.noise)
+    absorbed = tuple(translate(name, names) for name in absorbed_families(final, poses))
+    report = Report(
+        kind="discover",
+        command=origin.command,
+        versions=versions(),
+        seed=origin.seed,
+        data=data_record(poses, len(discovery.train), final),
+        mechanism=MechanismRecord(discovery.mechanism.name, tuple(names[j] for j in data.joints)),
+        ladder=tuple(_step(step) for step in discovery.steps),
+        effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
+        histograms=tuple(_histogram(r.exploration.histogram, names) for r in discovery.rounds),
+        rounds=tuple(_round(r, names) for r in discovery.rounds),
+        parameters=fitted.parameters(final, names),
+        registration=fitted.placements(final.placement.registration, turned=True),
+        tool=fitted.placements(final.placement.tool, turned=data.has_rotation),
+        rank_curve=fitted.rank_curve(discovery.steps[1].calibration),
+        condition_limit=final.condition_limit,
+        status=final.status,
+        reason=final.reason,
+        stopped=discovery.stopped,
+        sigma_mm=1e3 * final.sigma,
+        noise_floor_mm=floor,
+        noise_from=source,
+        repeatability=repeatability(data),
+        confirmation=_confirmation(discovery),
+        absorbed=absorbed,
+        plots=_plots(discovery, names),
+        seconds=origin.seconds,
+    )
+    sentences = (verdict.of_discovery(report), absorbed_in_words(final, absorbed))
+    return replace(report, verdict=" ".join(filter(None, sentences)))
+
+
+def _step(step: Step) -> StepRecord:
+    return StepRecord(
+        step=step.name,
+        train=fitted.statistics_mm(step.train_error),
+        heldout=fitted.statistics_mm(step.heldout_error),
+        rank=step.calibration.rank,
+        dropped=step.calibration.dropped,
+        effect=step.finding,
+    )
+
+
+def _confirmation(discovery: Discovery) -> Confirmation | None:
+    """Whether what was added predicts held-out poses better than the standard model; None where nothing was added."""
+    before, after = discovery.steps[1].heldout_error, discovery.steps[-1].heldout_error
+    if not discovery.findings or len(after) < 2:
+        return None
+    found = deviations(before**2 - after**2)
+    limit = Criteria().minimum_cv_t
+    return Confirmation(float(found), limit, bool(found > limit))
+
+
+def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:
+    finding, final, states = discovery.findings[i], discovery.final, discovery.poses.states
+    candidate, hypothesis = finding.candidate, finding.hypothesis
+    number = quantity(final, candidate, states)
+    first = candidate.effects[0].terms[0]
+    inputs = tuple(dict.fromkeys(x for e in candidate.effects for x in e.inputs))
+    step = next((s for s in discovery.steps if s.finding == i), None)
+    moved = fitted.statistics_mm(fitted.tool_displacement(final, resolved(final, discovery.poses), candidate.effects))
+    return EffectRecord(
+        name=translate(candidate.name, names),
+        slot=translate(first.slot, names),
+        axis=first.axis,
+        basis=translate(number.basis, names),
+        inputs=tuple(names.get(x, x) for x in read_columns(inputs)),
+        value=number.value,
+        stderr=fitted.optional(number.stderr),
+        unit=number.unit,
+        unique_share=number.unique_share,
+        found_by=candidate.found_by,
+        catalogue=candidate.family or None,
+        explanation=candidate.explanation or "matches no named effect",
+        terms=tuple(
+            TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight)
+            for e in candidate.effects[:MOST_TERMS]
+            for t in e.terms
+        ),
+        rivals=tuple(
+            Rival(translate(n, names), fitted.optional(1e3 * v)) for n, v in sorted(hypothesis.rivals, key=_rms)
+        ),
+        correlated_with=fitted.correlations(final, candidate.effects[:2], names),
+        cv_rms_mm=1e3 * hypothesis.cv_rms,
+        cv_before_mm=1e3 * hypothesis.cv_before,
+        p_value=hypothesis.p_value,
+        tests=_tests(hypothesis),
+        gain=hypothesis.score.gain,
+        sign_stable=bool(hypothesis.verdict.passed("sign")),
+        round=finding.round,
+        heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
+        tool_rms_mm=moved.rms_mm,
+        tool_max_mm=moved.max_mm,
+        ranges=ranges(states, inputs, names),
+    )
+
+
+def _rms(rival: tuple[str, float]) -> float:
+    return rival[1]
+
+
+def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:
+    return tuple(
+        TestRecord(t.name, fitted.optional(t.value), fitted.optional(t.limit), bool(t.passed))
+        for t in hypothesis.verdict.tests
+    )
+
+
+def _histogram(histogram: Histogram, names: Mapping[str, str]) -> HistogramRecord:
+    return HistogramRecord(
+        inputs=tuple(names.get(x, x) for x in histogram.inputs),
+        linear=histogram.linear,
+        tree=histogram.tree,
+        shuffled=histogram.shuffled,
+        p_values=histogram.p_values,
+        significant=tuple(names.get(x, x) for x in histogram.significant),
+    )
+
+
+def _round(entry: Round, names: Mapping[str, str]) -> RoundRecord:
+    return RoundRecord(
+        round=entry.number,
+        candidates=tuple(_tried(h, names) for h in entry.hypotheses),
+        null_nats=tuple(float(v) for v in entry.exploration.null_nats if np.isfinite(v)),
+        dropped=tuple(translate(n, names) for n in entry.dropped),
+    )
+
+
+def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
+    candidate = hypothesis.candidate
+    first = candidate.effects[0].terms[0]
+    return CandidateRecord(
+        name=translate(candidate.name, names),
+        slot=translate(first.slot, names),
+        axis=first.axis,
+        basis=translate(str(first.basis), names),
+        inputs=tuple(names.get(x, x) for e in candidate.effects[:1] for x in e.inputs),
+        gain=hypothesis.score.gain,
+        nats=hypothesis.score.nats,
+        cv_rms_mm=fitted.optional(1e3 * hypothesis.cv_rms),
+        found_by=candidate.found_by,
+        catalogue=candidate.family or None,
+        p_value=hypothesis.p_value,
+        tests=_tests(hypothesis),
+        accepted=bool(hypothesis.accepted),
+        why=hypothesis.why,
+    )
+
+
+def _plots(discovery: Discovery, names: Mapping[str, str]) -> PlotRecord:
+    poses, last = discovery.poses, discovery.steps[-1].calibration
+    heldout = np.zeros(len(poses), dtype=bool)
+    heldout[discovery.heldout] = True
+    steps = [(s.name, s.calibration, s.train_error, s.heldout_error) for s in discovery.steps]
+    shapes = [
+        replace(found, effect=i)
+        for i, finding in enumerate(discovery.findings)
+        if (found := shape_record(last, poses, finding.candidate, heldout, names))
+    ]
+    return replace(fitted.plots(poses, discovery.train, steps), shapes=tuple(shapes))

@@ -1,0 +1,106 @@
+"""Where a report comes from: the call, the versions, the table."""
+
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.model.error_model import Poses
+from gpmodel.model.states import States
+from gpmodel.report.quantity import table_names
+from gpmodel.report.schema import DataRecord, NoiseSource, Repeatability
+from gpmodel.report.schema_search import Range
+from gpmodel.table.bundles import noise_floor, replicates
+from gpmodel.table.dataset import Dataset
+
+PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What was asked. noise: the instrument's standard deviation of one coordinate, m, where the user gave one."""
+
+    command: str
+    seed: int
+    seconds: float = 0.0
+    noise: float | None = None
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and the packages the numbers depend on."""
+    out = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            out[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return out
+
+
+def names_of(data: Dataset) -> Mapping[str, str]:
+    """Names of joints, loads and extra columns in the table, by the mechanism's."""
+    return {**table_names(data.joints, data.columns or data.joints), **data.extra_names}
+
+
+def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:
+    """The table, how it was split, the rows left out of the final fit, and the joints' ranges."""
+    data = poses.dataset
+    return DataRecord(
+        file=data.source,
+        sha256=data.sha256,
+        poses=len(data),
+        train=train,
+        heldout=len(data) - train,
+        outliers=tuple(int(r) for r in data.row[final.outliers]),
+        ranges=ranges(poses.states, data.joints, names_of(data)),
+    )
+
+
+def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) -> tuple[Range, ...]:
+    """The ranges of some inputs over the poses; angles in degrees, lengths in mm."""
+    out = []
+    for name in inputs:
+        factor, unit = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}.get(
+            states.units[name], (1.0, states.units[name])
+        )
+        low, high = float(factor * states[name].min()), float(factor * states[name].max())
+        out.append(Range(names.get(name, name), low, high, unit))
+    return tuple(out)
+
+
+def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSource | None]:
+    """3-D RMS of the measurement itself, mm, and where it is from: repeats in the table before the instrument's figure.
+
+    An instrument's figure σ is of one coordinate: the RMS over a pose with c measured components is σ √c.
+    """
+    repeats = noise_floor(data)
+    if repeats is not None:
+        return 1e3 * repeats, "repeats"
+    if noise is None:
+        return None, None
+    measured = np.isfinite(data.position).sum() + sum(np.isfinite(d).sum() for d in data.distances.values())
+    return float(1e3 * noise * np.sqrt(measured / len(data))), "instrument"
+
+
+def repeatability(data: Dataset) -> Repeatability | None:
+    """Pose repeatability of ISO 9283 (1998), 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
+
+    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1).
+    """
+    codes = replicates(data)
+    by_pose = []
+    for code in np.unique(codes):
+        points = data.position[codes == code]
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) > 2:
+            by_pose.append(1e3 * np.linalg.norm(points - points.mean(axis=0), axis=1))
+    if not by_pose:
+        return None
+    single: Array = np.array([d.mean() + 3 * d.std(ddof=1) for d in by_pose])
+    count = sum(len(d) for d in by_pose)
+    spread = float(np.sqrt(sum(np.sum(d**2) for d in by_pose) / (count - len(by_pose))))
+    return Repeatability(len(by_pose), count, spread, float(single.mean()), float(single.max()))

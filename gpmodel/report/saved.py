@@ -1,0 +1,66 @@
+"""report.json: written from a Report, read back with every type and bound checked."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from gpmodel import files
+from gpmodel.errors import InputError
+from gpmodel.report.schema import SCHEMA, Report
+from gpmodel.report.schema_search import HistogramRecord
+
+NAME = "report.json"
+EXPECTED = "expected the JSON that discover or calibrate wrote"
+
+
+def as_dict(report: Report) -> dict[str, Any]:
+    """The content of report.json. `histogram` is that of the first round."""
+    content = dataclasses.asdict(report)
+    first = report.histograms[0] if report.histograms else HistogramRecord()
+    return content | {"histogram": dataclasses.asdict(first)}
+
+
+def to_json(report: Report) -> str:
+    """The text of report.json."""
+    return files.to_json(as_dict(report))
+
+
+def from_json(text: str | bytes, source: str = NAME) -> Report:
+    """The Report of a text; keys it does not know are passed over.
+
+    Raises InputError for what is no JSON, another schema, or a value of the wrong type or out of its bounds, by its
+    place in the file.
+    """
+    try:
+        header = json.loads(text, parse_constant=_no_number)
+    except ValueError as error:
+        raise InputError(f"{source}: cannot be read ({error}); {EXPECTED}") from None
+    if not isinstance(header, dict) or not isinstance(header.get("ladder"), list):
+        raise InputError(f"{source}: has no 'ladder'; {EXPECTED}")
+    if header.get("schema") != SCHEMA:
+        raise InputError(f"{source}: schema {header.get('schema')!r}; expected {SCHEMA}, the one this version reads")
+    try:
+        return msgspec.convert(header, Report)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {error}; {EXPECTED}") from None
+
+
+def _no_number(text: str) -> None:
+    raise ValueError(f"{text} is no number of JSON")
+
+
+def read_report(folder: Path) -> Report:
+    """The saved Report in `folder`. Raises InputError where there is none, or it cannot be read."""
+    path = folder / NAME
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected one that discover or calibrate wrote with --out")
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{folder}: has no {NAME}; expected a folder that discover or calibrate wrote") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error}); {EXPECTED}") from None
+    return from_json(text, str(path))

@@ -1,0 +1,207 @@
+"""report.json as a tree of frozen records, schema 1: what a calibration, a discovery or an evolution leaves behind.
+
+Field names are the keys of the file. Lengths that end in `_mm` are millimetres, every other value is SI with its unit
+beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from gpmodel.report.schema_poses import PlotRecord
+from gpmodel.report.schema_search import (
+    Correlation,
+    Count,
+    EffectRecord,
+    HistogramRecord,
+    NotNegative,
+    Range,
+    RoundRecord,
+    RunRecord,
+    Share,
+)
+
+SCHEMA = 1
+REGISTRATION, STANDARD = "registration", "standard"
+NoiseSource = Literal["repeats", "instrument"]
+
+
+@dataclass(frozen=True)
+class ErrorsMm:
+    """3-D errors over some poses, mm; all None over no poses."""
+
+    mean_mm: NotNegative | None = None
+    rms_mm: NotNegative | None = None
+    max_mm: NotNegative | None = None
+
+    @property
+    def known(self) -> bool:
+        return self.rms_mm is not None
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """One rung of the ladder. effect: index into `effects` of what it adds. rank: unknowns solved."""
+
+    step: str
+    train: ErrorsMm = ErrorsMm()
+    heldout: ErrorsMm = ErrorsMm()
+    rank: Count | None = None
+    dropped: tuple[str, ...] = ()
+    effect: Count | None = None
+
+    @property
+    def beyond_standard(self) -> bool:
+        """Whether there is more in the model than the standard one."""
+        return self.step not in (REGISTRATION, STANDARD)
+
+    @property
+    def errors(self) -> ErrorsMm:
+        """Of the held-out poses; of the training poses where none were held out."""
+        return self.heldout if self.heldout.known else self.train
+
+
+@dataclass(frozen=True)
+class DataRecord:
+    """The measured table. outliers: rows of the file left out of the fit. ranges: of every joint, as measured."""
+
+    file: str = ""
+    sha256: str = ""
+    poses: Count = 0
+    train: Count = 0
+    heldout: Count = 0
+    outliers: tuple[int, ...] = ()
+    ranges: tuple[Range, ...] = ()
+
+
+@dataclass(frozen=True)
+class MechanismRecord:
+    name: str = ""
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterRecord:
+    """One number of the fitted model, SI; stderr None where it was dropped."""
+
+    name: str
+    value: float | None = None
+    stderr: NotNegative | None = None
+    unit: str = "1"
+    unique_share: Share | None = None
+    kept: bool = True
+    correlated_with: tuple[Correlation, ...] = ()
+
+
+@dataclass(frozen=True)
+class RankRecord:
+    """One point of the curve of cross-validated error against rank."""
+
+    condition_limit: NotNegative
+    rank: Count
+    cv_rms_mm: NotNegative | None = None
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Paired test on the held-out poses of the last step against the standard model.
+
+    deviations: mean of (squared error before - after) over the poses, in standard deviations of that mean.
+    """
+
+    deviations: float
+    limit: float
+    passed: bool
+
+
+@dataclass(frozen=True)
+class PlacementRecord:
+    """label: of the set-up or tool, empty where there is one only. point_mm: (3,); rotation_deg: (3,) rotation vector.
+
+    A set-up gives the mechanism's root in the instrument's frame; a tool the measured point in the flange.
+    """
+
+    label: str
+    point_mm: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """ISO 9283 pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses."""
+
+    poses: Count
+    measurements: Count
+    rms_mm: NotNegative
+    rp_mean_mm: NotNegative
+    rp_max_mm: NotNegative
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole of report.json.
+
+    kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
+    the search ended. absorbed: effects hidden by joint values solved at every pose. sigma_mm: of one component.
+    """
+
+    command: str = ""
+    schema: int = SCHEMA
+    kind: Literal["calibrate", "discover", "evolve"] = "discover"
+    versions: dict[str, str] = field(default_factory=dict)
+    seed: int = 0
+    data: DataRecord = DataRecord()
+    mechanism: MechanismRecord = MechanismRecord()
+    ladder: tuple[StepRecord, ...] = ()
+    effects: tuple[EffectRecord, ...] = ()
+    histograms: tuple[HistogramRecord, ...] = ()
+    rounds: tuple[RoundRecord, ...] = ()
+    runs: tuple[RunRecord, ...] = ()
+    parameters: tuple[ParameterRecord, ...] = ()
+    registration: tuple[PlacementRecord, ...] = ()
+    tool: tuple[PlacementRecord, ...] = ()
+    rank_curve: tuple[RankRecord, ...] = ()
+    condition_limit: NotNegative | None = None
+    status: str = ""
+    reason: str = ""
+    stopped: str = ""
+    sigma_mm: NotNegative | None = None
+    noise_floor_mm: NotNegative | None = None
+    noise_from: NoiseSource | None = None
+    repeatability: Repeatability | None = None
+    confirmation: Confirmation | None = None
+    absorbed: tuple[str, ...] = ()
+    plots: PlotRecord = field(default_factory=PlotRecord)
+    verdict: str = ""
+    seconds: NotNegative | None = None
+
+    @property
+    def held(self) -> bool:
+        """Whether any step has errors on held-out poses."""
+        return any(rung.heldout.known for rung in self.ladder)
+
+    def step(self, name: str) -> StepRecord | None:
+        """The rung of that name."""
+        return next((rung for rung in self.ladder if rung.step == name), None)
+
+    def title(self, rung: StepRecord) -> str:
+        """A rung of the ladder in words."""
+        if rung.effect is not None and rung.effect < len(self.effects):
+            return f"+ {self.effects[rung.effect].name}"
+        return {REGISTRATION: "registration and tool", STANDARD: "standard model"}.get(rung.step, rung.step)
+
+    def before_and_after(self) -> tuple[str, str]:
+        """Names of the steps that show what was gained: standard to last, or registration to standard."""
+        names = [rung.step for rung in self.ladder] or [STANDARD]
+        before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
+        return before, names[-1]
+
+    def dropped(self) -> tuple[str, ...]:
+        """What these poses cannot tell apart and the final model therefore leaves out."""
+        listed = tuple(p.name for p in self.parameters if not p.kept)
+        return listed or (self.ladder[-1].dropped if self.ladder else ())
+
+    def found_in(self, effect: EffectRecord) -> Iterator[HistogramRecord]:
+        """The histogram of the round that found an effect, where there was one."""
+        if effect.round is not None and 1 <= effect.round <= len(self.histograms):
+            yield self.histograms[effect.round - 1]

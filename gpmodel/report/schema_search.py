@@ -1,0 +1,176 @@
+"""What a search found, tried and counted, as report.json keeps it."""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
+
+ROUNDING = 1e-9
+"""Shares and correlations are quotients of sums; they may leave [-1, 1] by this much."""
+RIVAL_MARGIN = 0.1
+"""A rival fits about as well when its cross-validated RMS is at most this share above the finding's own; the RMS of 60
+poses is itself known to about a tenth (1 / √(2·60))."""
+
+NotNegative = Annotated[float, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Another unknown and its correlation with this one."""
+
+    name: str
+    correlation: Annotated[float, Meta(ge=-1 - ROUNDING, le=1 + ROUNDING)]
+
+
+@dataclass(frozen=True)
+class Range:
+    """Between which values of an input the model was trained, in `unit`."""
+
+    input: str
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect whose signature is alike, and the cross-validated RMS with it instead."""
+
+    name: str
+    cv_rms_mm: NotNegative | None = None
+
+
+@dataclass(frozen=True)
+class TermRecord:
+    slot: str
+    axis: str
+    basis: str
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class TestRecord:
+    """One test of the acceptance rule: what was measured, the limit it was held against, whether it passed."""
+
+    __test__ = False
+    name: str
+    value: float | None
+    limit: float | None
+    passed: bool
+
+
+@dataclass(frozen=True)
+class EffectRecord:
+    """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
+
+    rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` shuffled
+    residuals. gain: share of the residual energy it removes. tool_rms_mm, tool_max_mm: how far it moves the measured
+    point over the measured poses. ranges: of its inputs, as trained.
+    """
+
+    name: str
+    slot: str = ""
+    axis: str = ""
+    basis: str = ""
+    inputs: tuple[str, ...] = ()
+    value: float | None = None
+    stderr: NotNegative | None = None
+    unit: str = "1"
+    unique_share: Share | None = None
+    found_by: str = ""
+    catalogue: str | None = None
+    explanation: str = ""
+    kept: bool = True
+    terms: tuple[TermRecord, ...] = ()
+    rivals: tuple[Rival, ...] | None = None
+    correlated_with: tuple[Correlation, ...] = ()
+    cv_rms_mm: NotNegative | None = None
+    cv_before_mm: NotNegative | None = None
+    p_value: Share | None = None
+    shuffles: Count | None = None
+    tests: tuple[TestRecord, ...] = ()
+    gain: float | None = None
+    sign_stable: bool | None = None
+    round: Count | None = None
+    heldout_rms_mm: NotNegative | None = None
+    tool_rms_mm: NotNegative | None = None
+    tool_max_mm: NotNegative | None = None
+    ranges: tuple[Range, ...] = ()
+
+    def close_rivals(self) -> tuple[Rival, ...]:
+        """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""
+        if self.cv_rms_mm is None:
+            return ()
+        limit = (1 + RIVAL_MARGIN) * self.cv_rms_mm
+        return tuple(r for r in self.rivals or () if r.cv_rms_mm is not None and r.cv_rms_mm <= limit)
+
+
+@dataclass(frozen=True)
+class HistogramRecord:
+    """Runs whose best program refers to each input, by representation and on shuffled residuals.
+
+    count_p, strength_p: the two tests behind p_values (the larger of them): how often an input is referred to, and
+    what the best run that refers to it saves. runs, shuffled_runs: how many there were.
+    """
+
+    inputs: tuple[str, ...] = ()
+    linear: tuple[Count, ...] = ()
+    tree: tuple[Count, ...] = ()
+    shuffled: tuple[Count, ...] = ()
+    p_values: tuple[Share, ...] = ()
+    count_p: tuple[Share, ...] = ()
+    strength_p: tuple[Share, ...] = ()
+    significant: tuple[str, ...] = ()
+    runs: Count | None = None
+    shuffled_runs: Count | None = None
+
+
+@dataclass(frozen=True)
+class CandidateRecord:
+    """Something that was tried: its score, and why it was added or not."""
+
+    name: str = ""
+    slot: str = ""
+    axis: str = ""
+    basis: str = ""
+    inputs: tuple[str, ...] = ()
+    gain: float | None = None
+    nats: float | None = None
+    cv_rms_mm: NotNegative | None = None
+    found_by: str = ""
+    catalogue: str | None = None
+    p_value: Share | None = None
+    shuffles: Count | None = None
+    tests: tuple[TestRecord, ...] = ()
+    accepted: bool = False
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class RoundRecord:
+    """One look at the residual. null_nats: the best of each search on shuffled residuals. dropped: taken out again."""
+
+    round: Count = 0
+    candidates: tuple[CandidateRecord, ...] = ()
+    null_nats: tuple[float, ...] = ()
+    dropped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The best program of one GP run. heldout: its gain on poses it never saw. history: over the generations."""
+
+    representation: str
+    number: Count
+    shuffled: bool
+    program: str
+    site: str
+    gain: float | None
+    complexity: Count
+    heldout: float | None = None
+    strength: float | None = None
+    evaluations: Count = 0
+    seconds: NotNegative = 0.0
+    history: dict[str, tuple[float | None, ...]] = field(default_factory=dict)

@@ -1,0 +1,60 @@
+"""The shape of a finding as the data ask for it: its partial residual over its first input."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gpmodel.arrays import Mask
+from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.calibration.unmeasured_joints import what_is_left
+from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.report.fitted import finite
+from gpmodel.report.quantity import shape
+from gpmodel.report.schema_poses import ShapeRecord
+
+WEAK = 0.05
+"""A pose where a unit twist moves the point by less than √0.05 = 22 % of the most says too little to be drawn."""
+
+
+def shape_record(
+    final: Calibration, poses: Poses, candidate: Candidate, heldout: Mask, names: Mapping[str, str]
+) -> ShapeRecord | None:
+    """Own contribution plus what the final model leaves along its column, pose by pose; None where it is not enabled.
+
+    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual.
+    """
+    mechanism = final.model.mechanism
+    poses = resolved(final, poses)
+    if not {e.name for e in candidate.effects} <= {e.name for e in final.model.effects}:
+        return None
+    observed = observe(final.model, poses, final.theta, final.placement)
+    difference = measured_minus(observed, poses.dataset)
+    measured, residual = np.isfinite(difference), np.nan_to_num(difference)
+    residual[:, 3:6] = 0.0
+    term = candidate.effects[0].terms[0]
+    sensitivity = observed.sensitivity(mechanism.slots.index(term.slot))
+    lever = sensitivity[:, :, AXES.index(term.axis)] * term.weight
+    lever[:, 3:6] = 0.0
+    lever, residual = (what_is_left(mechanism, observed, measured, v) for v in (lever, residual))
+    strength = np.sum(lever**2, axis=1)
+    seen = strength > WEAK * np.max(strength, initial=1e-30)
+    own = shape(final, candidate, poses.states) / term.weight
+    partial = own + np.sum(lever * residual, axis=1) / np.where(seen, strength, 1.0)
+    inputs = list(dict.fromkeys(x for e in candidate.effects for x in e.inputs)) or ["row"]
+    x, unit = poses.states[inputs[0]], poses.states.units[inputs[0]]
+    x, unit = (np.degrees(x), "deg") if unit == "rad" else (x, unit)
+    scale, y_unit = (1e6, "µrad") if term.axis.startswith("R") else (1e3, "mm")
+    order = np.argsort(x) if len(inputs) == 1 else np.zeros(0, dtype=int)
+    return ShapeRecord(
+        effect=0,
+        x_name=names.get(inputs[0], inputs[0]),
+        x_unit=unit,
+        y_unit=y_unit,
+        x=finite(x[seen]),
+        partial=finite(scale * partial[seen]),
+        heldout=tuple(heldout[seen].tolist()),
+        curve_x=finite(x[order]),
+        curve_y=finite(scale * own[order]),
+    )

@@ -1,0 +1,151 @@
+"""A Report as text of 80 columns, in the manner of lmfit's fit_report: held-out errors first, then what was found."""
+
+from collections.abc import Iterator
+from textwrap import fill
+
+from gpmodel import wording
+from gpmodel.report.schema import ErrorsMm, Report
+from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord
+
+WIDTH = 80
+NAME = 24
+MOST_LISTED = 12
+
+
+def summary(report: Report) -> str:
+    """Verdict, ladder, noise floor, findings with σ and rivals, parameters, what to distrust."""
+    blocks = (
+        ("Verdict", [_wrapped(report.verdict)]),
+        ("3-D error, mm", list(_ladder(report))),
+        ("Noise floor", [_wrapped(noise_floor(report))]),
+        ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
+        ("Inputs beyond chance", list(_inputs(report))),
+        ("Parameters, fitted to all poses", list(_parameters(report))),
+        ("Tool point", list(_tool(report))),
+        ("To distrust", list(_doubts(report))),
+    )
+    return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
+
+
+def noise_floor(report: Report) -> str:
+    """The noise floor and where it is known from, or how to make it known."""
+    if report.noise_floor_mm is None:
+        return "unknown: repeat some poses (column `repeat`), or give the instrument's noise"
+    source = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
+    return f"{wording.length(report.noise_floor_mm)} RMS {source.get(report.noise_from or '', '')}".rstrip()
+
+
+def confirmed(report: Report) -> str:
+    """Whether held-out poses confirm what was added; empty where nothing was added."""
+    found = report.confirmation
+    if found is None:
+        return ""
+    said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
+    return f"{said}: gain of {found.deviations:.1f} standard deviations, limit {found.limit:g}"
+
+
+def rivals(effect: EffectRecord) -> str:
+    """What else it could be, in words."""
+    if effect.rivals is None:
+        return ""
+    close = effect.close_rivals()
+    margin = f"{100 * RIVAL_MARGIN:.0f} %"
+    if not close:
+        return f"no rival within {margin} of its error"
+    listed = ", ".join(f"{r.name} ({wording.length(r.cv_rms_mm)})" for r in close)
+    return f"could as well be, within {margin} of its error: {listed}"
+
+
+def _wrapped(text: str, indent: int = 4) -> str:
+    return fill(text, WIDTH, initial_indent=" " * indent, subsequent_indent=" " * indent, break_on_hyphens=False)
+
+
+def _ladder(report: Report) -> Iterator[str]:
+    if not report.ladder:
+        return
+    sides = ("held out", "training") if report.held else ("training",)
+    yield " " * (NAME + 4) + "".join(f"{side:>20}" for side in sides)
+    yield " " * (NAME + 4) + "".join(f"{name:>7}" for _ in sides for name in ("mean", "RMS", "max")) + "  unknowns"
+    for rung in report.ladder:
+        errors = (rung.heldout, rung.train) if report.held else (rung.train,)
+        cells = "".join(f"{v:>7}" for side in errors for v in _cells(side))
+        title = report.title(rung)
+        if len(title) > NAME:
+            yield _wrapped(title)
+            title = ""
+        yield f"    {title:<{NAME}}{cells}{'' if rung.rank is None else rung.rank:>10}"
+
+
+def _cells(errors: ErrorsMm) -> tuple[str, ...]:
+    return tuple(wording.millimetres(v) for v in (errors.mean_mm, errors.rms_mm, errors.max_mm))
+
+
+def _effects(report: Report) -> Iterator[str]:
+    if report.kind == "discover" and not report.effects:
+        yield "    none: nothing stands out of chance"
+    if verdict := confirmed(report):
+        yield _wrapped(verdict)
+    for number, effect in enumerate(report.effects, 1):
+        value = wording.measured(effect.value, effect.stderr, effect.unit)
+        yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
+        basis = wording.shortened(wording.expression(effect.basis), 200)
+        yield _wrapped(f"× {basis} at {effect.slot} {effect.axis}", 7)
+        if not effect.kept:
+            yield _wrapped("not identifiable with these poses, held at zero", 7)
+        facts = [
+            f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
+            f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS" if effect.tool_rms_mm is not None else "",
+            f"chance {wording.chance(effect.p_value, effect.shuffles)}" if effect.p_value is not None else "",
+        ]
+        yield _wrapped("; ".join(filter(None, facts)), 7)
+        if said := rivals(effect):
+            yield _wrapped(said, 7)
+
+
+def _relative(effect: EffectRecord) -> str:
+    if not effect.value or effect.stderr is None:
+        return ""
+    return f" ({100 * effect.stderr / abs(effect.value):.1f} %)"
+
+
+def _inputs(report: Report) -> Iterator[str]:
+    for number, histogram in enumerate(report.histograms, 1):
+        standing = ", ".join(histogram.significant) or "none"
+        yield _wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
+
+
+def _parameters(report: Report) -> Iterator[str]:
+    shown = {effect.name for effect in report.effects}
+    for parameter in report.parameters:
+        if not parameter.kept or parameter.name in shown:
+            continue
+        value = wording.measured(parameter.value, parameter.stderr, parameter.unit)
+        near = "".join(f"{c.name} {c.correlation:+.2f}" for c in parameter.correlated_with[:1])
+        name = wording.shortened(parameter.name, NAME - 5)
+        size = f"{value.value:>10} ± {value.deviation or wording.UNKNOWN:<7}{value.unit:<7}"
+        share = f"share {wording.percent(parameter.unique_share)}"
+        yield wording.shortened(f"    {name:<{NAME - 4}}{size}{share:>12}  {near}".rstrip(), WIDTH)
+
+
+def _tool(report: Report) -> Iterator[str]:
+    for tool in report.tool:
+        label = f"{tool.label}: " if tool.label else ""
+        point = ", ".join(wording.minus(f"{v:.3f}") for v in tool.point_mm)
+        yield f"    {label}{point} mm in the flange"
+
+
+def _doubts(report: Report) -> Iterator[str]:
+    if dropped := report.dropped():
+        yield _wrapped(f"not identifiable with these poses, held at zero: {', '.join(dropped)}")
+    if report.data.outliers:
+        rows = ", ".join(map(str, report.data.outliers))
+        yield _wrapped(f"outliers, not fitted: rows {rows}")
+    if report.data.heldout and report.ladder and not report.held:
+        yield _wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
+    if report.absorbed:
+        more = len(report.absorbed) - MOST_LISTED
+        listed = ", ".join(report.absorbed[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+        yield _wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
+    if report.status:
+        limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"
+        yield _wrapped(f"{report.status}: {report.reason}{limit}")

@@ -1,0 +1,44 @@
+"""The one sentence of a report."""
+
+from gpmodel import wording
+from gpmodel.report.schema import STANDARD, Report
+
+
+def of_discovery(report: Report) -> str:
+    """What the residual depends on, what was added, and what it gained on held-out poses."""
+    standard, last = report.step(STANDARD), report.ladder[-1]
+    before = wording.length(standard.heldout.rms_mm if standard else None)
+    tail = f", noise floor {wording.length(report.noise_floor_mm)}" if report.noise_floor_mm is not None else ""
+    if not report.effects:
+        return f"Standard model {before} RMS on held-out poses{tail}; nothing stands out of chance: nothing was added."
+    parts = []
+    for e in report.effects:
+        size = wording.measured(e.value, e.stderr, e.unit)
+        parts.append(f"{e.name}, {size.value} ± {size.deviation} {size.unit}")
+    inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
+    doubt = "" if report.confirmation is None or report.confirmation.passed else "; not confirmed by them"
+    return (
+        f"Standard model {before} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
+        f"added {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{doubt}{tail}; "
+        f"{report.stopped}."
+    )
+
+
+def of_calibration(report: Report) -> str:
+    """From registration to the last step."""
+    first, last = report.ladder[0], report.ladder[-1]
+    where = "poses held out" if first.heldout.known else "the poses fitted to"
+    return (
+        f"Error on {where}: {wording.length(first.errors.rms_mm)} RMS with registration and tool alone, "
+        f"{wording.length(last.errors.rms_mm)} with {report.title(last)}."
+    )
+
+
+def of_evolution(report: Report) -> str:
+    """Which inputs the programs refer to beyond chance, and what the best of them explains."""
+    histogram = report.histograms[0]
+    real = [run for run in report.runs if not run.shuffled]
+    best = max((run.gain for run in real if run.gain is not None), default=None)
+    inputs = ", ".join(histogram.significant)
+    found = f"The residual refers to {inputs}" if inputs else "No input stands out of chance"
+    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the residual energy."

@@ -1,0 +1,74 @@
+"""The summary: every number it prints is the report's, in 80 columns, held-out errors first."""
+
+import dataclasses
+
+import pytest
+from report_runs import REPORTS, calibrated, discovered, evolved
+
+from gpmodel import wording
+from gpmodel.report.schema import Confirmation
+from gpmodel.report.schema_search import RIVAL_MARGIN, Rival
+from gpmodel.report.text import noise_floor, rivals, summary
+
+
+@pytest.mark.parametrize("case", REPORTS)
+def test_it_fits_80_columns_and_says_verdict_ladder_and_noise_floor(case: str) -> None:
+    report = REPORTS[case]()
+    text = summary(report)
+    assert max(map(len, text.splitlines())) <= 80
+    plain = " ".join(text.split())
+    assert " ".join(report.verdict.split()) in plain
+    assert " ".join(noise_floor(report).split()) in plain
+    for rung in report.ladder:
+        assert wording.millimetres(rung.errors.rms_mm) in text
+    assert text.index("[[Verdict]]") < text.index("[[3-D error, mm]]") < text.index("[[Noise floor]]")
+
+
+def test_held_out_errors_stand_before_those_of_training() -> None:
+    report = discovered()
+    rung = report.ladder[1]
+    line = next(line for line in summary(report).splitlines() if line.lstrip().startswith("standard model"))
+    sides = [[wording.millimetres(v) for v in dataclasses.astuple(e)] for e in (rung.heldout, rung.train)]
+    assert line.split()[2:] == [*sides[0], *sides[1], str(rung.rank)]
+
+
+def test_without_held_out_poses_nothing_is_called_held_out() -> None:
+    assert "held out" not in summary(calibrated(0.0))
+
+
+def test_a_finding_has_its_size_deviation_share_and_chance() -> None:
+    report = discovered()
+    (effect,) = report.effects
+    text = " ".join(summary(report).split())
+    value = wording.measured(effect.value, effect.stderr, effect.unit)
+    assert f"{effect.name}: {value}" in text
+    assert f"unique share {wording.percent(effect.unique_share)}" in text
+    assert f"at {effect.slot} {effect.axis}" in text
+
+
+def test_only_rivals_within_the_margin_are_offered() -> None:
+    (effect,) = discovered().effects
+    assert effect.cv_rms_mm is not None
+    near, far = (Rival(n, effect.cv_rms_mm * f) for n, f in (("near", 1 + 0.9 * RIVAL_MARGIN), ("far", 1.6)))
+    said = rivals(dataclasses.replace(effect, rivals=(near, far)))
+    assert "near" in said
+    assert "far" not in said
+    assert "no rival" in rivals(dataclasses.replace(effect, rivals=(far,)))
+    assert rivals(dataclasses.replace(effect, rivals=None)) == ""
+
+
+@pytest.mark.parametrize("passed", [True, False])
+def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> None:
+    report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 2.0, passed))
+    text = summary(report)
+    assert ("NOT CONFIRMED" in text) is not passed
+    assert "1.3 standard deviations, limit 2" in " ".join(text.split())
+
+
+def test_nothing_found_is_said() -> None:
+    assert "none: nothing stands out of chance" in summary(discovered("nothing"))
+
+
+def test_inputs_beyond_chance_are_named_for_evolved_programs() -> None:
+    report = evolved()
+    assert ", ".join(report.histograms[0].significant) in summary(report)

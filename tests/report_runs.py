@@ -1,0 +1,76 @@
+"""Reports of small real runs, each made once a session: what the tests of pages, texts and files read."""
+
+from functools import cache
+
+import numpy as np
+from effect_cases import measure, mechanism
+from loop_cases import found, quick
+
+from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.problems import slot_task
+from gpmodel.evolution.input_histogram import histogram
+from gpmodel.evolution.runs import run_all
+from gpmodel.evolution.settings import Settings
+from gpmodel.families.by_name import effects_named
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.geometric import standard_effects
+from gpmodel.report.from_calibration import Calibrated, from_calibration
+from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.from_evolution import from_evolution
+from gpmodel.report.origin import Origin
+from gpmodel.report.schema import Report
+from gpmodel.table.split import hold_out
+
+
+@cache
+def discovered(case: str = "gear") -> Report:
+    """nothing, gear or windup, as the loop found it."""
+    return from_discovery(found(case, 0), Origin("gpmodel discover measured.csv", 0, 1.5))
+
+
+@cache
+def quickly() -> Report:
+    """The gear error beside a search too short to find anything itself, and an instrument of 0.03 mm."""
+    return from_discovery(quick(), Origin("gpmodel discover measured.csv", 0, 1.5, 3e-5))
+
+
+@cache
+def calibrated(holdout: float = 0.3) -> Report:
+    """A base compliance, declared; without held-out poses where `holdout` is 0."""
+    arm = mechanism("irb6400r")
+    effects = effects_named("base_compliance", arm, measure("irb6400r", (), (), 0, count=4).poses.states)
+    truth = measure("irb6400r", effects, (3e-7,), 0, count=60)
+    poses, geometry = truth.poses, standard_effects(arm, ("*",))
+    train, held = np.arange(60), np.zeros(0, dtype=np.int64)
+    if holdout:
+        train, held = hold_out(poses.dataset, holdout, np.random.default_rng(0))
+    rungs = climb(arm, poses, train, held, geometry, [("base_compliance", effects)])
+    final = calibrate(rungs[-1].fit.model, poses)
+    return from_calibration(
+        Calibrated(poses, train, held, rungs, final, effects), Origin("gpmodel calibrate measured.csv", 0, 0.4)
+    )
+
+
+@cache
+def evolved() -> Report:
+    """Two short runs on the residual of the gear error, and two on shuffled ones."""
+    discovery = found("gear", 0)
+    arm, poses, train = discovery.mechanism, discovery.poses, discovery.train
+    fit = calibrate(ErrorModel(arm, discovery.standard_model), poses.subset(train))
+    task = slot_task(fit, arm, poses.subset(train), 0)
+    settings = [Settings(representation="linear", population=64, generations=4, seconds=1e9, parsimony=2.0, threads=1)]
+    runs = list(run_all(task.problem, settings, 2, 0))
+    counted = histogram([run.record() for run in runs], task.problem.inputs.names)
+    return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))
+
+
+REPORTS = {
+    "gear": discovered,
+    "nothing": lambda: discovered("nothing"),
+    "windup": lambda: discovered("windup"),
+    "quick": quickly,
+    "calibrated": calibrated,
+    "nothing held out": lambda: calibrated(0.0),
+    "evolved": evolved,
+}
