@@ -62,7 +62,7 @@ def test_it_leaves_the_results_and_nothing_else(done: Path) -> None:
     assert list((done / "figures").glob("*.png"))
     report = json.loads((done / "report.json").read_text())
     assert [e["name"] for e in report["effects"]] == ["gear error, 2 per turn, J4"]
-    assert report["noise_floor_mm"] == pytest.approx(0.03)
+    assert report["noise_floor_mm"] == pytest.approx(0.03 * np.sqrt(3))
     assert len(report["data"]["sha256"]) == 64
     assert "gear error, 2 per turn, J4" in (done / "report.html").read_text()
 
