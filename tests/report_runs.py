@@ -10,8 +10,9 @@ from gpmodel.calibration.comparison import climb
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
+from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.runs import run_all
-from gpmodel.evolution.settings import Settings
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import standard_effects
@@ -59,7 +60,7 @@ def evolved() -> Report:
     arm, poses, train = discovery.mechanism, discovery.poses, discovery.train
     fit = calibrate(ErrorModel(arm, discovery.standard_model), poses.subset(train))
     task = slot_task(fit, arm, poses.subset(train), 0)
-    settings = [Settings(representation="linear", population=64, generations=4, seconds=1e9, parsimony=2.0, threads=1)]
+    settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
     runs = list(run_all(task.problem, settings, 2, 0))
     counted = histogram([run.record() for run in runs], task.problem.inputs.names)
     return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))

@@ -14,7 +14,7 @@ from gpmodel.report import fitted, verdict
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import STANDARD, MechanismRecord, Report, StepRecord
-from gpmodel.report.schema_search import HistogramRecord, RunRecord
+from gpmodel.report.schema_search import HistogramRecord, ProgramRecord
 
 
 def from_evolution(
@@ -73,8 +73,8 @@ def _histogram(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
     )
 
 
-def _run(run: Run, names: Mapping[str, str]) -> RunRecord:
-    return RunRecord(
+def _run(run: Run, names: Mapping[str, str]) -> ProgramRecord:
+    return ProgramRecord(
         representation=run.representation,
         number=run.number,
         shuffled=run.shuffled,

@@ -15,9 +15,9 @@ from gpmodel.report.schema_search import (
     EffectRecord,
     HistogramRecord,
     NotNegative,
+    ProgramRecord,
     Range,
     RoundRecord,
-    RunRecord,
     Share,
 )
 
@@ -156,7 +156,7 @@ class Report:
     effects: tuple[EffectRecord, ...] = ()
     histograms: tuple[HistogramRecord, ...] = ()
     rounds: tuple[RoundRecord, ...] = ()
-    runs: tuple[RunRecord, ...] = ()
+    runs: tuple[ProgramRecord, ...] = ()
     parameters: tuple[ParameterRecord, ...] = ()
     registration: tuple[PlacementRecord, ...] = ()
     tool: tuple[PlacementRecord, ...] = ()

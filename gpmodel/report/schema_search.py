@@ -159,7 +159,7 @@ class RoundRecord:
 
 
 @dataclass(frozen=True)
-class RunRecord:
+class ProgramRecord:
     """The best program of one GP run. heldout: its gain on poses it never saw. history: over the generations."""
 
     representation: str
