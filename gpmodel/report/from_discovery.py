@@ -9,8 +9,8 @@ from gpmodel.calibration.gauss_newton import resolved
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.cross_validation import paired_t
 from gpmodel.discovery.explore import Histogram
-from gpmodel.discovery.residual import deviations
 from gpmodel.discovery.result import Discovery, Round, Step
 from gpmodel.report import fitted, verdict
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, ranges, repeatability, versions
@@ -87,7 +87,7 @@ def _confirmation(discovery: Discovery) -> Confirmation | None:
     before, after = discovery.steps[1].heldout_error, discovery.steps[-1].heldout_error
     if not discovery.findings or len(after) < 2:
         return None
-    found = deviations(before**2 - after**2)
+    found = paired_t(before**2 - after**2)
     limit = Criteria().minimum_cv_t
     return Confirmation(float(found), limit, bool(found > limit))
 
