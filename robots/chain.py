@@ -13,7 +13,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
 from robots.motion import axis_motion
-from robots.statics import GRAVITY, gravity_loads
+from robots.statics import GRAVITY, gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
 
 
@@ -117,6 +117,10 @@ class SerialChain:
         Source: recursive Newton-Euler at rest (Featherstone 2008, ch. 5), by Pinocchio.
         """
         return gravity_loads(self, q, payload)
+
+    def unit_loads(self, q: Array) -> dict[str, Array]:
+        """Loads of each link's weight, of unit moments and of its own mass, as `Weighed` states them."""
+        return unit_loads(self, q)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Writes the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""

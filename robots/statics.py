@@ -9,11 +9,15 @@ import pinocchio as pin
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.numerics import se3
 
 if TYPE_CHECKING:
     from robots.chain import SerialChain
 
 GRAVITY = (0.0, 0.0, -9.81)
+ROUNDING = 1e-9
+"""N·m; less than this at every pose is zero."""
+
 _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_{}_y", "moment_{}_z")
 _JOINT_MODELS = {
     "Tx": pin.JointModelPX,
@@ -59,6 +63,40 @@ def gravity_loads(chain: SerialChain, q: Array, payload: Array) -> dict[str, Arr
     elif not weighs:
         return {}
     return _named(chain, wrenches)
+
+
+def unit_loads(chain: SerialChain, q: Array) -> dict[str, Array]:
+    """SerialChain.unit_loads.
+
+    A first moment e_a carried by link k weighs as the couple (R_k e_a) x g on every turning joint j <= k; a mass m at c
+    as the torque z_j . (c - p_j) x m g, and as the force z_j . m g on a sliding one. Root frame throughout.
+    """
+    frames = se3.chain(chain.transforms(q))[2:-1:2]
+    axes = [frames[j][:, :3, AXES.index(link.axis) % 3] for j, link in enumerate(chain.links)]
+    out: dict[str, Array] = {}
+    for k, link in enumerate(chain.links):
+        for a, side in enumerate("xyz"):
+            couple = np.cross(frames[k][:, :3, a], chain.gravity)
+            turned = [_on_motion(chain, axes, j, couple) for j in range(k + 1)]
+            out |= _on_joints(chain, turned, f"{link.name}_{side}")
+            out |= {f"moment_base_{b}_of_{link.name}_{side}": couple[:, i] for i, b in enumerate("xyz")}
+        weight = link.mass * chain.gravity
+        centre = frames[k][:, :3, :3] @ link.com + frames[k][:, :3, 3]
+        couples = [np.cross(centre - frames[j][:, :3, 3], weight) for j in range(k + 1)]
+        out |= _on_joints(chain, [_on_motion(chain, axes, j, c, weight) for j, c in enumerate(couples)], link.name)
+    return {name: values for name, values in out.items() if np.any(np.abs(values) > ROUNDING)}
+
+
+def _on_motion(chain: SerialChain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
+    """Generalized force (N,) on motion j of a couple (N, 3) or, where it slides, of a weight (3,)."""
+    acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
+    return np.einsum("ni,ni->n", axes[j], acting)
+
+
+def _on_joints(chain: SerialChain, on_motions: list[Array], part: str) -> dict[str, Array]:
+    """Generalized forces (N,) on the coordinates, of those on the first motions; the others bear none."""
+    torques = np.stack(on_motions, axis=1) @ chain.coupling[: len(on_motions)]
+    return {f"torque_{name}_of_{part}": torques[:, c] for c, name in enumerate(chain.joint_names)}
 
 
 def _point_mass(mass: float, com: Array) -> pin.Inertia:

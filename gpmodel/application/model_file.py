@@ -1,7 +1,7 @@
 """model.json: a fitted model as text, enough to predict and to compensate."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset, with_payload
@@ -53,7 +54,7 @@ class SavedModel:
 
 def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
     """What of a calibration on `dataset` is worth keeping."""
-    read = needed(fit.model.effects, dataset)
+    read = needed(fit.model, dataset)
     deviation = np.nan_to_num(fit.stderr)
     return SavedModel(
         model=fit.model,
@@ -68,12 +69,15 @@ def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
     )
 
 
-def needed(effects: Sequence[Effect], dataset: Dataset) -> set[str]:
-    """The columns that effects read: by themselves, and those that what they remember is made of."""
-    direct = {name for effect in effects for name in effect.inputs}
+def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
+    """The columns that a model's effects read: by themselves, those that what they remember is made of, and torques
+    that were measured."""
+    direct = {name for effect in model.effects for name in effect.inputs}
     remembered = {source for name in direct - set(dataset.extras) for source in read_by(name)}
     clock = clock_of(dataset) if any(name.startswith("lag_") for name in direct) else None
-    return direct | remembered | ({clock} if clock else set())
+    measured = measured_torques(model.mechanism, dataset)
+    torques = {column for joint, column in measured.items() if f"torque_{joint}" in direct | remembered}
+    return direct | remembered | torques | ({clock} if clock else set())
 
 
 def model_text(saved: SavedModel, **more: Any) -> str:

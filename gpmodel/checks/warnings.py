@@ -9,6 +9,7 @@ from gpmodel.checks.counting import SAME_POSE, distinct_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
+from gpmodel.model.measured_torque import unused_torques
 from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
 
@@ -22,6 +23,7 @@ def oddities(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) -
     """One sentence each: rotations that do not fit, joints that hardly move, rows that repeat others, and, with the
     standard model fitted, outliers, jumps along the rows and a fit that does not settle."""
     data = poses.dataset
+    yield from unused_torques(mechanism, data)
     yield from _rotations(mechanism, poses)
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)

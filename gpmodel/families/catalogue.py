@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
 from gpmodel.families import load as families_load
+from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate
@@ -21,6 +22,9 @@ from gpmodel.model.states import States
 _OWN: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance),
+    Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_masses.wrong_masses),
+    Family("unknown_masses", "the joint yields to weights that nobody knows: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_masses.unknown_masses),
+    Family("base_unknown_masses", "the foundation tilts under weights that nobody knows", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_masses.base_unknown_masses),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection),
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),

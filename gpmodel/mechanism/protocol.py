@@ -1,7 +1,7 @@
 """What the engine needs to know of a mechanism: a chain of slots, and the loads in it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,4 +58,20 @@ class Mechanism(Protocol):
         force_J2_x .. moment_J2_z (reaction wrench on the moving side, in the frame of J2.moving),
         force_base_x .. moment_base_z (in the frame of the base). Names use the joints' names.
         payload: (N,) kg carried at the tool. Empty where no masses are known and payload is zero."""
+        ...
+
+
+@runtime_checkable
+class Weighed(Protocol):
+    """A mechanism that also says how each of its parts weighs on its joints. Gravity's loads at rest are linear in the
+    masses and first moments of mass (kg·m), so that they can be unknowns."""
+
+    def unit_loads(self, q: Array) -> dict[str, Array]:
+        """Parts of the static loads by name, each (N,); those that are zero throughout are left out.
+
+        torque_J2_of_J4_x: torque about the coordinate J2 of a first moment of mass of 1 kg·m along x of J4.moving,
+        carried by the link beyond J4; moment_base_x_of_J4_x: likewise about the base. Every arm's gravity torque about
+        a turning joint is a combination of these whatever its masses. torque_J2_of_J4: torque of the weight that the
+        description gives the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
+        """
         ...

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed
 from gpmodel.mechanism.registry import load_mechanism
 
 
@@ -51,6 +51,10 @@ class LoadedMechanism:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """As Mechanism.loads."""
         return self.bare.loads(q, payload)
+
+    def unit_loads(self, q: Array) -> dict[str, Array]:
+        """As Weighed.unit_loads; none where the mechanism does not say."""
+        return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """The same with the centre of mass of its payload at `point` (3,), m, in the measured frame."""

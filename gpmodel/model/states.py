@@ -10,7 +10,9 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
+from gpmodel.model.measured_torque import measured_torque, measured_torques, torque_columns
 from gpmodel.model.memory import Past
+from gpmodel.model.unit_loads import UnitLoads
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
@@ -25,20 +27,23 @@ class States:
     payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts),
     the table's extra columns in their own units, and row (from 1). Where the rows are in the order of measurement also
     what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
-    that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name.
+    that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
+    and what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads.
     """
 
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     past: Past | None = None
+    weights: UnitLoads | None = None
     rows: IntArray | None = None
 
     def __getitem__(self, name: str) -> Array:
         if name in self.columns:
             return self.columns[name]
-        whole = self.past.column(name) if self.past else None
-        if whole is not None:
-            return whole if self.rows is None else whole[self.rows]
+        for derived in (self.past, self.weights):
+            whole = derived.column(name) if derived else None
+            if whole is not None:
+                return whole if self.rows is None else whole[self.rows]
         if not self.past and memory.read_by(name):
             raise InputError(
                 f"input '{name}' depends on the rows before; expected a table whose rows are said to be in the order "
@@ -54,7 +59,7 @@ class States:
         """The same columns at some poses only; what they remember is still that of the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
-        return States(columns, self.units, self.past, taken)
+        return States(columns, self.units, self.past, self.weights, taken)
 
     def between(self, count: int = 2000) -> "Between":
         """Columns (count,) at random places on straight lines between pairs of poses: where nobody measured."""
@@ -104,7 +109,9 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     for name, values in zip("xyz", tip.T, strict=True):
         put(name, values, "m")
     loads = mechanism.loads(dataset.q, dataset.payload)
-    for name, values in loads.items():
+    measured = measured_torques(mechanism, dataset)
+    instead = {f"torque_{joint}": measured_torque(dataset, column) for joint, column in measured.items()}
+    for name, values in {**loads, **instead}.items():
         put(name, values, load_unit(name))
     if dataset.payload_given:
         put("payload", dataset.payload, "kg")
@@ -113,8 +120,10 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
             for joint in mechanism.joints:
                 load = f"torque_{joint.name}"
                 put(f"{PAYLOAD_SHARE}{load}", loads[load] - bare.get(load, 0.0), "Nm")
+    torques = {column for _, column in torque_columns(mechanism, dataset)}
     for name, values in dataset.extras.items():
-        put(name, values, dataset.extra_units[name])
+        if name not in torques:
+            put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")
     return _remembering(columns, units, mechanism, dataset, same)
 
@@ -127,9 +136,10 @@ def _remembering(
     clock = None if past else memory.clock_of(dataset)
     if clock is not None:
         past = Past(MappingProxyType(dict(columns)), MappingProxyType(dict(units)), clock)
+    weights = UnitLoads(mechanism, dataset.q) if rows is None else same.weights if same else None
     if past is not None:
         for name in memory.standing(past, [j.name for j in mechanism.joints]):
             whole = past.column(name)
             if whole is not None and name not in columns:
                 columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
-    return States(MappingProxyType(columns), MappingProxyType(units), past, rows)
+    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, rows)

@@ -47,6 +47,15 @@ def is_time(unit: str) -> bool:
     return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
 
 
+@lru_cache(maxsize=256)
+def torque_factor(unit: str) -> float | None:
+    """How many N·m (or N, of a force) one `unit` is; None for a unit of neither."""
+    if unit == "1" or not known_unit(unit.replace("Nm", "N*m")):
+        return None
+    own = _registry().Quantity(1.0, unit.replace("Nm", "N*m"))
+    return next((float(own.to(si).magnitude) for si in ("N*m", "N") if own.is_compatible_with(si)), None)
+
+
 def factor(unit: str, dimension: str, where: str) -> float:
     """How many SI units one `unit` of `dimension` (length, angle or mass) is.
 

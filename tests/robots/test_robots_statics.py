@@ -94,3 +94,37 @@ def test_without_masses_nothing_loads_until_there_is_a_payload(tmp_path: Path) -
     q = np.zeros((3, 2))
     assert chain.loads(q, np.zeros(3)) == {}
     np.testing.assert_allclose(chain.loads(q, np.array([0.0, 1.0, 2.0]))["force_base_z"], [0.0, -9.81, -19.62])
+
+
+def test_unit_loads_are_pinocchios_regressor_at_rest(chain: SerialChain, q: Array) -> None:
+    model = pinocchio_model(chain)
+    data, rest = model.createData(), np.zeros(model.nv)
+    unit = chain.unit_loads(q)
+    for row, motion in enumerate(chain.motions(q)):
+        regressor = -pin.computeJointTorqueRegressor(model, data, motion, rest, rest)
+        per_joint = chain.coupling.T @ regressor
+        for c, joint in enumerate(chain.joint_names):
+            for k, link in enumerate(chain.links):
+                for a, side in enumerate("xyz"):
+                    values = unit.get(f"torque_{joint}_of_{link.name}_{side}", np.zeros(len(q)))
+                    assert values[row] == pytest.approx(per_joint[c, 10 * k + 1 + a], abs=1e-8)
+
+
+def test_the_weights_of_the_links_add_up_to_the_loads(chain: SerialChain, q: Array) -> None:
+    loads, unit = chain.loads(q, np.zeros(len(q))), chain.unit_loads(q)
+    for joint in chain.joint_names:
+        parts = [unit[n] for link in chain.links if (n := f"torque_{joint}_of_{link.name}") in unit]
+        np.testing.assert_allclose(sum(parts, np.zeros(len(q))), loads.get(f"torque_{joint}", 0.0), atol=1e-8)
+
+
+def test_every_torque_about_a_turning_joint_is_a_combination_of_unit_moments(chain: SerialChain) -> None:
+    q = poses(chain, np.random.default_rng(5), 60)
+    loads, unit = chain.loads(q, np.full(len(q), PAYLOAD)), chain.unit_loads(q)
+    for joint in chain.joints:
+        if joint.kind == "revolute" and len(joint.drive) == 1 and chain.coupling.shape[0] == chain.coupling.shape[1]:
+            named = [f"torque_{joint.name}_of_{link.name}_{side}" for link in chain.links for side in "xyz"]
+            moments = np.column_stack([np.zeros(len(q)), *(unit[n] for n in named if n in unit)])
+            torque = loads[f"torque_{joint.name}"]
+            miss = torque - moments @ np.linalg.lstsq(moments, torque, rcond=1e-10)[0]
+            if not any(link.axis.startswith("T") for link in chain.links):
+                assert np.abs(miss).max() < 1e-6 * max(np.abs(torque).max(), 1.0)
