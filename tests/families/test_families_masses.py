@@ -8,7 +8,9 @@ import pytest
 from effect_cases import NOISE, bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.residual import gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import residual_of
+from gpmodel.discovery.score import scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.mechanism.protocol import Mechanism, Weighed
@@ -43,9 +45,9 @@ def measured(name: str, joint: int, millimetres: float = 0.5) -> Poses:
 def found(arm: Mechanism, poses: Poses) -> tuple[Candidate, float]:
     """The best of the catalogue, and the RMS of what it leaves, m."""
     poses, model = prepare(arm, poses.dataset), ErrorModel(arm, geometric_effects(arm))
-    there = gather(calibrate(model, poses), poses, 0)
+    there = residual_of(calibrate(model, poses), poses, Criteria(), 0)
     pool = candidates(arm, poses.states)
-    best = pool[int(np.argmax([s.nats for s in there.scores(pool)[0]]))]
+    best = pool[int(np.argmax([s.nats for s in scores(there, pool)]))]
     fit = calibrate(ErrorModel(arm, (*model.effects, *best.effects)), poses)
     return best, float(np.sqrt(np.mean(fit.error**2)))
 
@@ -84,10 +86,10 @@ def test_a_measured_torque_speaks_for_an_arm_without_masses() -> None:
 def test_an_innocent_robot_yields_to_no_unknown_mass(masses: str) -> None:
     arm = weighing("irb6400r", masses)
     poses = prepare(arm, measure("irb6400r", (), (), 6, count=POSES).poses.dataset)
-    there = gather(calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, 0)
+    there = residual_of(calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, Criteria(), 0)
     mine = [c for c in candidates(arm, poses.states) if c.family.endswith("_masses")]
     assert len(mine) >= 5
-    assert max(s.nats for s in there.scores(mine)[0]) < 5.0
+    assert max(s.nats for s in scores(there, mine)) < 5.0
 
 
 def test_only_mechanisms_that_weigh_their_parts_are_offered_unknown_masses() -> None:

@@ -9,7 +9,9 @@ from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.residual import Evidence, gather
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.score import best_nats, scores
 from gpmodel.families import memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
@@ -44,12 +46,12 @@ def pool(data: Dataset) -> tuple[Candidate, ...]:
     return candidates(ARM, prepare(ARM, data).states)
 
 
-def evidence(data: Dataset, effects: tuple, theta: Array, moved: Array | None = None) -> Evidence:
+def left_over(data: Dataset, effects: tuple, theta: Array, moved: Array | None = None) -> Residual:
     truth = measure("irb6400r", effects, theta, 5, dataset=data)
     poses = truth.poses
     if moved is not None:
         poses = prepare(ARM, replace(poses.dataset, position=poses.dataset.position + moved))
-    return gather(calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses), poses, 0)
+    return residual_of(calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses), poses, Criteria(), 0)
 
 
 PLANTED = {
@@ -64,30 +66,28 @@ PLANTED = {
 @pytest.mark.parametrize(("name", "kind"), PLANTED.items())
 def test_of_the_whole_catalogue_the_planted_one_saves_most(name: str, kind: str) -> None:
     offered = {c.name: c for c in pool(table(kind))}
-    there = evidence(table(kind), offered[name].effects, sized("irb6400r", offered[name].effects, table(kind), 0.3))
-    scores = there.scores(tuple(offered.values()))[0]
-    best = max(zip(offered, scores, strict=True), key=lambda pair: pair[1].nats)
+    there = left_over(table(kind), offered[name].effects, sized("irb6400r", offered[name].effects, table(kind), 0.3))
+    best = max(zip(offered, scores(there, tuple(offered.values())), strict=True), key=lambda pair: pair[1].nats)
     assert best[0] == name
     assert best[1].nats > 20.0
 
 
 @pytest.mark.parametrize("kind", ["poses", "walk", "repeats"])
 def test_an_innocent_robot_has_no_memory(kind: str) -> None:
-    there = evidence(table(kind), (), np.zeros(0))
+    there = left_over(table(kind), (), np.zeros(0))
     mine = [c for c in pool(table(kind)) if c.family in FAMILIES]
     assert len(mine) > 300
     rng = np.random.default_rng(0)
-    scores, by_chance = there.scores(mine, rng.normal(size=(len(there.residual), 40)))
-    assert max(s.nats for s in scores) < FLOOR
-    assert np.mean(by_chance < FLOOR) > 0.9
+    assert max(s.nats for s in scores(there, mine)) < FLOOR
+    assert np.mean(best_nats(there, mine, rng.normal(size=(len(there.values), 40))) < FLOOR) > 0.9
 
 
 def test_a_drifting_instrument_is_called_a_drift() -> None:
     data = table()
     creep = 4e-4 * np.linspace(0.0, 1.0, 120)[:, None] * np.array([0.6, -0.5, 0.62])
-    there = evidence(data, (), np.zeros(0), creep)
+    there = left_over(data, (), np.zeros(0), creep)
     offered = pool(data)
-    best = offered[int(np.argmax([s.nats for s in there.scores(offered)[0]]))]
+    best = offered[int(np.argmax([s.nats for s in scores(there, offered)]))]
     assert best.family == "drift"
 
 
@@ -95,8 +95,8 @@ def test_the_constant_of_a_lag_is_refined_between_its_neighbours() -> None:
     data = table()
     start = next(c for c in pool(data) if c.name == "growth of the arm (temperature, lag of 53 min)")
     truth = at(start, 70.0)
-    there = evidence(data, truth.effects, sized("irb6400r", truth.effects, data, 0.3) * 3)
-    found = refined(start, lambda c: there.scores([c])[0][0].nats)
+    there = left_over(data, truth.effects, sized("irb6400r", truth.effects, data, 0.3) * 3)
+    found = refined(start, lambda c: scores(there, [c])[0].nats)
     assert found.inner is not None
     assert start.inner is not None
     assert start.inner.lower < found.inner.value < start.inner.upper
