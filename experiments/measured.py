@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
-from gpmodel.cli.discover import write_results
+from gpmodel.cli.evolve import strategies_named
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
@@ -21,6 +22,7 @@ from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.report.origin import Origin
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.read import dataset_from
 
@@ -52,13 +54,13 @@ def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: ar
     """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
     search = Search(
         runs=given.runs, max_effects=given.max_effects, stop_after=60 * given.minutes, workers=given.workers,
-        strategies=tuple(given.representations.split(",")),
+        strategies=strategies_named(given.representations, "slot", None),
     )  # fmt: skip
     found = discover(
         MechanismChoice(robot).load(), poses, train, heldout, search=search, seed=given.seed,
         progress=lambda text: print(text, file=sys.stderr),
     )  # fmt: skip
-    write_results(found, given.out, given.seed, None)
+    DiscoveryResult(found, Origin(" ".join(sys.argv), given.seed, found.seconds)).report(given.out)
     return found
 
 

@@ -16,14 +16,20 @@ from typing import TYPE_CHECKING
 from gpmodel._version import __version__
 
 if TYPE_CHECKING:
-    from gpmodel.api.calibrate import Calibration, calibrate
-    from gpmodel.api.check import Check, check
+    from gpmodel.api.calibrate import CalibrationResult, calibrate
+    from gpmodel.api.check import CheckResult, check
+    from gpmodel.api.discover import DiscoveryResult, discover
+    from gpmodel.api.evolve import EvolutionResult, evolve
     from gpmodel.api.mechanism import load_mechanism
     from gpmodel.api.model import Model, load_model
-    from gpmodel.api.poses import ChosenPoses, choose_poses
-    from gpmodel.api.simulate import Simulated, simulate
+    from gpmodel.api.poses import PosesResult, choose_poses
+    from gpmodel.api.simulate import SimulationResult, simulate
     from gpmodel.api.table import read_table
+    from gpmodel.discovery.criteria import Criteria
+    from gpmodel.discovery.search import Search
     from gpmodel.errors import InputError
+    from gpmodel.evolution.linear import Linear
+    from gpmodel.evolution.tree import Tree
     from gpmodel.families.candidate import Candidate
     from gpmodel.families.catalogue import catalogue
     from gpmodel.families.family import Family
@@ -34,26 +40,34 @@ if TYPE_CHECKING:
     from gpmodel.table.dataset import Dataset
 
 _HOME = {
-    "Calibration": "api.calibrate",
+    "CalibrationResult": "api.calibrate",
     "Candidate": "families.candidate",
-    "Check": "api.check",
-    "ChosenPoses": "api.poses",
+    "CheckResult": "api.check",
+    "Criteria": "discovery.criteria",
     "Dataset": "table.dataset",
+    "DiscoveryResult": "api.discover",
     "Effect": "model.effect",
+    "EvolutionResult": "api.evolve",
     "Expression": "formula.expression",
     "Family": "families.family",
     "InputError": "errors",
     "Joint": "mechanism.protocol",
+    "Linear": "evolution.linear",
     "Mechanism": "mechanism.protocol",
     "Model": "api.model",
-    "Simulated": "api.simulate",
+    "PosesResult": "api.poses",
+    "Search": "discovery.search",
+    "SimulationResult": "api.simulate",
     "States": "model.states",
     "Term": "model.effect",
+    "Tree": "evolution.tree",
     "calibrate": "api.calibrate",
     "catalogue": "families.catalogue",
     "check": "api.check",
     "choose_poses": "api.poses",
+    "discover": "api.discover",
     "effect_at": "model.effect",
+    "evolve": "api.evolve",
     "load_mechanism": "api.mechanism",
     "load_model": "api.model",
     "read_table": "api.table",
@@ -61,27 +75,35 @@ _HOME = {
 }
 
 __all__ = [
-    "Calibration",
+    "CalibrationResult",
     "Candidate",
-    "Check",
-    "ChosenPoses",
+    "CheckResult",
+    "Criteria",
     "Dataset",
+    "DiscoveryResult",
     "Effect",
+    "EvolutionResult",
     "Expression",
     "Family",
     "InputError",
     "Joint",
+    "Linear",
     "Mechanism",
     "Model",
-    "Simulated",
+    "PosesResult",
+    "Search",
+    "SimulationResult",
     "States",
     "Term",
+    "Tree",
     "__version__",
     "calibrate",
     "catalogue",
     "check",
     "choose_poses",
+    "discover",
     "effect_at",
+    "evolve",
     "load_mechanism",
     "load_model",
     "read_table",

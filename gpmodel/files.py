@@ -18,14 +18,20 @@ from gpmodel.errors import InputError
 _NUMBERS = re.compile(r"\[\n[-+0-9.eE,\snul]*\]")
 
 
+def folder_for(out: Path) -> Path:
+    """`out` again. Raises InputError when it is a file, before anything is computed for it."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file; expected a folder", "folder")
+    return out
+
+
 @contextmanager
 def finished_folder(out: Path) -> Iterator[Path]:
     """A fresh folder beside `out`; what is in it replaces files of the same name in `out` only when all went well.
 
     Raises InputError when `out` is a file or cannot be made.
     """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; expected a folder", "folder")
+    folder_for(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))

@@ -18,12 +18,13 @@ from gpmodel.table.dataset import Dataset
 
 
 @dataclass(frozen=True, repr=False)
-class Check:
+class CheckResult:
     """What is wrong or odd with a table. findings: errors first, each with `severity` and `text`."""
 
     mechanism: str
     dataset: Dataset
     findings: tuple[Finding, ...]
+    command: str
 
     @property
     def sound(self) -> bool:
@@ -52,13 +53,13 @@ class Check:
         """One row a finding: severity, text."""
         return pd.DataFrame({"severity": [f.severity for f in self.findings], "text": [f.text for f in self.findings]})
 
-    def to_json(self, command: str = "gpmodel.check") -> str:
+    def to_json(self) -> str:
         """The content of check.json."""
         data = self.dataset
         return to_json(
             {
                 "schema": 1,
-                "command": command,
+                "command": self.command,
                 "data": {"file": data.source, "sha256": data.sha256, "poses": len(data)},
                 "findings": self.to_dataframe().to_dict("records"),
             }
@@ -68,10 +69,10 @@ class Check:
         """Write check.json. Raises InputError when it cannot be written."""
         write_text(Path(file), self.to_json())
 
-    def report(self, folder: str | Path, *, command: str = "gpmodel.check") -> None:
+    def report(self, folder: str | Path) -> None:
         """Leave check.json in `folder`. Raises InputError when it cannot be written."""
         with finished_folder(Path(folder)) as draft:
-            write_text(draft / "check.json", self.to_json(command))
+            write_text(draft / "check.json", self.to_json())
 
     def __repr__(self) -> str:
         return f"<check of {self.dataset.source}: {'sound' if self.sound else 'not sound'}, {len(self.findings)} said>"
@@ -80,12 +81,16 @@ class Check:
         return notebook(self.summary())
 
 
-def check(mechanism: Mechanism, table: TableLike, *, standard: Sequence[str] = ("*",)) -> Check:
+def check(
+    mechanism: Mechanism, table: TableLike, *, standard: Sequence[str] = ("*",), command: str = "gpmodel.check"
+) -> CheckResult:
     """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
-    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none.
+    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. command: what
+    check.json says made it.
     Raises InputError where the table cannot be read.
     """
     dataset = read_table(table, mechanism)
     geometry = standard_effects(mechanism, tuple(standard))
-    return Check(mechanism.name, dataset, tuple(check_dataset(mechanism, prepare(mechanism, dataset), geometry)))
+    findings = check_dataset(mechanism, prepare(mechanism, dataset), geometry)
+    return CheckResult(mechanism.name, dataset, tuple(findings), command)

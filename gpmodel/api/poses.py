@@ -20,7 +20,7 @@ CRITERIA = {"spread": spread_poses, "observability": observable_poses}
 
 
 @dataclass(frozen=True, repr=False)
-class ChosenPoses:
+class PosesResult:
     """Joint values q (N, n), rad and m, and how different the two most alike of them are, in ranges of a joint."""
 
     mechanism: Mechanism
@@ -55,7 +55,7 @@ def choose_poses(
     criterion: Literal["spread", "observability"] = "spread",
     above: str | float | None = None,
     seed: int = 0,
-) -> ChosenPoses:
+) -> PosesResult:
     """Joint values within the limits worth measuring at.
 
     criterion: "spread", every pose as different from the others as possible (Robertson 2003, 3.3.3); "observability",
@@ -68,4 +68,4 @@ def choose_poses(
     lowest = -np.inf if above is None else quantity(above, "length", "above", least=-np.inf)
     rng = np.random.default_rng(whole(seed, "seed"))
     q = CRITERIA[criterion](mechanism, whole(count, "count", 1), rng, lowest)
-    return ChosenPoses(mechanism, q, spacing(mechanism, q) if len(q) > 1 else np.inf)
+    return PosesResult(mechanism, q, spacing(mechanism, q) if len(q) > 1 else np.inf)

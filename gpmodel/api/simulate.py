@@ -29,7 +29,7 @@ Values = str | Sequence[float] | Array
 
 
 @dataclass(frozen=True, repr=False)
-class Simulated:
+class SimulationResult:
     """A measured table and the truth behind it, a Model that predicts it but for the noise."""
 
     table: Dataset
@@ -69,7 +69,7 @@ def simulate(
     geometry_sigma: str | float = 0.0,
     inputs: Mapping[str, Values] | None = None,
     seed: int = 0,
-) -> Simulated:
+) -> SimulationResult:
     """Poses measured on a mechanism with known errors, by an instrument at a random place with a random tool point.
 
     effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value". poses: how many random ones within the
@@ -98,7 +98,7 @@ def simulate(
         input_units={n: u for n, u, _ in columns if n != "payload"},
         tool_point=tool_point,
     )  # fmt: skip
-    return Simulated(made.dataset, Model(_truth(made)))
+    return SimulationResult(made.dataset, Model(_truth(made)))
 
 
 def _truth(made: Simulation) -> SavedModel:

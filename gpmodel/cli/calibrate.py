@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.calibrate import calibrate as fit
-from gpmodel.cli.console import command_line
+from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.options import (
     holdout_option,
     mechanism_options,
@@ -35,14 +35,15 @@ def calibrate(
     """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
 
     Errors are of poses held out of the fit; the saved model is fitted to all poses.
-    With --out: model.json, report.json.
+    With --out: report.html with its figures, report.json, model.json.
     """
     result = fit(
-        mechanism, table, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed
-    )
+        mechanism, table, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
+        command=command_line(),
+    )  # fmt: skip
     if not quiet:
         click.echo(result.summary())
     if folder is not None:
-        result.report(folder, command=command_line())
+        result.report(folder)
         if not quiet:
-            click.echo(f"model.json and report.json are in {folder}")
+            click.echo(what_next(folder, result.record))

@@ -21,9 +21,9 @@ def check(table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], fo
 
     Ends with status 2 where nothing should be fitted to the table. With --out: check.json.
     """
-    judged = judge(mechanism, table, standard=standard)
+    judged = judge(mechanism, table, standard=standard, command=command_line())
     judged.refuse()
     if not quiet:
         click.echo(judged.summary())
     if folder is not None:
-        judged.report(folder, command=command_line())
+        judged.report(folder)

@@ -1,19 +1,22 @@
 """What the command line prints, and tables it writes."""
 
+import contextlib
+import math
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pandas as pd
-from rich.console import Console
 
 from gpmodel.files import write_text
+from gpmodel.progress import Progress, Say, silent
+from gpmodel.report.schema import Report
 from gpmodel.table.write import table_text
 
-
-def console_for_text() -> Console:
-    """Standard output for tables: as wide as the terminal, wide enough for any table where there is none."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+PATIENCE = 10.0
+"""Seconds between passing lines where they cannot take each other's place."""
 
 
 def path_for(out: Path, default_name: str) -> Path:
@@ -35,3 +38,47 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str) -> Pat
 def command_line() -> str:
     """What was typed, for the record."""
     return " ".join(["gpmodel", *sys.argv[1:]])
+
+
+def what_next(folder: Path, record: Report) -> str:
+    """The files of a calibration or a discovery, and the commands that use them."""
+    lines = [
+        f"report: {folder / 'report.html'}",
+        "next:",
+        f"  gpmodel predict {folder / 'model.json'} POSES       where the real tool will be",
+        f"  gpmodel compensate {folder / 'model.json'} TARGETS  joint values that make it go where it should",
+    ]
+    if record.noise_floor_mm is None:
+        lines.append("  with --noise 0.03mm, or repeats in the table, the noise floor is known")
+    if record.kind == "calibrate":
+        lines.append("  gpmodel discover TABLE --mechanism M        what the model is still missing")
+    return "\n".join(lines)
+
+
+@contextlib.contextmanager
+def progress_line(quiet: bool) -> Iterator[Say]:
+    """Says on standard error what is being tried and for how long.
+
+    A passing line stays in place on a terminal; elsewhere one is printed every ten seconds.
+    """
+    if quiet:
+        yield silent
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    started = time.monotonic()
+    printed = -math.inf
+    with console.status("starting") as status:
+
+        def say(progress: Progress) -> None:
+            nonlocal printed
+            now = time.monotonic()
+            line = f"{now - started:5.0f} s  {progress}"
+            if progress.passing and console.is_terminal:
+                status.update(line)
+            elif not progress.passing or now > printed + PATIENCE:
+                printed = now if progress.passing else printed
+                console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+        yield say

@@ -7,8 +7,11 @@ from pathlib import Path
 
 import click
 
-from gpmodel.cli.discover import discover_table, progress
+from gpmodel.cli.console import progress_line, what_next
+from gpmodel.cli.discover import discover_request
 from gpmodel.cli.options import quiet_option, seed_option, workers_option
+from gpmodel.discovery.search import Search
+from gpmodel.files import folder_for
 from gpmodel.mechanism.source import MechanismChoice
 
 TABLE = "demo.csv"
@@ -16,22 +19,23 @@ MECHANISM = "irb6400r"
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), default=Path("demo-report"), show_default=True)
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("demo-report"), show_default=True)
+@click.option("--no-open", is_flag=True, help="Leave the page closed.")
 @seed_option
 @workers_option
 @quiet_option
-def demo(out: Path, seed: int, workers: int | None, quiet: bool) -> None:
+def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: bool) -> None:
     """An IRB 6400R with an effect nobody declared: 90 poses in, the report out."""
-    choice = MechanismChoice(MECHANISM)
-    with as_file(files("gpmodel") / "data" / TABLE) as table, progress(quiet) as say:
+    folder_for(folder)
+    with as_file(files("gpmodel") / "data" / TABLE) as table, progress_line(quiet) as say:
         request = {
-            "table": str(table), "choice": dataclasses.asdict(choice), "minutes": 1.0, "holdout": 0.3, "noise": None,
-            "condition_limit": None, "seed": seed,
+            "table": str(table), "choice": dataclasses.asdict(MechanismChoice(MECHANISM)), "runs": Search().runs,
+            "minutes": None, "holdout": 0.3, "noise": None, "condition_limit": None, "no_catalogue": False,
+            "seed": seed,
         }  # fmt: skip
-        report = discover_table(request, out, say, workers)
-    page = out / "report.html"
+        found = discover_request(request, folder, say, workers)
     if not quiet:
-        click.echo(report.verdict)
-        click.echo(f"report: {page}")
-        if os.environ.get("DISPLAY") and not os.environ.get("CI"):
-            click.launch(str(page))
+        click.echo(found.summary())
+        click.echo(what_next(folder, found.record))
+        if not no_open and os.environ.get("DISPLAY") and not os.environ.get("CI"):
+            click.launch(str(folder / "report.html"))

@@ -1,5 +1,6 @@
 """Options every command shares, and what they load."""
 
+import math
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -8,6 +9,25 @@ from typing import Any, TypeVar
 import click
 
 from gpmodel.api.mechanism import load_mechanism
+
+
+class Number(click.ParamType):
+    """A finite number above a limit."""
+
+    name = "number"
+
+    def __init__(self, above: float) -> None:
+        self.above = above
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            number = float(str(value))
+        except ValueError:
+            number = math.nan
+        if not (math.isfinite(number) and number > self.above):
+            self.fail(f"{value!r}, expected a finite number above {self.above:g}", param, ctx)
+        return number
+
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

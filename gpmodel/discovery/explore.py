@@ -28,17 +28,15 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.numerics.null_distribution import chance
+from gpmodel.progress import Teller
 
 
 @dataclass(frozen=True)
-class Progress:
-    """Which round this is, and where its one-line messages go."""
+class Turn:
+    """Which round this is, and where its messages go."""
 
     number: int
-    tell: Callable[[str], None]
-
-    def say(self, text: str) -> None:
-        self.tell(f"round {self.number}: {text}")
+    tell: Teller
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class Exploration:
 
 
 def explore(
-    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, progress: Progress
+    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, turn: Turn
 ) -> Exploration:
     """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
@@ -94,7 +92,7 @@ def explore(
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(residual.poses.states, rows)
     real = targets(residual, sites, rows)
-    chances = search.runs if progress.number == 1 else max(1, search.runs // 2)
+    chances = search.runs if turn.number == 1 else max(1, search.runs // 2)
     shuffles = list(shuffled(residual, rng, chances * len(search.strategies)).T)
     tasks: list[Task] = []
     budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=search.workers)
@@ -110,9 +108,9 @@ def explore(
     candidates: dict[str, Candidate] = {}
     tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
     by_chance: list[Evolution] = []
-    progress.say(f"evolving, 0 of {len(tasks)} runs done")
+    turn.tell(f"evolving, 0 of {len(tasks)} runs done", passing=True)
     for done, (task, found) in enumerate(zip(tasks, search.mapper(run_task, tasks), strict=True), 1):
-        progress.say(f"evolving, {done} of {len(tasks)} runs done")
+        turn.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
         if task.shuffled:
             by_chance.append(found)
             continue

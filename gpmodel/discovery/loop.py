@@ -10,7 +10,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, judge
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.explore import Exploration, Progress, explore
+from gpmodel.discovery.explore import Exploration, Turn, explore
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.replacement import better
@@ -27,6 +27,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
+from gpmodel.progress import Say, Teller, silent
 
 Resumed = tuple[Sequence[Finding], Sequence[Round]]
 
@@ -46,7 +47,7 @@ class _Loop:
     criteria: Criteria
     condition_limit: float | None
     seed: int
-    say: Callable[[str], None]
+    say: Teller
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -84,7 +85,7 @@ def discover(
     known: tuple[Candidate, ...] = (),
     condition_limit: float | None = None,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Say = silent,
     keep: Callable[[Sequence[Finding], Sequence[Round]], None] = lambda findings, rounds: None,
     resume: Resumed = ((), ()),
 ) -> Discovery:
@@ -100,7 +101,7 @@ def discover(
     search = search or Search()
     loop = _Loop(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, progress,
+        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, Teller(progress),
     )  # fmt: skip
     loop.say("standard model")
     base = loop.fit(ErrorModel(mechanism, ()))
@@ -182,8 +183,8 @@ def _look(
     """The catalogue and what GP evolves, judged; with what chance reaches."""
     known = loop.known
     null = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
-    progress = Progress(number, loop.say)
-    exploration = explore(residual, sites_of(loop.mechanism), loop.search, rng, progress)
+    turn = Turn(number, Teller(loop.say.say, f"round {number}: "))
+    exploration = explore(residual, sites_of(loop.mechanism), loop.search, rng, turn)
     pool = (*named, *(c for c in exploration.candidates if c.name not in known))
     earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}

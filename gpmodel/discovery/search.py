@@ -31,7 +31,7 @@ class Search:
     width and depth of the search for what could replace a finding.
     """
 
-    runs: int = 6
+    runs: int = 4
     strategies: tuple[Representation, ...] = (Linear(), Tree())
     stop_after: float | None = None
     max_effects: int = 12

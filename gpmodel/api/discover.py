@@ -1,0 +1,144 @@
+"""The whole loop: from a measured table to effects that are named and proven."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.api.arguments import limit, quantity, share, whole
+from gpmodel.api.calibrate import sound_poses
+from gpmodel.api.display import notebook
+from gpmodel.api.model import Model
+from gpmodel.api.results import save_record, write_results
+from gpmodel.api.table import TableLike
+from gpmodel.application.model_file import saved_model
+from gpmodel.application.urdf import write_urdf
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.loop import discover as run_loop
+from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError
+from gpmodel.families.catalogue import catalogue
+from gpmodel.families.offer import Offer, distinct
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.geometric import standard_effects
+from gpmodel.progress import Say, silent
+from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.origin import Origin
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.text import summary
+from gpmodel.table.split import hold_out
+
+COMMAND = "gpmodel.discover"
+
+
+@dataclass(frozen=True, repr=False)
+class DiscoveryResult:
+    """What the model was missing. found: everything the loop did; record: the same as report.json has it."""
+
+    found: Discovery
+    origin: Origin
+
+    @cached_property
+    def record(self) -> Report:
+        return from_discovery(self.found, self.origin)
+
+    @property
+    def model(self) -> Model:
+        """What predicts, compensates and is saved, fitted to all poses."""
+        return Model(saved_model(self.found.final, self.found.poses.dataset))
+
+    @property
+    def findings(self) -> tuple[EffectRecord, ...]:
+        """The effects added, in the order they were found."""
+        return self.record.effects
+
+    @property
+    def verdict(self) -> str:
+        return self.record.verdict
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, rivals."""
+        columns = ("name", "value", "stderr", "unit", "slot", "axis", "basis", "unique_share", "p_value", "found_by")
+        rows = [
+            {column: getattr(f, column) for column in columns}
+            | {"inputs": ", ".join(f.inputs), "rivals": ", ".join(r.name for r in f.rivals or ())}
+            for f in self.findings
+        ]
+        return pd.DataFrame(rows, columns=[*columns, "inputs", "rivals"])
+
+    def summary(self) -> str:
+        """Verdict, ladder with held-out errors first, noise floor, findings ± σ with rivals, what to distrust."""
+        return summary(self.record)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave report.html, report.json, model.json, figures and, for robots, calibrated.urdf: all of them or none."""
+        saved, states = self.model.saved, self.found.poses.states
+        write_results(
+            self.record,
+            folder,
+            lambda draft: Model(saved).save(draft / "model.json"),
+            lambda draft: write_urdf(saved, states, draft / "calibrated.urdf"),
+        )
+
+    def save(self, file: str | Path) -> None:
+        """Write the content of report.json. Raises InputError when it cannot be written."""
+        save_record(self.record, file)
+
+    def __repr__(self) -> str:
+        names = "; ".join(f.name for f in self.findings) or "nothing"
+        return f"<discovery on {self.found.poses.dataset.source}: added {names}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary(), self.to_dataframe())
+
+
+def discover(
+    mechanism: Mechanism,
+    table: TableLike,
+    *,
+    holdout: float = 0.3,
+    seed: int = 0,
+    search: Search | None = None,
+    criteria: Criteria | None = None,
+    candidates: Iterable[Offer] = catalogue,
+    standard: Sequence[str] = ("*",),
+    condition_limit: float | None = None,
+    noise: str | float | None = None,
+    progress: Say = silent,
+    keep: Callable[[Sequence[Finding], Sequence[Round]], None] | None = None,
+    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+    command: str = COMMAND,
+) -> DiscoveryResult:
+    """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
+
+    holdout: share of the poses that choose nothing. search: how hard to look; criteria: when a candidate becomes a
+    finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
+    expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
+    cross-validated. noise: standard deviation of one coordinate, "0.03 mm" or m, where there are no repeats.
+    progress: called with one Progress at a time, which prints as a line: `print` will do. keep: called after every
+    round with all that is finished; resume: what it was last called with, to go on to the same numbers. command: what
+    the report says made it.
+    Raises InputError for an argument out of range, or a table that is not sound.
+    """
+    if not isinstance(search, Search | None):
+        raise InputError(f"{search!r}, expected gpmodel.Search(...)", "search")
+    if not isinstance(criteria, Criteria | None):
+        raise InputError(f"{criteria!r}, expected gpmodel.Criteria(...)", "criteria")
+    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
+    condition_limit = limit(condition_limit, "condition_limit", 1.0)
+    floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
+    offers = distinct(candidates)
+    geometry = standard_effects(mechanism, tuple(standard))
+    mechanism, poses = sound_poses(mechanism, table, geometry)
+    train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
+    found = run_loop(
+        mechanism, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,
+        condition_limit=condition_limit, seed=seed, progress=progress,
+        keep=keep or (lambda findings, rounds: None), resume=resume,
+    )  # fmt: skip
+    return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))

@@ -1,0 +1,265 @@
+"""Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from gpmodel._version import __version__
+from gpmodel.api.arguments import limit, share, whole
+from gpmodel.api.calibrate import sound_poses, split
+from gpmodel.api.display import aligned, notebook
+from gpmodel.api.results import save_record, write_results
+from gpmodel.api.table import TableLike
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.gauss_newton import Calibration, calibrate
+from gpmodel.discovery.problems import cartesian_task, slot_task
+from gpmodel.errors import InputError
+from gpmodel.evolution.input_histogram import Histogram, histogram
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.representation import Representation, label
+from gpmodel.evolution.runs import Run, load_runs, run_all, save_runs
+from gpmodel.evolution.search import Generation
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.tree import Tree
+from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import choice_of
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.geometric import standard_effects
+from gpmodel.progress import Progress, Say, silent
+from gpmodel.report.from_evolution import from_evolution
+from gpmodel.report.origin import Origin
+from gpmodel.report.schema import Report
+
+Space = Literal["cartesian", "slot"]
+COMMAND = "gpmodel.evolve"
+POPULATIONS = {"cartesian": {"linear": 65536, "tree": 4096}, "slot": {"linear": 1024, "tree": 512}}
+GENERATIONS = 100
+UNLIMITED = 1_000_000
+
+
+@dataclass(frozen=True, repr=False)
+class EvolutionResult:
+    """Finished runs on the residual and on shuffled ones, and the inputs their best programs refer to.
+
+    fit: the standard model whose residual was evolved on, of the rows `train` of `poses`. sites: where a slot's shape
+    could act. request: what was asked.
+    """
+
+    runs: tuple[Run, ...]
+    histogram: Histogram
+    fit: Calibration
+    poses: Poses
+    train: IntArray
+    sites: tuple[str, ...]
+    request: Mapping[str, Any]
+    origin: Origin
+
+    @cached_property
+    def record(self) -> Report:
+        """The same as report.json has it."""
+        return from_evolution(self.fit, self.poses, self.train, (self.runs, self.histogram), self.origin)
+
+    @property
+    def verdict(self) -> str:
+        return self.record.verdict
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a run: representation, number, shuffled, gain, heldout, complexity, site, program."""
+        columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
+        return pd.DataFrame([{c: getattr(run, c) for c in columns} for run in self.runs], columns=columns)
+
+    def inputs(self) -> pd.DataFrame:
+        """One row an input: runs that refer to it by representation, shuffled ones that do, corrected p-value."""
+        counted = self.histogram
+        columns: dict[str, Any] = {"input": counted.inputs}
+        for kind in counted.counts:
+            columns |= {kind: counted.counts[kind], f"{kind} shuffled": counted.shuffled[kind]}
+        return pd.DataFrame(columns | {"p_value": counted.p_values})
+
+    def summary(self) -> str:
+        """The best program of each run, the histogram beside that of the shuffled runs, what stands out."""
+        counted = self.histogram
+        best = [
+            (run.representation, str(run.number + 1), f"{run.gain:.3f}",
+             "-" if run.heldout is None else f"{run.heldout:.3f}", str(run.complexity), run.site)
+            for run in self.runs if not run.shuffled
+        ]  # fmt: skip
+        rows = [
+            (name, *(f"{counted.counts[kind][k]} ({counted.shuffled[kind][k]})" for kind in counted.counts),
+             f"{counted.p_values[k]:.2g}")
+            for k, name in enumerate(counted.inputs)
+        ]  # fmt: skip
+        head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
+        found = ", ".join(counted.significant)
+        return "\n".join(
+            [
+                "Best program of each run",
+                aligned([("", "run", "gain", "held out", "nodes", "site"), *best]),
+                "\nRuns that refer to each input (on shuffled errors)",
+                aligned([head, *rows]),
+                f"stands out of chance: {found}" if found else "no input stands out of chance",
+            ]
+        )
+
+    def to_json(self) -> str:
+        """The content of evolve.json."""
+        counted = self.histogram
+        content = {
+            "schema": 1,
+            "command": self.origin.command,
+            "versions": {"gpmodel": __version__, "numpy": np.__version__},
+            "request": dict(self.request),
+            "sites": self.sites,
+            "histogram": {
+                "inputs": counted.inputs,
+                "runs": counted.runs,
+                "counts": counted.counts,
+                "shuffled_runs": counted.shuffled_runs,
+                "shuffled": counted.shuffled,
+                "operators": counted.operators,
+                "p_values": counted.p_values,
+                "significant": counted.significant,
+            },
+            "runs": [run.__dict__ for run in self.runs],
+        }
+        return to_json(content)
+
+    def programs(self) -> str:
+        """The best program of every run on the residual, one a line."""
+        lines = [f"{r.representation} {r.number + 1}: {r.program}" for r in self.runs if not r.shuffled]
+        return "\n".join(lines) + "\n"
+
+    def report(self, folder: str | Path) -> None:
+        """Leave evolve.json, programs.txt, report.json, report.html and figures in `folder`: all of them or none."""
+        write_results(
+            self.record,
+            folder,
+            lambda draft: write_text(draft / "evolve.json", self.to_json()),
+            lambda draft: write_text(draft / "programs.txt", self.programs()),
+        )
+
+    def save(self, file: str | Path) -> None:
+        """Write the content of report.json. Raises InputError when it cannot be written."""
+        save_record(self.record, file)
+
+    def __repr__(self) -> str:
+        found = ", ".join(self.histogram.significant) or "none"
+        return f"<{len(self.runs)} runs on {self.poses.dataset.source}: inputs that stand out of chance: {found}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary())
+
+
+def evolve(
+    mechanism: Mechanism,
+    table: TableLike,
+    *,
+    strategies: Sequence[Representation] | None = None,
+    space: Space = "cartesian",
+    runs: int = 5,
+    population: int | None = None,
+    generations: int | None = None,
+    seconds: float | None = None,
+    norm: Literal["max", "rms"] = "max",
+    standard: Sequence[str] = ("*",),
+    holdout: float = 0.3,
+    threads: int = 0,
+    seed: int = 0,
+    checkpoint: str | Path | None = None,
+    progress: Say = silent,
+    command: str = COMMAND,
+) -> EvolutionResult:
+    """Evolve programs on what the standard model leaves; every run again on shuffled errors (thesis, chapter 5).
+
+    space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
+    None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
+    seconds: of one run, None for the defaults (64K sequences, 4K trees; 1024 and 512 at a slot; 100 generations).
+    norm: of a compensator's errors. threads: 0 for all cores; no number depends on it. checkpoint: a file that keeps
+    finished runs; given again, the rest is done. Raises InputError for an argument out of range.
+    """
+    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
+    budget = {
+        "generations": None if generations is None else whole(generations, "generations"),
+        "seconds": limit(seconds, "seconds", 0.0),
+        "threads": whole(threads, "threads"),
+    }
+    asked = {name: value for name, value in budget.items() if value is not None}
+    size = None if population is None else whole(population, "population", 4)
+    settings = settings_for(space, default_strategies(space) if strategies is None else strategies, size, asked)
+    geometry = standard_effects(mechanism, tuple(standard))
+    arm, poses = sound_poses(mechanism, table, geometry)
+    train, held = split(poses.dataset, fraction, seed)
+    started = time.perf_counter()
+    seen = poses.subset(train)
+    fit = calibrate(ErrorModel(arm, geometry), seen, seed=seed)
+    task = cartesian_task(fit, poses, train, held, norm) if space == "cartesian" else slot_task(fit, arm, seen, seed)
+    request = {
+        "sha256": poses.dataset.sha256, "mechanism": choice_of(mechanism).name, "space": space, "norm": norm,
+        "seed": seed, "holdout": fraction, "standard": list(standard),
+        "settings": [repr(s.with_budget(threads=0)) for s in settings.values()],
+    }  # fmt: skip
+    file = None if checkpoint is None else Path(checkpoint)
+    finished = load_runs(file, request) if file else []
+    done: list[Run] = []
+    count = whole(runs, "runs", 1)
+    for run in run_all(task.problem, settings, count, seed, task.heldout, finished, _reporter(progress, count)):
+        done.append(run)
+        if file:
+            save_runs(file, request, done)
+    counted = histogram([run.record() for run in done], task.problem.inputs.names)
+    origin = Origin(command, seed, time.perf_counter() - started)
+    return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
+
+
+def default_strategies(space: Space) -> tuple[Representation, ...]:
+    """The thesis' own in Cartesian space, those that search a slot's shape else."""
+    return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
+
+
+def settings_for(
+    space: Space, strategies: Sequence[Representation], population: int | None, budget: Mapping[str, Any]
+) -> dict[str, Settings]:
+    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot.
+
+    budget: fields of Budget that were asked for. Raises InputError for a population too small to select from.
+    """
+    if space not in POPULATIONS:
+        raise InputError(f"{space!r}, expected {' or '.join(POPULATIONS)}", "space")
+    chosen = {}
+    for strategy in strategies:
+        name = label(strategy)
+        size = population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
+        settings = (
+            thesis_settings(strategy, size, GENERATIONS)
+            if space == "cartesian"
+            else Settings(strategy, budget=Budget(size, GENERATIONS, seconds=1e9))
+        )
+        if "seconds" in budget and "generations" not in budget:
+            settings = settings.with_budget(generations=UNLIMITED)
+        chosen[name] = replace(settings, budget=replace(settings.budget, **budget))
+    return chosen
+
+
+def _reporter(say: Say, runs: int) -> Any:
+    if say is silent:
+        return None
+
+    def report(representation: str, number: int, shuffled: bool, state: Generation) -> None:
+        what = f"{representation} {number + 1}/{runs}{' shuffled' if shuffled else ''}"
+        say(
+            Progress(
+                f"{what}: generation {state.generation}, best {state.best:.4g}, median {state.median:.4g}, "
+                f"gain {state.gain:.3f}, {state.distinct} distinct, "
+                f"{state.evaluations_per_second:,.0f} programs/s, {state.seconds_left:.0f} s left",
+                passing=True,
+            )
+        )
+
+    return report

@@ -1,0 +1,294 @@
+"""Contract checks for what others bring: a mechanism, a family of effects, a representation of programs.
+
+Each is a plain function for one's own test suite; it raises AssertionError that says what does not hold.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.evolution import engine
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.projection import regression
+from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.families.family import Family
+from gpmodel.families.offer import instances
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.states import States
+from gpmodel.numerics.se3 import chain
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import known_unit, split_header
+
+PAYLOAD = 10.0
+DOWN = (0.0, 0.0, -1.0)
+GRAVITY = (9.7, 9.9)
+"""Standard gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
+
+
+def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses: int = 12, seed: int = 0) -> None:
+    """A mechanism's slots, transforms, drives and loads, signs included.
+
+    down: the direction of gravity in the root frame. Checked: slots are base, both sides of each joint, tool;
+    transforms are rigid, each pose on its own; a drive is the derivative of the pose; what a payload adds to the loads
+    is its weight times its lever arms, and its torque about a coordinate minus the slope of its potential energy.
+    """
+    q = random_poses(mechanism, poses, np.random.default_rng(seed))
+    _check_slots(mechanism)
+    _check_transforms(mechanism, q)
+    _check_drives(mechanism, q)
+    _check_loads(mechanism, q, np.asarray(down, dtype=float) / np.linalg.norm(down))
+
+
+def _check_slots(mechanism: Mechanism) -> None:
+    slots = mechanism.slots
+    assert (slots[0], slots[-1]) == ("base", "tool"), f"slots {slots}: the first is 'base', the last is 'tool'"
+    assert len(set(slots)) == len(slots), f"slots {slots}: every name once"
+    for joint in mechanism.joints:
+        assert joint.kind in ("revolute", "prismatic"), f"{joint.name}: kind '{joint.kind}' is unknown"
+        assert joint.lower < joint.upper, f"{joint.name}: its lower limit is not below its upper one"
+        assert joint.drive, f"{joint.name}: has no drive, so that its value moves nothing"
+        for side in ("fixed", "moving"):
+            assert f"{joint.name}.{side}" in slots, f"{joint.name}: slot '{joint.name}.{side}' is missing"
+        for slot, axis, _ in joint.drive:
+            assert slot in slots, f"{joint.name}: its drive acts at '{slot}', which is no slot"
+            assert axis in AXES, f"{joint.name}: its drive acts along '{axis}', which is none of {AXES}"
+
+
+def _check_transforms(mechanism: Mechanism, q: Array) -> None:
+    transforms = mechanism.transforms(q)
+    expected = (len(mechanism.slots), len(q), 4, 4)
+    assert transforms.shape == expected, f"transforms have shape {transforms.shape}, expected {expected}"
+    turns = transforms[..., :3, :3]
+    orthogonal = np.allclose(turns @ np.swapaxes(turns, -1, -2), np.eye(3), atol=1e-9)
+    assert orthogonal, "transforms are not rigid: a rotation is not orthogonal"
+    assert np.allclose(np.linalg.det(turns), 1.0), "transforms are not rigid: a rotation is a mirror"
+    assert np.allclose(transforms[..., 3, :], (0, 0, 0, 1)), "transforms: the last row of each is (0, 0, 0, 1)"
+    alone = mechanism.transforms(q[1:2])
+    assert np.allclose(alone, transforms[:, 1:2], atol=1e-12), "transforms of a pose depend on the other poses"
+
+
+def _check_drives(mechanism: Mechanism, q: Array) -> None:
+    frames = chain(mechanism.transforms(q))
+    for column, joint in enumerate(mechanism.joints):
+        numeric = _slope(lambda at: chain(mechanism.transforms(at))[-1], q, column)
+        rates = (w * _rate(frames[mechanism.slots.index(s)], a) @ frames[-1] for s, a, w in joint.drive)
+        miss = np.abs(sum(rates) - numeric).max()
+        assert miss < 1e-6, (
+            f"{joint.name}: a small change of its value moves the tool otherwise than its drive says, by {miss:.2g} a "
+            "unit (a sign, an axis, or the side of the motion)"
+        )
+
+
+def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
+    added = _payload_loads(mechanism, q)
+    assert added, "loads are empty with a payload: a payload needs no masses of the links"
+    missing = {f"torque_{j.name}" for j in mechanism.joints} - set(added)
+    assert not missing, f"loads lack {sorted(missing)}"
+    base = chain(mechanism.transforms(q))[0]
+    force, moment = (
+        np.einsum("nij,nj->ni", base[:, :3, :3], np.column_stack([added[f"{kind}_base_{a}"] for a in "xyz"]))
+        for kind in ("force", "moment")
+    )
+    weight = force / PAYLOAD
+    size = np.linalg.norm(weight, axis=1)
+    assert ((size > GRAVITY[0]) & (size < GRAVITY[1])).all(), (
+        f"a payload of {PAYLOAD:g} kg adds {PAYLOAD * size.mean():.4g} N at the base, expected its weight"
+    )
+    assert np.allclose(weight / size[:, None], down, atol=1e-3), (
+        f"the force of a payload on the base points along {np.round(weight[0] / size[0], 3).tolist()} of the root, "
+        f"expected along gravity, {down.tolist()} (the sign of loads, or another mounting: argument `down`)"
+    )
+    centre = _payload_centre(mechanism, q, base, moment, weight)
+    for column, joint in enumerate(mechanism.joints):
+        height = _slope(lambda at: _payload_point(mechanism, at, centre), q, column)
+        work = PAYLOAD * np.einsum("ni,ni->n", height, weight)
+        miss = np.abs(added[f"torque_{joint.name}"] - work).max()
+        assert miss < 1e-4 * PAYLOAD * 10.0, (
+            f"torque_{joint.name} of a payload misses minus the slope of its potential energy by {miss:.3g} of "
+            f"{np.abs(work).max():.3g} (positive where gravity pushes the coordinate up)"
+        )
+
+
+def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
+    loaded = mechanism.loads(q, np.full(len(q), PAYLOAD))
+    bare = mechanism.loads(q, np.zeros(len(q)))
+    return {name: values - bare.get(name, np.zeros(len(q))) for name, values in loaded.items()}
+
+
+def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:
+    """Where a payload hangs in the tool frame (3,), m: (p + R c - o) × m g = moment, least squares over the poses."""
+    tool = chain(mechanism.transforms(q))[-1]
+    arm = tool[:, :3, 3] - base[:, :3, 3]
+    left = moment / PAYLOAD - np.cross(arm, weight)
+    columns = np.cross(np.swapaxes(tool[:, :3, :3], 1, 2), weight[:, None, :]).swapaxes(1, 2)
+    centre: Array = np.linalg.lstsq(columns.reshape(-1, 3), left.ravel(), rcond=None)[0].astype(np.float64)
+    miss = np.abs(columns.reshape(-1, 3) @ centre - left.ravel()).max()
+    assert miss < 1e-6, "moments of a payload at the base are no weight times a lever arm fixed to the tool"
+    return centre
+
+
+def _payload_point(mechanism: Mechanism, q: Array, centre: Array) -> Array:
+    tool = chain(mechanism.transforms(q))[-1]
+    return tool[:, :3, 3] + tool[:, :3, :3] @ centre
+
+
+def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
+    step = np.zeros(q.shape[1])
+    step[column] = 1e-6
+    return (function(q + step) - function(q - step)) / 2e-6
+
+
+def _rate(frame: Array, axis: str) -> Array:
+    """Change (N, 4, 4) in root coordinates of what follows a unit twist in `frame`."""
+    k = AXES.index(axis)
+    rate = np.zeros((4, 4))
+    if k < 3:
+        rate[k, 3] = 1.0
+    else:
+        i, j = (k - 2) % 3, (k - 1) % 3
+        rate[j, i], rate[i, j] = 1.0, -1.0
+    return frame @ rate @ np.linalg.inv(frame)
+
+
+def check_family(
+    family: Family,
+    mechanism: Mechanism,
+    *,
+    inputs: Mapping[str, Array] | None = None,
+    poses: int = 24,
+    seed: int = 0,
+) -> None:
+    """A family's candidates on a mechanism: named, finite, savable, and what the model does with them, signs included.
+
+    inputs: further columns by header, "temperature [degC]": values (poses,). Checked: at least one candidate; names
+    once; the family's own name on each; bases that read known inputs, are finite and survive being saved as text; a
+    column that is the derivative of the predicted point.
+    """
+    scene, placement = _scene(mechanism, inputs or {}, poses, seed)
+    found = tuple(instances(family, mechanism, scene.states))
+    assert found, f"family '{family.name}' has no instance on {mechanism.name} with these columns"
+    names = [candidate.name for candidate in found]
+    assert len(set(names)) == len(names), f"family '{family.name}': two candidates have one name"
+    assert len(family.source) > 5, f"family '{family.name}': has no source; the bar is a cited mechanism or a discovery"
+    for candidate in found:
+        assert candidate.effects, f"candidate '{candidate.name}' has no effect"
+        assert candidate.cost >= 0.0, f"candidate '{candidate.name}' has a negative cost"
+        for effect in candidate.effects:
+            _check_effect(effect, mechanism, scene, placement)
+
+
+def check_effect(
+    effect: Effect,
+    mechanism: Mechanism,
+    *,
+    inputs: Mapping[str, Array] | None = None,
+    poses: int = 24,
+    seed: int = 0,
+) -> None:
+    """A single effect: as `check_family` checks those of a family."""
+    _check_effect(effect, mechanism, *_scene(mechanism, inputs or {}, poses, seed))
+
+
+def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement: Placement) -> None:
+    where = f"effect '{effect.name}'"
+    unknown = set(effect.slots) - set(mechanism.slots)
+    assert not unknown, f"{where}: slot '{min(unknown)}' is none of {mechanism.name}"
+    assert effect.unit, f"{where}: has no unit"
+    for term in effect.terms:
+        missing = [name for name in term.basis.inputs if name not in poses.states.columns]
+        assert not missing, f"{where}: reads '{missing[0]}', which these poses do not have"
+        values = np.asarray(term.basis(poses.states), dtype=float)
+        assert values.shape in ((), (len(poses),)), f"{where}: its basis gives shape {values.shape}, not one a pose"
+        assert np.isfinite(values).all(), f"{where}: '{term.basis}' is infinite or undefined at some poses"
+        _check_text(where, str(term.basis), values, poses.states)
+    model = ErrorModel(mechanism, (effect,))
+    bare = ErrorModel(mechanism, ())
+    column = effect_columns((effect,), bare, poses, observe(bare, poses, np.zeros(0), placement))[:, :3, 0]
+    largest = max(float(np.abs(effect.twist(poses.states, slot)).max()) for slot in effect.slots)
+    assert largest > 0.0, f"{where}: is zero at every pose"
+    step = np.array([1e-6 / largest])
+    ahead, behind = (observe(model, poses, side * step, placement).tip[:, :3, 3] for side in (1, -1))
+    miss = np.abs(column - (ahead - behind) / (2 * step)).max()
+    assert miss < 1e-5 * np.abs(column).max() + 1e-9, f"{where}: its column is not the derivative of the prediction"
+
+
+def _check_text(where: str, text: str, values: Array, states: States) -> None:
+    again = np.asarray(Expression(text)(states), dtype=float)
+    assert np.allclose(again, values, rtol=1e-12, atol=0), f"{where}: '{text}' read back as text gives other values"
+
+
+def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: int) -> tuple[Poses, Placement]:
+    rng = np.random.default_rng(seed)
+    headers = {header: split_header(header) for header in inputs}
+    for header, (_, unit) in headers.items():
+        assert known_unit(unit or "nothing"), f"inputs '{header}': expected a unit, as in 'temperature [degC]'"
+    unmeasured = np.full((count, 3), np.nan)
+    dataset = Dataset(
+        joints=tuple(j.name for j in mechanism.joints),
+        q=random_poses(mechanism, count, rng),
+        position=unmeasured,
+        rotation=unmeasured.copy(),
+        row=np.arange(1, count + 1),
+        payload=rng.uniform(0.0, PAYLOAD, count),
+        extras={name: np.asarray(inputs[h], dtype=float) for h, (name, _) in headers.items()},
+        extra_units={name: str(unit) for name, unit in headers.values()},
+        payload_given=True,
+    )
+    tool = np.eye(4)
+    tool[:3, 3] = 0.1, -0.05, 0.15
+    return prepare(mechanism, dataset), Placement({"": np.eye(4)}, {"": tool}, {})
+
+
+def check_representation(representation: Representation, *, population: int = 64, seed: int = 0) -> None:
+    """A representation of programs: what it starts, breeds and decodes, and that a search with it finds a plain law.
+
+    Checked: populations of the size asked for; effective code that runs like the program it stands for, signs and
+    order of operands included; take and join keep programs; the seed alone decides, whatever the threads; the law
+    a - b is found, which b - a is not.
+    """
+    rng = np.random.default_rng(seed)
+    inputs = Inputs(("a", "b"), rng.normal(size=(2, 40)))
+    breeding = representation.breeding(inputs.names, (), 1)
+    layout = breeding.layout
+    first = breeding.initial(population, np.random.default_rng(seed))
+    again = breeding.initial(population, np.random.default_rng(seed))
+    assert len(first) == population, f"initial gives {len(first)} programs, {population} were asked for"
+    rows = np.arange(population)
+    children = breeding.offspring(first, rows, rows[::-1].copy(), np.random.default_rng(seed + 1))
+    assert len(children) == population, f"offspring gives {len(children)} children of {population} pairs"
+    for what, programs in (("initial", first), ("offspring", children)):
+        code = programs.decoder(layout)(slice(0, population))
+        found = engine.values(code, layout.fixed_rows(inputs.values)).copy()
+        for row in range(population):
+            program = programs.program(row, layout)
+            expected = program.evaluate(inputs.mapping())
+            nearby = program.evaluate({name: values * (1 + 1e-12) for name, values in inputs.mapping().items()})
+            with np.errstate(invalid="ignore"):
+                well = np.abs(nearby - expected) <= 1e-8 * (1.0 + np.abs(expected))
+            same = np.allclose(found[row][well], expected[well], rtol=1e-6, atol=1e-7)
+            assert same, f"{what}: the code of program {row}, {program}, gives other values than the program"
+    text = [str(first.program(row, layout)) for row in range(population)]
+    assert text == [str(again.program(row, layout)) for row in range(population)], "initial depends on more than a seed"
+    moved = first.take(rows[::-1].copy()).join(first)
+    there = [str(moved.program(row, layout)) for row in (0, population)]
+    assert there == [text[-1], text[0]], "take and join do not keep programs as they are"
+    _check_search(representation, inputs, seed)
+
+
+def _check_search(representation: Representation, inputs: Inputs, seed: int) -> None:
+    law = inputs["a"] - inputs["b"]
+    problem = SlotProblem(inputs, regression(law))
+    best = []
+    for threads in (1, 2):
+        settings = Settings(representation, budget=Budget(256, 20, seconds=1e9, threads=threads))
+        best.append(evolve(problem, settings, np.random.default_rng(seed)).best)
+    assert str(best[0].program) == str(best[1].program), "what is found depends on the number of threads"
+    assert best[0].gain > 0.999, f"a - b is not found by 256 programs in 20 generations: {best[0].program}"

@@ -1,0 +1,153 @@
+"""The contract checks for third parties: they pass on what is sound, and say what is not."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import gpmodel as gp
+from gpmodel import testing
+from gpmodel.arrays import Array
+from gpmodel.evolution.linear import Sequences
+from gpmodel.evolution.machine import Layout
+from gpmodel.families.catalogue import catalogue
+from gpmodel.formula.program import Program
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "ur5", "spherical-joint"])
+def test_our_own_mechanisms_pass(name: str) -> None:
+    testing.check_mechanism(gp.load_mechanism(name))
+
+
+@dataclass(frozen=True)
+class Spoiled:
+    """A mechanism with one thing wrong."""
+
+    good: gp.Mechanism
+    flaw: str
+
+    @property
+    def name(self) -> str:
+        return self.good.name
+
+    @property
+    def joints(self) -> tuple[gp.Joint, ...]:
+        first, *others = self.good.joints
+        if self.flaw == "drive":
+            first = replace(first, drive=tuple((s, a, -w) for s, a, w in first.drive))
+        return (first, *others)
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        return self.good.slots if self.flaw != "slots" else self.good.slots[::-1]
+
+    def transforms(self, q: Array) -> Array:
+        out = self.good.transforms(q)
+        return out * 1.001 if self.flaw == "rigid" else out
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        out = self.good.loads(q, payload)
+        match self.flaw:
+            case "reactions":
+                return {name: -values for name, values in out.items()}
+            case "torque":
+                return out | {"torque_J2": -out["torque_J2"]}
+            case "none":
+                return {}
+        return out
+
+
+FLAWS = {
+    "slots": "the first is 'base'",
+    "rigid": "not rigid",
+    "drive": "J1: a small change of its value moves the tool otherwise",
+    "reactions": "the sign of loads",
+    "torque": "torque_J2 of a payload misses minus the slope",
+    "none": "loads are empty",
+}
+
+
+@pytest.mark.parametrize("flaw", FLAWS)
+def test_a_mechanism_with_a_flaw_is_told_which(flaw: str) -> None:
+    with pytest.raises(AssertionError, match=FLAWS[flaw]):
+        testing.check_mechanism(Spoiled(gp.load_mechanism("irb6400r"), flaw))
+
+
+@pytest.mark.parametrize("family", [f for f in catalogue if f.name in ("gear_harmonic", "base_compliance", "drift")])
+def test_our_own_families_pass(family: gp.Family) -> None:
+    testing.check_family(family, gp.load_mechanism("irb6400r"))
+
+
+def drag(mechanism: gp.Mechanism, states: gp.States) -> Iterator[gp.Effect]:
+    yield gp.effect_at("cable drag", "J4.moving", "Ry", gp.Expression("sin(J4) * temperature"))
+
+
+def test_a_family_from_outside_with_a_column_of_its_own_passes() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    family = gp.Family("cable_drag", "the cable pulls at the wrist", "own measurements, 2024", drag)
+    testing.check_family(family, arm, inputs={"temperature [degC]": np.linspace(20.0, 30.0, 24)})
+    with pytest.raises(AssertionError, match="reads 'temperature', which these poses do not have"):
+        testing.check_family(family, arm)
+
+
+class Kink:
+    """A basis that has no text."""
+
+    inputs = ("J4",)
+
+    def __str__(self) -> str:
+        return "abs(J4)"
+
+    def __call__(self, states: gp.States) -> Array:
+        return np.maximum(states["J4"], 0.0)
+
+
+EFFECTS = {
+    "slot 'J9' is none of": gp.effect_at("e", "J9", "Rz"),
+    "is infinite or undefined": gp.effect_at("e", "J4.moving", "Rz", gp.Expression("1/(row - 3)")),
+    "is zero at every pose": gp.effect_at("e", "J4.moving", "Rz", gp.Expression("J4 - J4")),
+    "read back as text gives other values": gp.effect_at("e", "J4.moving", "Rz", Kink()),
+}
+
+
+@pytest.mark.parametrize("said", EFFECTS)
+def test_an_effect_with_a_flaw_is_told_which(said: str) -> None:
+    with pytest.raises(AssertionError, match=said):
+        testing.check_effect(EFFECTS[said], gp.load_mechanism("irb6400r"))
+
+
+@pytest.mark.parametrize("representation", [gp.Linear(), gp.Tree()], ids=["linear", "tree"])
+def test_our_own_representations_pass(representation: gp.Linear | gp.Tree) -> None:
+    testing.check_representation(representation)
+
+
+@dataclass(frozen=True)
+class Shorter(gp.Linear):
+    """A representation whose programs read their operands in the wrong order."""
+
+    def breeding(self, inputs: tuple[str, ...], start: tuple[str, ...], threads: int) -> object:  # type: ignore[override]
+        good = super().breeding(inputs, start, threads)
+        turned = replace(good.layout, inputs=good.layout.inputs[::-1])
+
+        class Turned(Sequences):
+            def program(self, row: int, layout: Layout) -> Program:
+                return super().program(row, turned)
+
+        class Breeding:
+            layout = good.layout
+
+            def initial(self, population: int, rng: np.random.Generator) -> Turned:
+                made = good.initial(population, rng)
+                return Turned(made.genes, made.constants)
+
+            def offspring(self, parents: Turned, mothers: Sequence[int], fathers: Sequence[int], rng: object) -> Turned:
+                made = good.offspring(parents, mothers, fathers, rng)  # type: ignore[arg-type]
+                return Turned(made.genes, made.constants)
+
+        return Breeding()
+
+
+def test_a_representation_whose_code_is_another_program_is_told_so() -> None:
+    with pytest.raises(AssertionError, match="gives other values than the program"):
+        testing.check_representation(Shorter())
