@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from gpmodel.errors import InputError
-from joints.kinematics import SphericalJoint, vector
-from joints.settings import load_settings
+from joints.description import describes_joint, read_joint, spherical_joint
+from joints.passive_joint import PassiveJoint, vector
 
 SPHERICAL_JOINT = "spherical-joint"
 
@@ -15,24 +16,23 @@ def mechanism_names() -> tuple[str, ...]:
     return (SPHERICAL_JOINT,)
 
 
-def spherical_joint() -> SphericalJoint:
-    """The thesis' joint on its test rig."""
-    s = load_settings("spherical_joint")
-    limits = tuple((float(s[name][0]), float(s[name][1])) for name in ("roll", "pitch", "yaw"))
-    return SphericalJoint(vector(s["tooling_ball"]), limits, vector(s["gravity"]))
-
-
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
-) -> SphericalJoint | None:
-    """The mechanism `name`, None where it is no joint.
+) -> PassiveJoint | None:
+    """The joint `name`, or that of a TOML file which says its kind; None where it is no joint.
 
-    frame: only `TCP`, the centre of the tooling ball. payload_com: (3,) m from there, in the frame after the yaw.
-    Raises InputError for another frame.
+    frame: only `TCP`, the centre of the tooling ball. payload_com: (3,) m from there, in the frame after the last
+    rotation. Raises InputError for another frame or a bad file.
     """
-    if name != SPHERICAL_JOINT:
+    if name == SPHERICAL_JOINT:
+        joint = spherical_joint()
+    elif Path(name).suffix.lower() == ".toml" and describes_joint(Path(name)):
+        joint = read_joint(Path(name))
+    else:
         return None
     if frame not in (None, "TCP"):
         raise InputError(f"{name}: no frame named {frame!r} to measure at; it has 'TCP'")
-    joint = spherical_joint()
     return joint if payload_com is None else replace(joint, payload_com=vector(payload_com))
+
+
+__all__ = ["load_mechanism", "mechanism_names", "spherical_joint"]

@@ -5,7 +5,7 @@ a parameter is its part of the mean squared error, Σ |c|² var over the poses, 
 Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.planning.poses import spread_poses
-from joints.kinematics import PARAMETERS, SphericalJoint, parameter, tooling_ball_position, vector
+from joints.kinematics import PARAMETERS, parameter, tooling_ball_position
+from joints.passive_joint import PassiveJoint, vector
 from joints.reduction import thesis_columns
 from joints.settings import Settings, load_settings
 
@@ -88,7 +89,7 @@ def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Sett
 
 
 def error_budget(
-    joint: SphericalJoint, sources: tuple[ErrorSource, ...], kind: str, rng: np.random.Generator,
+    joint: PassiveJoint, sources: tuple[ErrorSource, ...], kind: str, rng: np.random.Generator,
     poses: int = 100, draws: int = 1000,
 ) -> Budget:  # fmt: skip
     """The budget of one kind of error over poses spread by the equal distribution criterion.
@@ -112,6 +113,6 @@ def error_budget(
     return Budget(kind, np.linalg.norm(moved, axis=2), chosen, tuple(float(x) for x in shares))
 
 
-def budget_joint(joint: SphericalJoint, settings: Settings) -> SphericalJoint:
+def budget_joint(joint: PassiveJoint, settings: Settings) -> PassiveJoint:
     """The joint with the tooling ball of a budget's table."""
-    return SphericalJoint(vector(settings["tooling_ball"]), joint.limits, joint.gravity)
+    return replace(joint, tooling_ball=vector(settings["tooling_ball"]))

@@ -4,22 +4,20 @@ Source: Robertson (2003), Figures 3.16 and 3.17. The plain 1/S update diverges, 
 tooling ball in two directions only: both halves truncate small singular values.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.unmeasured_joints import check_points, solve_joints
 from gpmodel.model.error_model import ErrorModel, Poses
-from joints.kinematics import SphericalJoint
+from joints.passive_joint import PassiveJoint
 from joints.solution import Progress, Solution, error_of, truncated_step, verdict
 
 TRUNCATION = 1e-2
 
 
 def leap_frog(
-    joint: SphericalJoint,
+    joint: PassiveJoint,
     model: ErrorModel,
     poses: Poses,
     *,
@@ -33,7 +31,7 @@ def leap_frog(
     fewer than 4 different poses or points in one plane.
     """
     check_points(poses.dataset)
-    known = ErrorModel(replace(joint, angles_known=True), model.effects)
+    known = ErrorModel(joint.with_angles(measured=True), model.effects)
     placement, theta = start_placement(poses), np.zeros(len(model.effects))
     use = np.ones(len(poses), dtype=bool)
     history: list[Progress] = []

@@ -19,7 +19,8 @@ from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.numerics import rank as ident
 from gpmodel.planning.poses import spread_poses
 from gpmodel.table.dataset import Dataset
-from joints.kinematics import JOINTS, THESIS_PARAMETERS, SphericalJoint, parameter
+from joints.kinematics import JOINTS, THESIS_PARAMETERS, parameter
+from joints.passive_joint import PassiveJoint
 
 CONDITION_LIMIT = 50.0
 REQUIRED = (1, 2, 3, 4, 5, 6, 25, 26, 27)
@@ -36,7 +37,7 @@ class Reduction:
     explained: dict[int, tuple[int, ...]]
 
 
-def thesis_columns(joint: SphericalJoint, q: Array, *, angles_known: bool = True) -> Array:
+def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
     """Columns (M, 30) of the position at q (N, 3), m a unit; three rows a pose, fewer with free angles."""
     data = Dataset(
         JOINTS, q, np.full_like(q, np.nan), np.full_like(q, np.nan), np.arange(1, len(q) + 1), np.zeros(len(q))
@@ -103,7 +104,7 @@ def reduce_by_svd(
 
 
 def most_common_reduction(
-    joint: SphericalJoint,
+    joint: PassiveJoint,
     rng: np.random.Generator,
     *,
     trials: int = 20,
@@ -121,7 +122,7 @@ def most_common_reduction(
     return min((r for r in found if r.kept == best), key=lambda r: r.condition), counts
 
 
-def observable_in_words(joint: SphericalJoint, q: Array) -> str:
+def observable_in_words(joint: PassiveJoint, q: Array) -> str:
     """What positions alone determine when no angle is known, at poses q (N, 3)."""
     columns = thesis_columns(joint, q, angles_known=False)
     reduction = reduce_in_order(columns, required=(1, 2, 3, 27, 15))

@@ -8,7 +8,8 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
-from joints.kinematics import JOINTS, PARAMETERS, SphericalJoint, tooling_ball_position
+from joints.kinematics import JOINTS, PARAMETERS, tooling_ball_position
+from joints.passive_joint import PassiveJoint
 
 Disturbance = Callable[[Array, Mapping[str, Array]], Mapping[int, Array]]
 """True angles (N, 3) and extra columns give, by thesis index, what is added to a parameter at each pose (N,)."""
@@ -22,7 +23,7 @@ class Rig:
     noise: m, one coordinate. angle_noise: rad, of the angles in the table. reach: (3,) rad, poses within ± that.
     """
 
-    joint: SphericalJoint
+    joint: PassiveJoint
     translation: tuple[float, float, float] = (0.12388, 0.02811, -0.20564)
     rotation_deg: tuple[float, float, float] = (4.06, -0.77, -1.83)
     parameters: Mapping[int, float] = field(default_factory=dict)

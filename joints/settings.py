@@ -60,8 +60,12 @@ def load_settings(study: str, path: Path | None = None) -> Settings:
     A list of tables in `path` replaces the default list. Raises InputError for a file that cannot be read, an unknown
     key, a missing unit, another dimension or another type than the default's.
     """
-    default = read_toml(DATA / f"{study}.toml")
-    return _overlay(default, read_toml(path) if path else {}, path.name if path else f"{study}.toml", "")
+    return laid_over(study, read_toml(path) if path else {}, path.name if path else f"{study}.toml")
+
+
+def laid_over(study: str, given: Settings, file: str) -> Settings:
+    """The defaults of `study` with the keys `given` laid over them, in SI. `file`: in messages. As load_settings."""
+    return _overlay(read_toml(DATA / f"{study}.toml"), given, file, "")
 
 
 def read_toml(path: Path) -> Settings:

@@ -50,6 +50,14 @@ from robots.statics import GRAVITY
 from robots.toml_table import TomlTable
 
 
+def of_another_kind(path: Path) -> bool:
+    """Whether a TOML file names the `kind` of what it describes, which is some other provider's; False where unread."""
+    try:
+        return "kind" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+
+
 def read_dh(path: Path) -> SerialChain:
     """The chain of a TOML file of Denavit-Hartenberg rows, in the format this module's documentation states.
 

@@ -12,7 +12,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from robots.chain import SerialChain
-from robots.dh import read_dh
+from robots.dh import of_another_kind, read_dh
 from robots.irb6400r import DIMENSIONS, irb6400r
 from robots.urdf import read_urdf
 
@@ -49,7 +49,8 @@ def load_mechanism(
     of Denavit-Hartenberg rows (robots.dh).
 
     frame: link to measure at (default: the last link of the arm). payload_com: (3,) m, centre of mass of a
-    payload in the measured frame (default: its origin). None where the name is none of a robot.
+    payload in the measured frame (default: its origin). None where the name is none of a robot, or a .toml file says
+    what other `kind` of mechanism it describes.
     Raises InputError where the file is missing or bad, or the frame unknown.
     """
     chain = _load(name, frame)
@@ -68,7 +69,7 @@ def _load(name: str, frame: str | None) -> SerialChain | None:
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
         return read_urdf(Path(name), frame=frame)
-    if suffix == ".toml":
+    if suffix == ".toml" and not of_another_kind(Path(name)):
         return _measured_at(read_dh(Path(name)), frame)
     return None
 

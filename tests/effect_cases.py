@@ -31,7 +31,7 @@ MECHANISMS = ("irb6400r", "ur5", "dh", "spherical-joint")
 def mechanism(name: str) -> Mechanism:
     """One of MECHANISMS; the spherical joint with its angles measured, so that every effect shows."""
     if name == "spherical-joint":
-        return replace(spherical_joint(), angles_known=True)
+        return spherical_joint().with_angles(measured=True)
     if name != "dh":
         found = load_mechanism(name)
         assert found is not None

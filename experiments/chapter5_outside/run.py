@@ -16,6 +16,7 @@ import numpy as np
 from experiments.chapter5_outside.elastic_arm import PAYLOAD, PAYLOAD_CENTRE, POSES, TRAINING, table
 
 HERE = Path(__file__).parent
+PROGRAM = (sys.executable, "-c", "from gpmodel.cli.main import main; main()")
 HAND_MADE = ("base_compliance", "joint_compliance J5")
 CARRIED = ("--payload", f"{PAYLOAD:g}kg", "--payload-com", ",".join(f"{1e3 * v:g}mm" for v in PAYLOAD_CENTRE))
 LATEST = {"base": 1, "J5": 2, "J4": 3}
@@ -25,7 +26,15 @@ def gpmodel(command: str, file: Path, seed: int, *options: str) -> dict[str, Any
     """report.json of one command, which is told of the table, the arm's name and what it carries."""
     out = file.parent / command
     held = ("--holdout", str((POSES - TRAINING) / POSES), "--seed", str(seed), "--quiet", "--out", str(out))
-    line = [sys.executable, "-c", "from gpmodel.cli.main import main; main()", command, str(file), "--mechanism", "irb6400r"]
+    line = [
+        sys.executable,
+        "-c",
+        "from gpmodel.cli.main import main; main()",
+        command,
+        str(file),
+        "--mechanism",
+        "irb6400r",
+    ]
     subprocess.run([*line, *CARRIED, *held, *options], check=True)
     report: dict[str, Any] = json.loads((out / "report.json").read_text())
     return report
@@ -87,7 +96,10 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         for seed in range(count):
             robots.append(one_robot(seed, planted, chosen.minutes))
             print(robots[-1]["seed"], robots[-1]["named"], robots[-1]["loop"][-1]["mean_mm"], flush=True)
-            medians = {k: float(np.median([r[k][-1]["mean_mm"] for r in robots if r["planted"]])) for k in ("loop", "hand_made")}
+            medians = {
+                k: float(np.median([r[k][-1]["mean_mm"] for r in robots if r["planted"]]))
+                for k in ("loop", "hand_made")
+            }
             results = {"command": command, "conclusions": conclusions(robots), "median_heldout_mean_mm": medians}
             (chosen.out / "results.json").write_text(json.dumps({**results, "robots": robots}, indent=1) + "\n")
     return {**results, "robots": robots}

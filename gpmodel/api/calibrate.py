@@ -18,7 +18,7 @@ from gpmodel.application.model_file import saved_model
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
-from gpmodel.calibration.payload import hang_payload
+from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.checks.judge import refuse
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import effects_named
@@ -145,7 +145,8 @@ def sound_poses(
     """
     poses = prepare(mechanism, read_table(table, mechanism))
     refuse(mechanism, poses, standard)
-    return hang_payload(mechanism, poses)
+    mechanism, poses = hang_payload(mechanism, poses)
+    return find_lever(mechanism, poses), poses
 
 
 def named_group(effect: str | Effect, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:

@@ -1,7 +1,8 @@
-"""A payload hangs at the tool point, which nobody knows before a first fit."""
+"""What a first fit tells of the tool point: where a payload hangs, and how long a joint's lever is."""
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism
@@ -18,6 +19,21 @@ def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
         return mechanism, poses
     if not np.any(poses.dataset.payload > 0):
         return mechanism, poses
-    fit = calibrate(ErrorModel(mechanism, ()), poses)
-    mechanism = mechanism.carrying_at(np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0))
+    mechanism = mechanism.carrying_at(_tool_point(mechanism, poses))
     return mechanism, prepare(mechanism, poses.dataset)
+
+
+def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
+    """The mechanism with its lever up to the tool point that registration and tool alone give.
+
+    Nothing changes but for a loaded mechanism that has a lever: the nominal frames stay, what grows with temperature
+    is the lever that is there.
+    """
+    if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
+        return mechanism
+    return mechanism.reaching(_tool_point(mechanism, poses))
+
+
+def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
+    fit = calibrate(ErrorModel(mechanism, ()), poses)
+    return np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0)

@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import links
 from gpmodel.model.effect import Effect, Term
 
 EXPANSION = 2e-5
@@ -24,17 +25,11 @@ SHORTEST = 0.02
 """m; a shorter link grows by less than 5 µm in 10 K."""
 
 
-def lengths(mechanism: Mechanism) -> dict[str, Array]:
-    """The vector (3,) of every link in the frame of the slot behind it, m."""
-    rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
-    return {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}
-
-
 def arm_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Effect:
     """All links stretch by one share of their lengths."""
-    terms = chain(*(_along(slot, link, basis) for slot, link in lengths(mechanism).items()))
+    terms = chain(*(_along(slot, link, basis) for slot, link in links(mechanism).items()))
     return Effect(name, tuple(terms), unit, family, prior)
 
 
@@ -42,7 +37,7 @@ def link_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Iterator[Effect]:
     """Each link alone, but for short ones. name: with {slot} for the slot behind the link."""
-    for slot, link in lengths(mechanism).items():
+    for slot, link in links(mechanism).items():
         if np.linalg.norm(link) > SHORTEST:
             yield Effect(name.format(slot=slot), _along(slot, link, basis), unit, family, prior)
 

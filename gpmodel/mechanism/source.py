@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed
 from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.workspace import links
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,16 @@ class LoadedMechanism:
     def unit_loads(self, q: Array) -> dict[str, Array]:
         """As Weighed.unit_loads; none where the mechanism does not say."""
         return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
+
+    @property
+    def links(self) -> dict[str, Array]:
+        """As workspace.links of what the provider built."""
+        return links(self.bare)
+
+    def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
+        """The same where a first fit found the tool `point` (3,), m, in the measured frame; it matters to a lever."""
+        moved = getattr(self.bare, "reaching", None)
+        return self if moved is None else replace(self, bare=moved(point))
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """The same with the centre of mass of its payload at `point` (3,), m, in the measured frame."""

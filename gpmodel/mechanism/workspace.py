@@ -1,4 +1,4 @@
-"""Random poses within the limits of a mechanism."""
+"""What a mechanism spans: random poses within its limits, and its links."""
 
 import numpy as np
 
@@ -25,3 +25,15 @@ def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> 
     """Joint values (count, n), uniform within the limits, rad and m."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
     return rng.uniform(lower, upper, (count, len(mechanism.joints)))
+
+
+def links(mechanism: Mechanism) -> dict[str, Array]:
+    """Slot -> the vector (3,), m, from the slot before to it, in its own frame: what grows with temperature.
+
+    A mechanism with an attribute `links` states its own, as a joint whose lever a first fit has found.
+    """
+    own: dict[str, Array] | None = getattr(mechanism, "links", None)
+    if own is not None:
+        return own
+    rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
+    return {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}

@@ -144,7 +144,7 @@ def test_leap_frog_finds_the_same_offsets() -> None:
 
 def test_known_angles_show_what_free_ones_hide() -> None:
     rng = np.random.default_rng(7)
-    known = replace(JOINT, angles_known=True)
+    known = JOINT.with_angles(measured=True)
     rig = Rig(known, parameters={12: 3e-4, 15: -25.4e-6}, angle_noise=0.0)
     data = rig.measure(rig.poses(60, rng), rng)
     effects = tuple(parameter(i).effect for i in (12, 15))

@@ -1,0 +1,139 @@
+"""A passive joint as the Mechanism the engine reads: rotations about axes through one centre, and a lever."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Joint
+from gpmodel.numerics import se3
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """One angle of a joint: its name, the axis x, y or z it turns about, limits, rad, and whether a sensor reads it."""
+
+    name: str
+    axis: str
+    lower: float
+    upper: float
+    measured: bool = False
+
+    @property
+    def index(self) -> int:
+        return "xyz".index(self.axis)
+
+
+@dataclass(frozen=True)
+class PassiveJoint:
+    """A spherical or universal joint: two or three rotations about axes that meet in one centre. A Mechanism.
+
+    tooling_ball: (x, y, z) m, the nominal lever: the measured centre in the frame after the last rotation.
+    gravity: (3,) m/s² in the socket's frame. payload_com: (3,) m, centre of a payload in the tooling ball's frame.
+    reached: (3,) m, where a first fit found the tooling ball in its own nominal frame; what grows reaches there.
+    Raises InputError for a tooling ball in the joint's centre, or rotations that are not two or three, of different
+    names and each about another axis than the one before.
+    """
+
+    tooling_ball: tuple[float, float, float]
+    rotations: tuple[Rotation, ...]
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str = "spherical-joint"
+    reached: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not np.linalg.norm(self.tooling_ball) > 1e-6:
+            raise InputError(f"{self.name}: the tooling ball is at radius 0 from the joint's centre; expected a shaft")
+        if len(self.rotations) not in (2, 3):
+            raise InputError(f"{self.name}: {len(self.rotations)} rotations, expected 2 (universal) or 3 (spherical)")
+        if len({r.name for r in self.rotations}) < len(self.rotations):
+            raise InputError(f"{self.name}: rotations {', '.join(r.name for r in self.rotations)}, expected own names")
+        if any(a.axis == b.axis for a, b in pairwise(self.rotations)):
+            axes = ", ".join(r.axis for r in self.rotations)
+            raise InputError(f"{self.name}: rotations about {axes}, expected another axis than the one before")
+
+    def with_angles(self, *, measured: bool) -> "PassiveJoint":
+        """The same joint with every angle measured, or none."""
+        return replace(self, rotations=tuple(replace(r, measured=measured) for r in self.rotations))
+
+    def reaching(self, point: Iterable[float]) -> "PassiveJoint":
+        """The same joint with its tooling ball found at `point` (3,), m, in the nominal tooling ball's frame."""
+        return replace(self, reached=vector(tuple(point)))
+
+    @cached_property
+    def links(self) -> dict[str, Array]:
+        """What grows with temperature: the lever as far as it is known, (3,) m, in the frame of its slot."""
+        return {"tool": np.add(self.tooling_ball, self.reached)}
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:
+        return ("base", *(f"{r.name}.{side}" for r in self.rotations for side in ("fixed", "moving")), "tool")
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        return tuple(
+            Joint(r.name, "revolute", r.lower, r.upper, ((f"{r.name}.moving", f"R{r.axis}", 1.0),), measured=r.measured)
+            for r in self.rotations
+        )
+
+    def transforms(self, q: Array) -> Array:
+        """Nominal transforms (S, N, 4, 4) between successive slots: the rotations and the shaft, in metres."""
+        q = np.asarray(q, dtype=float)
+        if q.ndim != 2 or q.shape[1] != len(self.rotations):
+            names = ", ".join(r.name for r in self.rotations)
+            raise InputError(
+                f"{self.name}: joint values of shape {q.shape}, expected (poses, {len(self.rotations)}) for {names}"
+            )
+        out = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
+        for i, rotation in enumerate(self.rotations):
+            out[2 + 2 * i] = _rotation_about(rotation.index, q[:, i])
+        out[-1, :, :3, 3] = self.tooling_ball
+        return out
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """Gravity loads of a payload on the shaft, by the names of the Mechanism protocol; empty without one."""
+        if not np.any(payload):
+            return {}
+        frames = se3.chain(self.transforms(q))
+        force = np.asarray(payload)[:, None] * np.asarray(self.gravity)
+        centre = frames[-1, :, :3, 3] + frames[-1, :, :3, :3] @ np.asarray(self.payload_com)
+        out: dict[str, Array] = {}
+        for name, slot in (("base", "base"), *((r.name, f"{r.name}.moving") for r in self.rotations)):
+            turn = frames[self.slots.index(slot), :, :3, :3]
+            local = np.einsum("nji,knj->kni", turn, np.stack([force, np.cross(centre, force)]))
+            for kind, values in zip(("force", "moment"), local, strict=True):
+                out |= {f"{kind}_{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
+        for rotation in self.rotations:
+            out[f"torque_{rotation.name}"] = out[f"moment_{rotation.name}_{rotation.axis}"]
+        return out
+
+
+def turn(points: Array, axis: int, angle: Array) -> Array:
+    """Points (..., 3) rotated about a coordinate axis by angles (...), rad."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    c, s = np.cos(angle), np.sin(angle)
+    out = points.copy()
+    out[..., i] = c * points[..., i] - s * points[..., j]
+    out[..., j] = s * points[..., i] + c * points[..., j]
+    return out
+
+
+def _rotation_about(axis: int, angle: Array) -> Array:
+    out = np.zeros((len(angle), 4, 4))
+    out[:, 3, 3] = 1.0
+    for k, unit in enumerate(np.eye(3)):
+        out[:, :3, k] = turn(np.broadcast_to(unit, (len(angle), 3)), axis, angle)
+    return out
+
+
+def vector(values: Sequence[float]) -> tuple[float, float, float]:
+    """Three numbers, as a tuple. Raises InputError for any other count."""
+    if len(values) != 3:
+        raise InputError(f"{tuple(values)}: expected three lengths, x, y and z")
+    x, y, z = (float(v) for v in values)
+    return x, y, z
