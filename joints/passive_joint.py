@@ -66,7 +66,7 @@ class PassiveJoint:
         return replace(self, reached=vector(tuple(point)))
 
     @cached_property
-    def links(self) -> dict[str, Array]:
+    def levers(self) -> dict[str, Array]:
         """What grows with temperature: the lever as far as it is known, (3,) m, in the frame of its slot."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
 

@@ -58,7 +58,7 @@ class LoadedMechanism:
         return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
 
     @property
-    def links(self) -> dict[str, Array]:
+    def levers(self) -> dict[str, Array]:
         """As workspace.links of what the provider built."""
         return links(self.bare)
 

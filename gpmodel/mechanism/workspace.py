@@ -30,9 +30,9 @@ def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> 
 def links(mechanism: Mechanism) -> dict[str, Array]:
     """Slot -> the vector (3,), m, from the slot before to it, in its own frame: what grows with temperature.
 
-    A mechanism with an attribute `links` states its own, as a joint whose lever a first fit has found.
+    A mechanism with an attribute `levers` states its own, as a joint whose lever a first fit has found.
     """
-    own: dict[str, Array] | None = getattr(mechanism, "links", None)
+    own: dict[str, Array] | None = getattr(mechanism, "levers", None)
     if own is not None:
         return own
     rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
