@@ -23,6 +23,7 @@ from gpmodel.model.geometric import geometric_effects
 
 POSITION = ("x", "y", "z")
 ANGLES = ("J1", "J2", "J3", "J4", "J5", "J6")
+KINDS = (*["length"] * 3, *["angle"] * 6)
 THESIS_INPUTS = (*POSITION, *ANGLES)
 HAND_MADE = (("base compliance", "base_compliance"), ("joint bending", "joint_compliance J5"))
 
@@ -52,7 +53,7 @@ def cartesian(calibration: Calibration, poses: Poses, shuffle: np.random.Generat
     error = in_root(poses.dataset.position) - predicted
     if shuffle is not None:
         error = error[shuffle.permutation(len(error))]
-    inputs = Inputs(THESIS_INPUTS, np.vstack([predicted.T, poses.dataset.q.T]), ANGLES)
+    inputs = Inputs(THESIS_INPUTS, np.vstack([predicted.T, poses.dataset.q.T]))
     return CartesianProblem(inputs, np.ascontiguousarray((predicted + error).T))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.chapter5 import ANGLES, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
+from experiments.chapter5 import KINDS, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
@@ -47,7 +47,7 @@ def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: n
 def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> tuple[Any, list[str]]:
     """Errors after each round on training and held-out poses, and the programs with where they act."""
     train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
-    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
+    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     plain = {name: name for name in THESIS_INPUTS}
     how = Settings(budget=Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, climb=2))
     for _ in range(chosen.rounds):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.chapter5 import ANGLES, THESIS_INPUTS, effects_of, options, rounded, save
+from experiments.chapter5 import KINDS, THESIS_INPUTS, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.gauss_newton import calibrate, errors_on
 from gpmodel.discovery.criteria import Criteria
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     case, rng = measured_robot(0), np.random.default_rng(524)
     train, heldout = case.poses.subset(case.train), case.poses.subset(case.heldout)
     model = calibrate(ErrorModel(case.mechanism, effects_of(case)), train)
-    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
+    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     sites = sites_of(case.mechanism)
 
     # 1. Operators: smooth ones, of the same order as what they are given.

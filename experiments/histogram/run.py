@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.chapter5 import ANGLES, THESIS_INPUTS, against_chance, cartesian, fit, options, save
+from experiments.chapter5 import KINDS, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration.gauss_newton import Calibration
 from gpmodel.discovery.criteria import Criteria
@@ -39,7 +39,7 @@ def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np
 
 def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
     train = case.poses.subset(case.train)
-    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), ANGLES)
+    inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     residual = residual_of(model, train, Criteria(), 0)
     seen = targets(residual, sites_of(case.mechanism), np.arange(len(train)))
     problem = SlotProblem(inputs, seen, parsimony=2.0)

@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.kinds import ANGLE, ANY, NONE, SHORT, Typing
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import unit_rows
-from gpmodel.formula.operators import Operator
-from gpmodel.formula.program import Builder, Program
+from gpmodel.formula.operators import BY_NAME, Operator
+from gpmodel.formula.program import Builder, Node, Program
 
 Array = NDArray[np.float64]
 
@@ -20,13 +21,15 @@ SCREENED = 300
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of programs: values (E, N), about how many nodes each adds (E,), and how to build one.
+    """Pieces of programs: values (E, N), about how many nodes each adds (E,), its kind (E,), and how to build one.
 
-    build: from a builder, the copies of a program's nodes so far and the piece's number to its node.
+    kinds: numbers of a ``Typing``, ``NONE`` for a piece that may not be. build: from a builder, the copies of a
+    program's nodes so far and the piece's number to its node.
     """
 
     values: Array
     growth: Array
+    kinds: NDArray[np.uint8]
     build: Callable[[Builder, list[int], int], int]
 
     @staticmethod
@@ -38,7 +41,17 @@ class Pieces:
             part = int(np.searchsorted(starts, k, side="right")) - 1
             return parts[part].build(builder, copies, k - int(starts[part]))
 
-        return Pieces(np.vstack([p.values for p in parts]), np.concatenate([p.growth for p in parts]), build)
+        growth, kinds = (np.concatenate([getattr(p, name) for p in parts]) for name in ("growth", "kinds"))
+        return Pieces(np.vstack([p.values for p in parts]), growth, kinds, build)
+
+    def of_kinds(self, kinds: Sequence[int]) -> "Pieces":
+        """Those of some kinds."""
+        rows = np.flatnonzero(np.isin(self.kinds, kinds))
+
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            return self.build(builder, copies, int(rows[k]))
+
+        return Pieces(self.values[rows], self.growth[rows], self.kinds[rows], build)
 
 
 @dataclass(frozen=True)
@@ -47,6 +60,10 @@ class Vocabulary:
 
     inputs: Inputs
     operators: tuple[Operator, ...]
+
+    @cached_property
+    def typing(self) -> Typing:
+        return Typing(self.inputs.kinds)
 
     @cached_property
     def unary(self) -> tuple[Operator, ...]:
@@ -58,27 +75,38 @@ class Vocabulary:
 
     @cached_property
     def elements(self) -> Pieces:
-        programs = list(self._elements())
+        programs, kinds = [], []
+        for program in self._elements():
+            kind = self.typing.of_nodes(program, self.inputs.names)[-1]
+            if kind != NONE:
+                programs.append(program)
+                kinds.append(kind)
         with np.errstate(all="ignore"):
             values = np.vstack([program.evaluate(self.inputs.mapping()) for program in programs])
         sizes = np.array([program.complexity for program in programs], dtype=float)
-        return Pieces(values, sizes, lambda builder, copies, k: builder.copy(programs[k])[programs[k].outputs[0]])
+        numbers = np.array(kinds, dtype=np.uint8)
+
+        def build(builder: Builder, copies: list[int], k: int) -> int:
+            return builder.copy(programs[k])[programs[k].outputs[0]]
+
+        return Pieces(values, sizes, numbers, build)
 
     def _elements(self) -> Iterator[Program]:
-        for name in self.inputs.names:
+        kinds = self.inputs.kinds or (ANY,) * len(self.inputs.names)
+        for name, kind in zip(self.inputs.names, kinds, strict=True):
             builder = Builder()
             plain = builder.input(name)
             yield builder.program([plain])
             for operator in self.unary:
                 yield builder.program([builder.apply(operator.name, plain)])
-                if name in self.inputs.angles and operator.name in ("sin", "cos"):
+                if kind in (ANGLE, SHORT) and operator.name in ("sin", "cos"):
                     for turns in TURNS:
                         argument = builder.apply("multiply", builder.constant(turns), plain)
                         yield builder.program([builder.apply(operator.name, argument)])
 
     def pairs(self) -> Pieces:
         """All products of two elements, and all one-argument operators of a sum or a difference of two inputs."""
-        return Pieces.chained([self._products(), *self._combined()])
+        return Pieces.chained([self._products(), *self._combined()]).of_kinds(range(NONE))
 
     def _products(self) -> Pieces:
         elements = self.elements
@@ -88,18 +116,23 @@ class Vocabulary:
             return builder.apply("multiply", *(elements.build(builder, copies, int(i[k])) for i in (first, second)))
 
         sizes = elements.growth[first] + elements.growth[second] + 1.0
-        return Pieces(elements.values[first] * elements.values[second], sizes, build)
+        kinds = self.typing.of(BY_NAME["multiply"], elements.kinds[first], elements.kinds[second])
+        return Pieces(elements.values[first] * elements.values[second], sizes, kinds, build)
 
     def _combined(self) -> Iterator[Pieces]:
         names, values = self.inputs.names, self.inputs.values
         first, second = np.triu_indices(len(names), 1)
+
+        here = self.typing.of_nodes(Program(tuple(Node("input", (), name) for name in names), ()), names)
+        numbers = np.array(here, dtype=np.uint8)
 
         def combined(join: str, rows: Array, operator: Operator) -> Pieces:
             def build(builder: Builder, copies: list[int], k: int) -> int:
                 joined = builder.apply(join, *(builder.input(names[i[k]]) for i in (first, second)))
                 return builder.apply(operator.name, joined)
 
-            return Pieces(operator.function(rows), np.full(len(rows), 4.0), build)
+            kinds = self.typing.of(operator, self.typing.of(BY_NAME[join], numbers[first], numbers[second]))
+            return Pieces(operator.function(rows), np.full(len(rows), 4.0), kinds, build)
 
         for join, sign in (("add", 1.0), ("subtract", -1.0)):
             for operator in self.unary:

@@ -34,6 +34,6 @@ class Forest:
 
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
-        bounds = self.bounds[part]
-        decode_forest(self.codes, bounds, code.constants.view(np.uint64), layout.base, *code.sink())
+        bits, kinds = code.constants.view(np.uint64), (layout.done_for, layout.kind_of_rows)
+        decode_forest(self.codes, self.bounds[part], bits, layout.base, *kinds, *code.sink())
         return code

@@ -24,7 +24,7 @@ class Generations:
     def __init__(self, problem: Problem, settings: Settings, rng: np.random.Generator) -> None:
         self.problem, self.selection, self.budget, self.rng = problem, settings.selection, settings.budget, rng
         self.threads = self.budget.threads or cores()
-        self.breeding = settings.representation.breeding(problem.inputs.names, problem.start, self.threads)
+        self.breeding = settings.representation.breeding(problem.inputs, problem.start, self.threads)
         self.layout = self.breeding.layout
         if isinstance(problem, CartesianProblem) and self.layout.outputs != 3:
             raise InputError(f"outputs: {self.layout.outputs}, a compensator has 3")

@@ -50,40 +50,47 @@ def _trials(
         whole = Program(program.nodes, tuple(range(len(program.nodes))))
         values = list(whole.evaluate(problem.inputs.mapping()))
         size = program.complexity + len(program.outputs)
+        kinds = words.typing.of_nodes(program, words.inputs.names)
         for node in range(len(program.nodes) + (len(program.outputs) < MOST_OUTPUTS)):
-            edits = _edits(program, node, values, words)
+            edits = _edits(program, node, values, kinds, words)
+            numbers = range(len(words.typing.kinds))
+            edits = edits.of_kinds([k for k in numbers if words.typing.allows(program, words.inputs.names, {node: k})])
             gains = problem.targets.set_gains(_outputs_after(program, node, values, edits.values), site)
             about = problem.nats(gains, size + edits.growth)
             for k in np.argsort(-about)[:CHECKED].tolist():
                 yield float(about[k]), partial(_rebuilt, program, node, edits, k)
 
 
-def _edits(program: Program, node: int, values: list[Array], words: Vocabulary) -> Pieces:
+def _edits(program: Program, node: int, values: list[Array], kinds: list[int], words: Vocabulary) -> Pieces:
     """What may stand in the place of a node; for one past the last node, what may be an output more."""
     listed = words.elements
     if node == len(program.nodes):
         return replace(listed, growth=listed.growth + 1.0)
-    here, value = program.nodes[node], values[node]
-    elements = Pieces.chained([listed, *(_repeated(k, values[k], words.unary) for k in range(node + 1))])
+    here, value, of_kind = program.nodes[node], values[node], words.typing.of
+    known = np.array(kinds, dtype=np.uint8)
+    elements = Pieces.chained([listed, *(_repeated(k, values[k], known[k], words) for k in range(node + 1))])
 
     def joined(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return builder.apply(operator.name, copies[node], elements.build(builder, copies, k))
 
-        return Pieces(operator.function(value, elements.values), elements.growth + 1.0, build)
+        made = of_kind(operator, known[node], elements.kinds)
+        return Pieces(operator.function(value, elements.values), elements.growth + 1.0, made, build)
 
     def wrapped(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             twice = builder.apply("multiply", builder.constant(2.0), copies[node]) if k else copies[node]
             return builder.apply(operator.name, twice)
 
-        return Pieces(operator.function(np.stack([value, 2.0 * value])), np.array([1.0, 3.0]), build)
+        made = of_kind(operator, np.repeat(known[node], 2))
+        return Pieces(operator.function(np.stack([value, 2.0 * value])), np.array([1.0, 3.0]), made, build)
 
     def swapped(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return builder.apply(operator.name, *(copies[argument] for argument in here.arguments))
 
-        return Pieces(operator.function(*(values[k] for k in here.arguments))[None], np.zeros(1), build)
+        made = of_kind(operator, *(known[k : k + 1] for k in here.arguments))
+        return Pieces(operator.function(*(values[k] for k in here.arguments))[None], np.zeros(1), made, build)
 
     parts = [replace(elements, growth=elements.growth - _written_out(program, node))]
     parts += [joined(operator) for operator in words.binary]
@@ -92,14 +99,17 @@ def _edits(program: Program, node: int, values: list[Array], words: Vocabulary) 
     return Pieces.chained(parts)
 
 
-def _repeated(node: int, value: Array, unary: tuple[Operator, ...]) -> Pieces:
+def _repeated(node: int, value: Array, kind: np.uint8, words: Vocabulary) -> Pieces:
     """A node that the program has, and one-argument operators of it: shared, so that only the operator adds to it."""
+
+    unary = words.unary
 
     def build(builder: Builder, copies: list[int], k: int) -> int:
         return builder.apply(unary[k - 1].name, copies[node]) if k else copies[node]
 
+    kinds = np.array([kind, *(words.typing.of(operator, kind) for operator in unary)], dtype=np.uint8)
     rows = np.stack([value, *(operator.function(value) for operator in unary)])
-    return Pieces(rows, np.array([0.0] + [1.0] * len(unary)), build)
+    return Pieces(rows, np.array([0.0] + [1.0] * len(unary)), kinds, build)
 
 
 def _written_out(program: Program, node: int) -> float:

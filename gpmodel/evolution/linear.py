@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.representation import check_ranges
 from gpmodel.evolution.threads import over_slices
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
@@ -65,15 +66,15 @@ class Linear:
             **changes,
         )  # fmt: skip
 
-    def breeding(self, inputs: tuple[str, ...], start: tuple[str, ...], threads: int) -> "SequenceBreeding":
+    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
         """The machine over these inputs, its registers started from ``start`` where given, and its breeding."""
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
-            first = [inputs[k % len(inputs)] for k in range(self.registers)]
+            first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]
         first = (first + [None] * self.registers)[: max(self.registers, self.outputs)]
         layout = Layout(
-            inputs, operator_set(self.operators), self.constants, tuple(first), self.outputs,
-            self.own_constants, self.direct,
+            inputs.names, operator_set(self.operators), self.constants, tuple(first), self.outputs,
+            self.own_constants, self.direct, inputs.kinds,
         )  # fmt: skip
         return SequenceBreeding(layout, self.length, self.crossover, self.mutation, threads)
 
@@ -106,7 +107,8 @@ class Sequences:
         longest = self.genes.shape[1] + layout.own_constants + 1
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
-        decode_sequences(self.genes[part], code.constants.view(np.uint64), *tables, layout.base, *code.sink())
+        kinds = (layout.done_for, layout.kind_of_cells)
+        decode_sequences(self.genes[part], code.constants.view(np.uint64), *tables, *kinds, layout.base, *code.sink())
         return code
 
     def program(self, row: int, layout: Layout) -> Program:
@@ -175,7 +177,10 @@ def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, in
 
 
 def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Program:
-    """The effective code of one sequence as a Program with ``layout.outputs`` outputs."""
+    """The effective code of one sequence as a Program with ``layout.outputs`` outputs.
+
+    Values carry their kind with them; an operator that may not be applied is replaced or left out.
+    """
     builder = Builder()
 
     def row(index: int) -> int:
@@ -185,16 +190,26 @@ def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Pr
             return builder.constant(float(constants[index - layout.base]))
         return builder.constant([*layout.constants, 0.0][index - len(layout.inputs)])
 
-    registers = [row(int(index)) for index in layout.start_rows]
+    def typed(index: int) -> tuple[int, int]:
+        return row(index), int(layout.kind_of_cells[len(layout.start) + index])
+
+    registers = [typed(int(index)) for index in layout.start_rows]
     accumulator = registers[0]
     for code, operand in instructions(genes, layout):
-        if operand is None:
-            accumulator = builder.apply(BY_CODE[code].name, accumulator)
-            continue
-        kind, number = layout.operand(code, operand)
-        if code == STORE:
-            registers[number] = accumulator
-            continue
-        value = registers[number] if kind == "register" else row(number)
-        accumulator = value if code in (INPUT, LOAD) else builder.apply(BY_CODE[code].name, accumulator, value)
-    return builder.program(registers[: layout.outputs])
+        value = None
+        if operand is not None:
+            where, number = layout.operand(code, operand)
+            if code == STORE:
+                registers[number] = accumulator
+                continue
+            value = registers[number] if where == "register" else typed(number)
+            if code in (INPUT, LOAD):
+                accumulator = value
+                continue
+        kind = 0
+        if layout.kinds:
+            code, kind = divmod(int(layout.done_for[code, accumulator[1], value[1] if value else 0]), 256)
+        if code:
+            arguments = (accumulator[0], value[0]) if value else (accumulator[0],)
+            accumulator = builder.apply(BY_CODE[code].name, *arguments), kind
+    return builder.program(node for node, _ in registers[: layout.outputs])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
+from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
 Array = NDArray[np.float64]
@@ -22,6 +23,7 @@ class Layout:
     ``own_constants`` more constants belong to each program. ``start`` names what each register holds before
     the first operator (an input's name, or None for 0); the first ``outputs`` registers are offered at the
     end. ``direct`` lets binary operators name an element as well as a register (half of the operand codes).
+    ``kinds`` of the inputs, where given, rule what may be done with what.
     Raises InputError where sizes exceed what a gene or an output mask can address.
     """
 
@@ -32,6 +34,7 @@ class Layout:
     outputs: int
     own_constants: int = 0
     direct: bool = False
+    kinds: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(set(self.inputs)) != len(self.inputs):
@@ -121,6 +124,27 @@ class Layout:
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
         return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
+
+    @cached_property
+    def typing(self) -> Typing:
+        return Typing(self.kinds)
+
+    @cached_property
+    def done_for(self) -> NDArray[np.uint16]:
+        """What is done where an operator is asked for, as ``256 op-code + kind``; see ``Typing.repairs``."""
+        return self.typing.repairs(self.operators)
+
+    @cached_property
+    def kind_of_cells(self) -> NDArray[np.uint8]:
+        """Number of the kind of every register at the start, then of every row."""
+        return np.concatenate([self.kind_of_rows[self.start_rows], self.kind_of_rows])
+
+    @cached_property
+    def kind_of_rows(self) -> NDArray[np.uint8]:
+        """Number of the kind of every row: inputs, then constants."""
+        rows = np.zeros(self.base + self.own_constants, dtype=np.uint8)
+        rows[: len(self.kinds)] = self.typing.of_inputs
+        return rows
 
     def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
         cells = self.cell_of.astype(np.uint32)

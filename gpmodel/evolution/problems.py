@@ -21,13 +21,14 @@ COORDINATES = ("x", "y", "z")
 class Inputs:
     """Named columns a program may read: values (inputs, poses), scaled to order one by the caller.
 
-    ``angles`` names those in radians. Raises InputError where a name repeats, shapes disagree or a column
-    holds a number that is not finite.
+    ``kinds`` says what each is a measure of (``gpmodel.evolution.kinds``), so that only programs that make sense are
+    searched; without, any program may be. Raises InputError where a name repeats, shapes disagree or a column holds a
+    number that is not finite.
     """
 
     names: tuple[str, ...]
     values: Array
-    angles: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         values = np.ascontiguousarray(self.values, dtype=float)
@@ -37,9 +38,8 @@ class Inputs:
         repeated = sorted({name for name in self.names if self.names.count(name) > 1})
         if repeated:
             raise InputError(f"inputs: {repeated[0]!r} appears twice")
-        unknown = sorted(set(self.angles) - set(self.names))
-        if unknown:
-            raise InputError(f"inputs: angle {unknown[0]!r} is none of {', '.join(self.names)}")
+        if self.kinds and len(self.kinds) != len(self.names):
+            raise InputError(f"inputs: {len(self.kinds)} kinds for {len(self.names)} names")
         for name, column in zip(self.names, values, strict=True):
             if not np.all(np.isfinite(column)):
                 rows = np.flatnonzero(~np.isfinite(column))
@@ -58,7 +58,7 @@ class Inputs:
         if unknown:
             raise InputError(f"inputs: unknown {unknown[0]!r}, available: {', '.join(self.names)}")
         rows = [self.names.index(name) for name in names]
-        return Inputs(tuple(names), self.values[rows], tuple(name for name in self.angles if name in names))
+        return Inputs(tuple(names), self.values[rows], tuple(self.kinds[row] for row in rows) if self.kinds else ())
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.problems import Inputs
 from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class Breeding(Protocol):
 class Representation(Protocol):
     """The choices of a representation, ``Linear`` and ``Tree`` among them."""
 
-    def breeding(self, inputs: tuple[str, ...], start: tuple[str, ...], threads: int) -> Breeding:
+    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
         """Ready for these inputs; ``start`` are those that outputs begin from (a compensator's x, y, z)."""
         ...
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.representation import check_ranges
 from gpmodel.formula.operators import TABLE_CONSTANTS, operator_set
 
@@ -45,13 +46,13 @@ class Tree:
             Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8), **changes
         )
 
-    def breeding(self, inputs: tuple[str, ...], start: tuple[str, ...], threads: int) -> "TreeBreeding":
+    def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
         """The primitives over these inputs, and their breeding."""
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
         layout = Layout(
-            inputs, operator_set(self.operators), self.constants, (None,) * self.outputs, self.outputs,
-            self.own_constants,
+            inputs.names, operator_set(self.operators), self.constants, (None,) * self.outputs, self.outputs,
+            self.own_constants, kinds=inputs.kinds,
         )  # fmt: skip
         deepest = min(DEEPEST_START, self.depth)
         return TreeBreeding(layout, self.style, self.depth, SHALLOW, deepest, self.crossover)

@@ -123,25 +123,33 @@ class Trees:
 
 
 def program_of(individual: Individual, layout: Layout) -> Program:
-    """The trees of an individual as one Program, one output a tree."""
+    """The trees of an individual as one Program, one output a tree.
+
+    Values carry their kind with them; an operator that may not be applied is replaced, or is its first argument.
+    """
     builder = Builder()
 
-    def leaf(node: gp.Terminal) -> int:
+    def leaf(node: gp.Terminal) -> tuple[int, int]:
         if node.code == OWN_CONSTANT:
-            return builder.constant(node.value)
+            return builder.constant(node.value), 0
         row = node.code - OPERATOR_CODES
         if row < len(layout.inputs):
-            return builder.input(layout.inputs[row])
-        return builder.constant(layout.constants[row - len(layout.inputs)])
+            return builder.input(layout.inputs[row]), int(layout.kind_of_rows[row])
+        return builder.constant(layout.constants[row - len(layout.inputs)]), 0
 
     outputs = []
     for tree in individual.trees:
-        stack: list[int] = []
+        stack: list[tuple[int, int]] = []
         for node in reversed(tree):
             if node.arity == 0:
                 stack.append(leaf(node))
-            else:
-                arguments = [stack.pop() for _ in range(node.arity)]
-                stack.append(builder.apply(BY_CODE[node.code].name, *arguments))
-        outputs.append(stack[0])
+                continue
+            arguments = [stack.pop() for _ in range(node.arity)]
+            code, kind = node.code, 0
+            if layout.kinds:
+                kinds = [kind for _, kind in arguments]
+                code, kind = divmod(int(layout.done_for[code, kinds[0], kinds[1] if len(kinds) > 1 else 0]), 256)
+            made = builder.apply(BY_CODE[code].name, *(k for k, _ in arguments)) if code else None
+            stack.append(arguments[0] if made is None else (made, kind))
+        outputs.append(stack[0][0])
     return builder.program(outputs)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.kernels.machine import (
+    allowed_instructions,
     compiled,
     decode_sequence,
     decode_trees,
@@ -26,6 +27,8 @@ def decode_sequences(
     read_of: NDArray[np.uint32],
     written_of: NDArray[np.uint32],
     start: NDArray[np.uint16],
+    done_for: NDArray[np.uint16],
+    kind_of_cells: NDArray[np.uint8],
     base: int,
     words: NDArray[np.int64],
     outputs: NDArray[np.uint16],
@@ -38,6 +41,7 @@ def decode_sequences(
     longest = words.shape[1]
     cells = np.empty(registers + base + constant_bits.shape[1] + 1, np.uint16)
     pairs = np.empty(longest, np.uint16)
+    kinds = np.empty(len(kind_of_cells), np.uint8)
     for row in range(base + constant_bits.shape[1]):
         cells[registers + row] = row
     raw = np.empty(longest, np.int64)
@@ -48,6 +52,9 @@ def decode_sequences(
     own = constant_bits.shape[1]
     for p in range(len(genes)):
         found = split_instructions(genes[p], operator_of, pairs)
+        if done_for.size:
+            kinds[:] = kind_of_cells
+            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
         begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
         n = decode_sequence(pairs, begin, found, cell_of, start, base, own, raw, outputs[p], cells)
         count[p], hashes[p] = keep_live(
@@ -61,6 +68,8 @@ def decode_forest(
     bounds: NDArray[np.int32],
     constant_bits: NDArray[np.uint64],
     base: int,
+    done_for: NDArray[np.uint16],
+    kind_of_rows: NDArray[np.uint8],
     words: NDArray[np.int64],
     outputs: NDArray[np.uint16],
     count: NDArray[np.int64],
@@ -70,13 +79,14 @@ def decode_forest(
     """Effective code of programs of several trees; bounds (P, roots + 1) index the flat prefix codes."""
     longest = words.shape[1]
     stack = np.empty(longest + 1, np.int64)
+    kinds = np.empty(longest + 1, np.int64)
     raw = np.empty(longest, np.int64)
     reach = np.empty(base + longest, np.uint8)
     leaf = np.ones(base + longest, np.uint8)
     place = np.arange(base + longest).astype(np.uint16)
     live = np.empty(longest + 1, np.uint16)
     for p in range(len(bounds)):
-        n = decode_trees(codes, bounds[p], base, raw, outputs[p], stack)
+        n = decode_trees(codes, bounds[p], base, done_for, kind_of_rows, raw, outputs[p], stack, kinds)
         count[p], hashes[p] = keep_live(
             raw, words[p], n, base, outputs[p], constant_bits[p], sizes[p], reach, leaf, place, live
         )

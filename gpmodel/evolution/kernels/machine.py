@@ -109,6 +109,41 @@ def split_instructions(genes: NDArray[np.uint8], operator_of: NDArray[np.uint8],
 
 
 @compiled
+def allowed_instructions(
+    pairs: NDArray[np.uint16],
+    count: int,
+    cell_of: NDArray[np.uint16],
+    done_for: NDArray[np.uint16],
+    kinds: NDArray[np.uint8],
+) -> int:
+    """Replace or leave out, in ``pairs``, operators that may not be applied; returns how many instructions stay.
+
+    ``done_for[op-code, kind, kind]`` is ``256 op-code + kind`` of what is done instead, 0 for nothing; ``kinds`` (a
+    number a cell, overwritten) are those of the registers at the start, then of the rows.
+    """
+    accumulator = np.int64(kinds[0])
+    kept = 0
+    for k in range(count):
+        pair = np.int64(pairs[k])
+        code = pair >> 8
+        cell = cell_of[pair]
+        if code > 2:
+            second = np.int64(kinds[cell]) if code <= _LAST_BINARY else 0
+            done = np.int64(done_for[code, accumulator, second])
+            pairs[kept] = (done & 0xFF00) | (pair & 0xFF)
+            accumulator = done & 0xFF if done else accumulator
+            kept += done != 0
+        else:
+            if code == 2:
+                kinds[cell] = accumulator
+            else:
+                accumulator = np.int64(kinds[cell])
+            pairs[kept] = pair
+            kept += 1
+    return kept
+
+
+@compiled
 def reaching_instructions(
     pairs: NDArray[np.uint16],
     count: int,
@@ -179,32 +214,44 @@ def decode_trees(
     codes: NDArray[np.int16],
     bounds: NDArray[np.int32],
     base: int,
+    done_for: NDArray[np.uint16],
+    kind_of_rows: NDArray[np.uint8],
     words: NDArray[np.int64],
     outputs: NDArray[np.uint16],
     stack: NDArray[np.int64],
+    kinds: NDArray[np.int64],
 ) -> int:
     """Instructions of the trees ``codes[bounds[k]:bounds[k + 1]]``, each in depth-first (prefix) order.
 
     A code below 32 is an operator, below 16384 a row plus 32, beyond that a constant of the program plus
-    16384. Returns the number of instructions; ``stack`` is scratch.
+    16384. Where ``done_for`` is given (see ``allowed_instructions``), an operator that may not be applied is replaced,
+    or stands for its first argument. Returns the number of instructions; ``stack`` and ``kinds`` are scratch.
     """
+    typed = done_for.size > 0
     count = 0
     for root in range(len(outputs)):
         top = 0
         for i in range(bounds[root + 1] - 1, bounds[root] - 1, -1):
             code = np.int64(codes[i])
             if code < 32:
-                top -= 1
-                word = code | (stack[top] << 16)
-                if code <= _LAST_BINARY:
-                    top -= 1
-                    word |= stack[top] << 32
-                words[count] = word
-                stack[top] = base + count
-                count += 1
+                binary = code <= _LAST_BINARY
+                first = stack[top - 1]
+                kind = kinds[top - 1]
+                second = stack[top - 2] if binary else 0
+                if typed:
+                    done = np.int64(done_for[code, kind, kinds[top - 2] if binary else 0])
+                    code = done >> 8
+                    kind = done & 0xFF if done else kind
+                top -= 2 if binary else 1
+                kinds[top] = kind
+                stack[top] = base + count if code else first
+                words[count] = code | (first << 16) | (second << 32)
+                count += code != 0
             elif code < 16384:
                 stack[top] = code - 32
+                kinds[top] = kind_of_rows[code - 32]
             else:
+                kinds[top] = 0
                 words[count] = CONSTANT | ((code - 16384) << 16)
                 stack[top] = base + count
                 count += 1

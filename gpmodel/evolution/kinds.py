@@ -1,0 +1,167 @@
+"""What a value is a measure of, and what may be done with it: strongly typed programs (Montana 1995).
+
+Kinds of inputs: "angle", "short angle" (its range is too short for its period to show), "time" and "row" (clocks),
+"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
+are read by periodic functions, by functions of how far they are from a place, and in sums and differences; quantities
+are added to their own kind only; clocks make ramps, steps and exponential approaches; a threshold is a constant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.formula.operators import ARITHMETIC, BY_CODE, BY_NAME, Operator
+from gpmodel.formula.program import Program
+
+ANY, CONSTANT, NUMBER = "any", "constant", "number"
+ANGLE, SHORT, BENT, SQUARE = "angle", "short angle", "bent angle", "squared angle"
+CLOCKS = ("time", "row")
+SHORT_RANGE = np.pi / 2
+"""An angle that varies by less than a quarter turn: its sine is a straight line to 10 %, or a parabola to 3 %."""
+
+_SATURATING = ("tanh", "atan")
+_UNARY: dict[str, dict[str, str]] = {
+    ANGLE: {**dict.fromkeys(("sin", "cos", "tan", *_SATURATING), NUMBER), "abs": BENT, "square": SQUARE},
+    SHORT: {**dict.fromkeys(("sin", "cos", "tan", *_SATURATING, "square"), NUMBER), "abs": BENT},
+    BENT: {**dict.fromkeys(_SATURATING, NUMBER), "abs": BENT, "square": SQUARE},
+    SQUARE: {"exp": NUMBER},
+    NUMBER: dict.fromkeys((*_SATURATING, "abs", "square", "sqrt", "log", "asin", "reciprocal"), NUMBER),
+    "clock": dict.fromkeys((*_SATURATING, "exp"), NUMBER),
+    "quantity": {**dict.fromkeys((*_SATURATING, "exp", "square", "sqrt", "log"), NUMBER), "abs": "quantity"},
+}
+
+
+def role(kind: str) -> str:
+    """What its rules go by: "clock" and "quantity" stand for all kinds of theirs."""
+    if kind in CLOCKS:
+        return "clock"
+    return kind if kind in _UNARY or kind == CONSTANT else "quantity"
+
+
+def result(operator: str, *kinds: str) -> str | None:
+    """The kind that an operator makes of its arguments' kinds, None where it may not be applied to them."""
+    if ANY in kinds:
+        return ANY
+    if all(kind == CONSTANT for kind in kinds):
+        return None
+    if len(kinds) == 1:
+        found = _UNARY[role(kinds[0])].get(operator)
+        return kinds[0] if found == "quantity" else found
+    if CONSTANT in kinds:
+        return _beside_a_constant(operator, *kinds)
+    return _of_two(operator, *kinds)
+
+
+def _beside_a_constant(operator: str, first: str, second: str) -> str | None:
+    kind = second if first == CONSTANT else first
+    if operator == "divide" and first == CONSTANT:
+        return NUMBER if kind == NUMBER else None
+    if operator in ("min", "max"):
+        return BENT if kind in (ANGLE, SHORT) else None if kind == SQUARE else kind
+    return kind if operator in ("add", "subtract", "multiply", "divide") else None
+
+
+def _of_two(operator: str, first: str, second: str) -> str | None:
+    roles = {role(first), role(second)}
+    if operator in ("add", "subtract"):
+        if roles <= {ANGLE, SHORT}:
+            return first if first == second else ANGLE
+        return first if first == second and roles <= {NUMBER, "quantity"} else None
+    if operator == "multiply":
+        direct = roles <= {NUMBER, "quantity", SHORT, "clock"} and roles != {"clock"}
+        return NUMBER if direct or (NUMBER in roles and roles <= {NUMBER, ANGLE, BENT}) else None
+    if operator == "divide":
+        same = first == second and roles <= {NUMBER, "quantity"}
+        return NUMBER if same or (role(first) == "quantity" and second == NUMBER) else None
+    return None
+
+
+NONE = 255
+"""Number of no kind at all."""
+
+
+@dataclass(frozen=True)
+class Typing:
+    """The kinds that can arise from inputs of some kinds, numbered; without any, everything may be done.
+
+    ``inputs`` are the kinds of the inputs in turn.
+    """
+
+    inputs: tuple[str, ...] = ()
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """All kinds by number; constants are number 0."""
+        made = (CONSTANT, NUMBER, BENT, SQUARE, *self.inputs) if self.inputs else (ANY,)
+        return tuple(dict.fromkeys(made))
+
+    def numbers(self, kinds: Sequence[str]) -> NDArray[np.uint8]:
+        return np.array([self.kinds.index(kind) for kind in kinds], dtype=np.uint8)
+
+    @cached_property
+    def of_inputs(self) -> NDArray[np.uint8]:
+        """Numbers of the inputs' kinds; empty where there are none."""
+        return self.numbers(self.inputs)
+
+    def results(self, operator: Operator) -> NDArray[np.uint8]:
+        """Number of the kind that an operator makes, by those of its arguments: (K,) or (K, K), or ``NONE``."""
+        return self._results[operator.name]
+
+    def of(self, operator: Operator, *kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Kinds that an operator makes of arrays of kinds; nothing is made of ``NONE``."""
+        broken = reduce(np.logical_or, [kind == NONE for kind in kinds])
+        found = self.results(operator)[tuple(np.where(broken, 0, kind) for kind in kinds)]
+        return np.where(broken, NONE, found).astype(np.uint8)
+
+    @cached_property
+    def _results(self) -> dict[str, NDArray[np.uint8]]:
+        found = {}
+        for operator in ARITHMETIC:
+            table = np.full((len(self.kinds),) * operator.arity, NONE, dtype=np.uint8)
+            for place in np.ndindex(table.shape):
+                kind = result(operator.name, *(self.kinds[k] for k in place))
+                if kind is not None:
+                    table[place] = self.kinds.index(kind)
+            found[operator.name] = table
+        return found
+
+    def repairs(self, operators: Sequence[Operator]) -> NDArray[np.uint16]:
+        """``256 op-code + kind`` over (op-code, first kind, second kind): what is done where an operator is asked for.
+
+        The operator itself where it may be applied; else the next on offer of as many arguments that may; 0 where
+        none may. The second kind is 0 for one argument. Empty without kinds.
+        """
+        count = len(self.kinds) if self.inputs else 0
+        table = np.zeros((max(BY_CODE) + 1, count, count), dtype=np.uint16)
+        for arity in (1, 2):
+            offered = [operator for operator in operators if operator.arity == arity]
+            for place, asked in enumerate(offered):
+                for other in reversed(offered[place:] + offered[:place]):
+                    made = self.results(other).astype(np.uint16)
+                    made = made[:, None] if arity == 1 else made
+                    part = table[asked.code, :, : made.shape[1]]
+                    part[...] = np.where(made != NONE, 256 * other.code + made, part)
+        return table
+
+    def of_nodes(self, program: Program, names: Sequence[str], changed: dict[int, int] | None = None) -> list[int]:
+        """Number of the kind of every node, ``NONE`` at and after what may not be; some may be given."""
+        found: list[int] = []
+        for index, node in enumerate(program.nodes):
+            if changed and index in changed:
+                found.append(changed[index])
+            elif node.operator == "input":
+                found.append(int(self.of_inputs[names.index(str(node.value))]) if self.inputs else 0)
+            elif node.operator == "constant":
+                found.append(0)
+            else:
+                below = tuple(found[k] for k in node.arguments)
+                broken = NONE in below
+                found.append(NONE if broken else int(self.results(BY_NAME[node.operator])[below]))
+        return found
+
+    def allows(self, program: Program, names: Sequence[str], changed: dict[int, int] | None = None) -> bool:
+        """Whether every node of a program over inputs of these names is of a kind, some being given."""
+        return NONE not in self.of_nodes(program, names, changed)
