@@ -10,6 +10,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 
 Array = NDArray[np.float64]
+KINDS = (*["angle"] * 6, "temperature", "row")
 POSES, HELD_OUT, SITES, ENABLED, NOISE, TRUE_SITE = 90, 200, 20, 25, 0.1, 7
 
 
@@ -62,7 +63,7 @@ def planted(effect: Effect, seed: int) -> Planted:
     enabled = np.concatenate([enabled, np.broadcast_to(np.eye(3), (poses, 3, 3))], axis=2)[:, :, :ENABLED]
     train, held = np.arange(POSES), np.arange(POSES, poses)
     parts = [_targets(sensitivity[:, rows], enabled[rows], error[rows]) for rows in (train, held)]
-    inputs = [Inputs(names, values[:, rows], names[:6]) for rows in (train, held)]
+    inputs = [Inputs(names, values[:, rows], KINDS) for rows in (train, held)]
     problem = SlotProblem(inputs[0], parts[0], parts[1], inputs[1], parsimony=2.0)
     gain, coefficients = parts[0].set_gain(shape[None, train], TRUE_SITE)
     return Planted(problem, shape[train], gain, parts[1].gain_of(shape[None, held], coefficients, TRUE_SITE))

@@ -16,6 +16,7 @@ from gpmodel.discovery.score import saved
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
 from gpmodel.errors import InputError
+from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
@@ -24,11 +25,15 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.formula.program import Program
 from gpmodel.model.effect import axis_unit
+from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.numerics.null_distribution import chance
 from gpmodel.progress import Teller
+
+KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
+"""What a column is a measure of, by its unit; other units are kinds of their own."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +159,19 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
         values.append((column[rows] - offset) / scale)
         shifted = f"({name} - {offset!r})" if offset else name
         written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
-    angles = tuple(n for n in names if states.units[n] == "rad")
-    return Inputs(tuple(names), np.array(values), angles), written
+    kinds = tuple(kind_of(name, states) for name in names)
+    return Inputs(tuple(names), np.array(values), kinds), written
+
+
+def kind_of(name: str, states: States) -> str:
+    """What a column is a measure of; what the rows before leave of an angle is a travel, which has no period."""
+    unit = states.units[name]
+    if name == "row":
+        return "row"
+    if unit == "rad":
+        short = float(np.ptp(states[name])) < SHORT_RANGE
+        return "travel" if read_by(name) else SHORT if short else ANGLE
+    return NUMBER if unit == "1" else KINDS.get(unit, unit)
 
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:

@@ -13,6 +13,7 @@ from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
+Kinds = NDArray[np.uint8]
 
 MOST_STEPS = 8
 MOST_OUTPUTS = 3
@@ -68,13 +69,13 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
         return replace(listed, growth=listed.growth + 1.0)
     here, value, of_kind = program.nodes[node], values[node], words.typing.of
     known = np.array(kinds, dtype=np.uint8)
-    elements = Pieces.chained([listed, *(_repeated(k, values[k], known[k], words) for k in range(node + 1))])
+    elements = Pieces.chained([listed, *(_repeated(k, values[k], known[k : k + 1], words) for k in range(node + 1))])
 
     def joined(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return builder.apply(operator.name, copies[node], elements.build(builder, copies, k))
 
-        made = of_kind(operator, known[node], elements.kinds)
+        made = of_kind(operator, known[node : node + 1], elements.kinds)
         return Pieces(operator.function(value, elements.values), elements.growth + 1.0, made, build)
 
     def wrapped(operator: Operator) -> Pieces:
@@ -99,7 +100,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
     return Pieces.chained(parts)
 
 
-def _repeated(node: int, value: Array, kind: np.uint8, words: Vocabulary) -> Pieces:
+def _repeated(node: int, value: Array, kind: Kinds, words: Vocabulary) -> Pieces:
     """A node that the program has, and one-argument operators of it: shared, so that only the operator adds to it."""
 
     unary = words.unary
@@ -107,7 +108,7 @@ def _repeated(node: int, value: Array, kind: np.uint8, words: Vocabulary) -> Pie
     def build(builder: Builder, copies: list[int], k: int) -> int:
         return builder.apply(unary[k - 1].name, copies[node]) if k else copies[node]
 
-    kinds = np.array([kind, *(words.typing.of(operator, kind) for operator in unary)], dtype=np.uint8)
+    kinds = np.concatenate([kind, *(words.typing.of(operator, kind) for operator in unary)])
     rows = np.stack([value, *(operator.function(value) for operator in unary)])
     return Pieces(rows, np.array([0.0] + [1.0] * len(unary)), kinds, build)
 

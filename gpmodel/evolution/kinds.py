@@ -28,7 +28,7 @@ _UNARY: dict[str, dict[str, str]] = {
     SHORT: {**dict.fromkeys(("sin", "cos", "tan", *_SATURATING, "square"), NUMBER), "abs": BENT},
     BENT: {**dict.fromkeys(_SATURATING, NUMBER), "abs": BENT, "square": SQUARE},
     SQUARE: {"exp": NUMBER},
-    NUMBER: dict.fromkeys((*_SATURATING, "abs", "square", "sqrt", "log", "asin", "reciprocal"), NUMBER),
+    NUMBER: dict.fromkeys(("abs", "square", "sqrt", "log", "asin", "reciprocal"), NUMBER),
     "clock": dict.fromkeys((*_SATURATING, "exp"), NUMBER),
     "quantity": {**dict.fromkeys((*_SATURATING, "exp", "square", "sqrt", "log"), NUMBER), "abs": "quantity"},
 }
@@ -67,8 +67,8 @@ def _beside_a_constant(operator: str, first: str, second: str) -> str | None:
 def _of_two(operator: str, first: str, second: str) -> str | None:
     roles = {role(first), role(second)}
     if operator in ("add", "subtract"):
-        if roles <= {ANGLE, SHORT}:
-            return first if first == second else ANGLE
+        if roles <= {ANGLE, SHORT, BENT}:
+            return first if first == second else BENT if BENT in roles else ANGLE
         return first if first == second and roles <= {NUMBER, "quantity"} else None
     if operator == "multiply":
         direct = roles <= {NUMBER, "quantity", SHORT, "clock"} and roles != {"clock"}
