@@ -44,7 +44,8 @@ def test_laws_of_the_field_may_be(law: str) -> None:
     [
         "cos(J4)/exp(min(J1, (order - 480)/290))", "tanh(max(J1, J4))", "exp(J4)*cos(square(J4))", "J1*J4",
         "J1/(exp(J1) + z)*cos(J4)", "J1 + z", "torque_J2 - temperature", "sin(torque_J2)", "sin(order)", "sin(sin(J1))",
-        "max(J1, order)", "square(order)", "order + J1", "z/torque_J2", "exp(cos(J1))", "min(sin(J1), cos(J4))", "tanh(tanh(J1))",
+        "max(J1, order)", "square(order)", "order + J1", "z/torque_J2", "exp(cos(J1))", "min(sin(J1), cos(J4))",
+        "tanh(tanh(J1))",
     ],
 )  # fmt: skip
 def test_what_compares_lengths_with_angles_may_not(law: str) -> None:
