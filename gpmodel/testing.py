@@ -256,7 +256,7 @@ def check_representation(representation: Representation, *, population: int = 64
     """
     rng = np.random.default_rng(seed)
     inputs = Inputs(("a", "b"), rng.normal(size=(2, 40)))
-    breeding = representation.breeding(inputs.names, (), 1)
+    breeding = representation.breeding(inputs, (), 1)
     layout = breeding.layout
     first = breeding.initial(population, np.random.default_rng(seed))
     again = breeding.initial(population, np.random.default_rng(seed))
