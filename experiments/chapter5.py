@@ -14,7 +14,8 @@ from scipy import stats
 
 from experiments.irb6400r_truth import Case
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration, calibrate
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect

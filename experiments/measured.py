@@ -11,7 +11,8 @@ import numpy as np
 
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.cli.evolve import strategies_named
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery

@@ -8,7 +8,8 @@ import numpy as np
 from effect_cases import Truth, bare, measure, mechanism, sized, true_tips
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import KINDS, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import as_candidate, without_poles
 from gpmodel.discovery.residual import residual_of

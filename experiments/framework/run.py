@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import KINDS, THESIS_INPUTS, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.score import scores

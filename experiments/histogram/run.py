@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import KINDS, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
-from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.targets import targets

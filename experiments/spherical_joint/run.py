@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from rig_tables import JOINT, RIG, model, reduction, summary, tables
 
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from experiments import measured
-from gpmodel.calibration.gauss_newton import errors_on
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.result import Discovery
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments import measured
 from gpmodel.application.model_file import load_model
-from gpmodel.calibration.gauss_newton import errors_on
+from gpmodel.calibration.result import errors_on
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.table.split import hold_out
 

@@ -17,7 +17,8 @@ from gpmodel.api.display import aligned, notebook
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.gauss_newton import Calibration, calibrate
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import cartesian_task, slot_task
 from gpmodel.errors import InputError
 from gpmodel.evolution.input_histogram import Histogram, histogram

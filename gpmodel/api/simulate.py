@@ -109,7 +109,7 @@ def _truth(made: Simulation) -> SavedModel:
         stderr=np.full(count, np.nan),
         covariance=np.zeros((count, count)),
         placement=made.placement,
-        lever=1.0,
+        rotation_weight=1.0,
         sigma=made.noise,
         pose=False,
         input_units=dict(made.dataset.extra_units),

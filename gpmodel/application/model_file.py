@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
@@ -33,7 +33,7 @@ class SavedModel:
     """A fitted model read from text.
 
     theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: (E, E), zero where
-    not fitted. lever: m a radian is worth. sigma: m, one component. pose: whether rotations were measured.
+    not fitted. rotation_weight: m a radian is worth. sigma: m, one component. pose: whether rotations were measured.
     input_units: units of the extra columns the effects read.
     """
 
@@ -42,7 +42,7 @@ class SavedModel:
     stderr: Array
     covariance: Array
     placement: Placement
-    lever: float
+    rotation_weight: float
     sigma: float
     pose: bool
     input_units: Mapping[str, str]
@@ -62,7 +62,7 @@ def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
         stderr=fit.stderr,
         covariance=fit.correlation * np.outer(deviation, deviation),
         placement=fit.placement,
-        lever=fit.lever,
+        rotation_weight=fit.rotation_weight,
         sigma=fit.sigma,
         pose=dataset.has_rotation,
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
@@ -121,7 +121,7 @@ def model_text(saved: SavedModel, **more: Any) -> str:
         "registration": dict(saved.placement.registration),
         "tool": dict(saved.placement.tool),
         "anchors_m": dict(saved.placement.anchors),
-        "lever_m": saved.lever,
+        "lever_m": saved.rotation_weight,
         "sigma_m": saved.sigma,
         "pose": saved.pose,
         "input_units": dict(saved.input_units),
@@ -203,7 +203,7 @@ def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> Saved
         stderr=np.array(stderr, dtype=float),
         covariance=_array(content["covariance"], (n, n)) if n else np.zeros((0, 0)),
         placement=placement,
-        lever=float(content["lever_m"]),
+        rotation_weight=float(content["lever_m"]),
         sigma=float(content["sigma_m"]),
         pose=bool(content["pose"]),
         input_units=dict(content["input_units"]),

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -65,9 +66,10 @@ def climb(
         models.append(("standard", standard))
     for name, group in effects:
         models.append((name, models[-1][1] + group))
-    rungs = []
+    rungs: list[Rung] = []
     for step, of_model in models:
-        fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, seed=seed)
+        start = without_outlier_marks(rungs[-1].fit) if rungs else None
+        fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, start=start, seed=seed)
         errors = errors_on(fit, unseen) if len(unseen) else np.zeros(0)
         rungs.append(Rung(step, fit, summarise(fit.error), summarise(errors)))
     return tuple(rungs)

@@ -26,8 +26,8 @@ class Linearised:
     """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
 
     The first `placement` columns are registration, tool and anchors; the others are the model's effects.
-    Metres throughout: rotations are weighted by `lever`. observed: what was predicted. poses: those given, with
-    free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
+    Metres throughout: rotations are weighted by `rotation_weight`. observed: what was predicted. poses: those given,
+    with free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
     weights: (N, m), positive where an observation is a row; `left` is what free joints leave, None without any.
     """
 
@@ -74,14 +74,14 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 
 
 def linearise(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, lever: float, use: Mask
+    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
     """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
     residual = measured_minus(observed, poses.dataset)
     weights = np.isfinite(residual) * use[:, None].astype(float)
-    weights[:, observed.turns] *= lever
+    weights[:, observed.turns] *= rotation_weight
     blocks, names = _placement_columns(poses, observed, placement)
     blocks.append(effect_columns(model.effects, model, poses, observed))
     columns = np.concatenate(blocks, axis=2)

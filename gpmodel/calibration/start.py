@@ -10,6 +10,13 @@ from gpmodel.model.observation import Tips, observations
 from gpmodel.numerics import se3
 
 START_POSES = 400
+"""Poses that the start is found from; all of them take part in the fit that follows."""
+
+TOOL_PULL = 1e-4
+"""Metres of error that a tool point a metre off the flange counts as: what decides where the poses leave it open."""
+
+GOOD_START = 1e-4
+"""Metres RMS below which no other start is tried; poses in one plane have a mirrored one that fits far worse."""
 
 
 def start_placement(poses: Poses) -> Placement:
@@ -67,7 +74,7 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
             chosen = setup[rows] == i
             turn, shift = se3.fit_rotation(tips[chosen], position[rows][chosen])
             out[chosen] = position[rows][chosen] - tips[chosen] @ turn.T - shift
-        return out.ravel()
+        return np.append(out.ravel(), TOOL_PULL * flat)
 
     starts = [np.zeros(3 * count)]
     starts += [np.tile(0.15 * sign * axis, count) for axis in np.eye(3) for sign in (1.0, -1.0)]
@@ -76,7 +83,7 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
         found = optimize.least_squares(misfit, start, method="trf", x_scale=0.1, max_nfev=30)
         if best is None or found.cost < best.cost:
             best = found
-        if np.sqrt(2 * best.cost / len(rows)) < 0.01:
+        if np.sqrt(2 * best.cost / len(rows)) < GOOD_START:
             break
     assert best is not None
     return best.x.reshape(count, 3)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gpmodel.calibration.gauss_newton import Calibration
-from gpmodel.calibration.linearise import effect_columns, linearise
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
@@ -16,8 +16,7 @@ def absorbed_effects(calibration: Calibration, poses: Poses, effects: Sequence[E
     """Whether free joints leave nothing of each effect's column at these poses; all False without free joints."""
     if not free_joints(calibration.model.mechanism) or not effects:
         return (False,) * len(effects)
-    use = np.ones(len(poses), dtype=bool)
-    problem = linearise(calibration.model, poses, calibration.theta, calibration.placement, calibration.lever, use)
+    problem = problem_at(calibration, poses)
     columns = effect_columns(tuple(effects), calibration.model, problem.poses, problem.observed)
     return tuple(not np.any(column) for column in problem.weigh(columns).T)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.gauss_newton import ROTATION_LEVER
+from gpmodel.calibration.gauss_newton import ROTATION_WEIGHT
 from gpmodel.calibration.linearise import linearise
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
@@ -47,7 +47,7 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
     model = ErrorModel(mechanism, tuple(e for e in effects if e.constant))
     placement = Placement({"": np.eye(4)}, {"": tool}, anchors)
     zero, use = np.zeros(len(model.effects)), np.ones(RANK_POSES, dtype=bool)
-    problem = linearise(model, prepare(mechanism, template), zero, placement, ROTATION_LEVER, use)
+    problem = linearise(model, prepare(mechanism, template), zero, placement, ROTATION_WEIGHT, use)
     placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
     kept = ident.rank(placed, columns).kept(RANK_LIMIT)
     setups, tools = len(data.codes("setup")[0]), len(data.codes("tool")[0])

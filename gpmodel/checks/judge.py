@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.calibration.gauss_newton import calibrate, resolved
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import resolved
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
 from gpmodel.checks.mixed_up import misreading

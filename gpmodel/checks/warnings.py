@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gpmodel.calibration.gauss_newton import Calibration, calibrate, resolved
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.checks.counting import SAME_POSE, distinct_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.gauss_newton import Calibration, calibrate, errors_on, without_outlier_marks
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, judge
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Turn, explore

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import readable_inputs
 from gpmodel.discovery.residual import residual_of

@@ -8,19 +8,19 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.gauss_newton import Calibration, beliefs
-from gpmodel.calibration.linearise import Linearised, effect_columns, linearise
+from gpmodel.calibration.linearise import Linearised, effect_columns
+from gpmodel.calibration.priors import prior_rows
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored
+from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import folds
 
 LARGEST = 1e100
 """A column of larger numbers is not scored: their squares would not be numbers."""
-MAD_SIGMAS = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,7 @@ def residual_of(
     without: effects of the model whose part is given back to the residual, as if they were not in it. trusted: (N,)
     poses taken as they are. seed: of the folds.
     """
-    use = np.ones(len(poses), dtype=bool)
-    problem = linearise(calibration.model, poses, calibration.theta, calibration.placement, calibration.lever, use)
+    problem = problem_at(calibration, poses)
     shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0
@@ -132,7 +131,7 @@ def residual_of(
     shortened = shortened + problem.columns[:, problem.placement :][:, returned] @ calibration.theta[returned]
     kept = calibration.kept & ~returned
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    belief, pull = beliefs(calibration.model, calibration.theta, problem, kept)
+    belief, pull = prior_rows(calibration.model, calibration.theta, problem, kept)
     system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
@@ -149,9 +148,7 @@ def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
     squared = np.zeros(poses)
     np.add.at(squared, problem.pose_of_row, problem.residual**2)
     length = np.sqrt(squared)
-    middle = np.median(length)
-    limit = middle + sigmas * MAD_SIGMAS * float(np.median(np.abs(length - middle)))
-    return np.minimum(1.0, limit / np.maximum(length, 1e-12))
+    return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
 def _spanned(system: Array, believed: Mask) -> Array:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
 from gpmodel.families.candidate import Candidate

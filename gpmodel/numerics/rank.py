@@ -8,7 +8,7 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray
 
 NEGLIGIBLE = 1e-7
-LIMITS = (20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
+LIMITS = (1.0, 20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
 
 
 def orthonormal(columns: Array) -> Array:
@@ -41,67 +41,104 @@ def unique_shares(columns: Array) -> Array:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Candidate columns in the order in which each adds most, and what each then adds.
+    """Candidate columns in the order in which they are preferred, with all that is needed to say which to keep.
 
-    order: (k,) indices of candidates worth an order (near-zero ones are left out). share: (k,) part of each
-    scaled column that the fixed columns and those before it in the order do not explain.
+    fixed: (R, F) orthonormal. candidates: (R, C) of unit length. order: those worth an order (near-zero ones are
+    left out), the preferred first.
     """
 
+    fixed: Array
+    candidates: Array
     order: IntArray
-    share: Array
 
     def kept(self, condition_limit: float) -> IntArray:
-        """Candidates whose share is at least 1 / limit, in their original order."""
-        return np.sort(self.order[self.share >= 1.0 / condition_limit])
+        """Candidates of which the fixed columns and those kept before them leave at least 1 / limit, sorted.
+
+        What is kept among columns that depend on one another is thereby a matter of their order, not of the poses.
+        """
+        basis, kept = self.fixed, []
+        for k in self.order:
+            left = remove(basis, remove(basis, self.candidates[:, [k]]))
+            share = float(np.linalg.norm(left))
+            if share >= 1.0 / condition_limit:
+                basis = np.hstack([basis, left / share])
+                kept.append(k)
+        return np.sort(np.array(kept, dtype=np.int64))
 
 
-def rank(fixed: Array, candidates: Array) -> Ranking:
-    """Pivoted QR of the scaled candidates (M, C) after removing the fixed columns (M, F).
+def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
+    """The candidates (M, C) beside the fixed columns (M, F), in an order of preference (default: as they come).
 
-    Near-zero columns are dropped before scaling. Source: Golub and Van Loan, 5.4.2.
+    Near-zero columns are dropped before scaling. By QR, which keeps all inner products, the rows are as few as the
+    columns. Source: Golub and Van Loan, 5.2.
     """
     norms = np.linalg.norm(candidates, axis=0)
-    alive = np.flatnonzero(norms > NEGLIGIBLE * np.sqrt(len(candidates)))
-    if len(alive) == 0:
-        return Ranking(np.zeros(0, dtype=np.int64), np.zeros(0))
-    scaled = remove(orthonormal(fixed), candidates[:, alive] / norms[alive])
-    r, pivots = linalg.qr(scaled, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(r))
-    return Ranking(alive[pivots[: len(diagonal)]], diagonal)
+    alive = norms > NEGLIGIBLE * np.sqrt(len(candidates))
+    scaled = candidates / np.where(alive, norms, 1.0)
+    both = _triangle(np.hstack([fixed, scaled]))
+    order = np.arange(len(norms)) if order is None else order
+    return Ranking(orthonormal(both[:, : fixed.shape[1]]), both[:, fixed.shape[1] :], order[alive[order]])
 
 
 @dataclass(frozen=True)
 class RankChoice:
-    """One point of the curve of cross-validated error against rank."""
+    """One point of the curve of cross-validated error against rank; spread: standard error of cv_rms over the folds."""
 
     condition_limit: float
     rank: int
     cv_rms: float
+    spread: float = 0.0
 
 
-def cross_validate(columns: Array, target: Array, fold_of_row: IntArray) -> float:
-    """RMS of target (M,) predicted by least squares from the folds each row is not in."""
-    scale = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(scale > 0, scale, 1.0)
-    total = 0.0
-    for fold in np.unique(fold_of_row):
-        test = fold_of_row == fold
-        solution = linalg.lstsq(scaled[~test], target[~test], cond=1e-12, lapack_driver="gelsy")[0]
-        total += float(np.sum((target[test] - scaled[test] @ solution) ** 2))
-    return float(np.sqrt(total / len(target)))
+@dataclass(frozen=True)
+class Folded:
+    """Columns and a target as one triangle a fold, so that any subset of the columns is cross-validated at once.
+
+    triangles: (K + 1, K + 1) each, Rᵀ R = [columns, target]ᵀ [columns, target] of the fold's rows. rows: in each.
+    """
+
+    triangles: tuple[Array, ...]
+    rows: IntArray
+
+    def squared(self, chosen: IntArray) -> Array:
+        """Squared errors (folds,) of the target predicted by some of the columns from the folds it is not in."""
+        out = []
+        for k, tested in enumerate(self.triangles):
+            others = np.vstack([r for j, r in enumerate(self.triangles) if j != k])
+            norms = np.linalg.norm(others[:, chosen], axis=0)
+            scale = np.where(norms > 0, norms, 1.0)
+            found = linalg.lstsq(others[:, chosen] / scale, others[:, -1], cond=1e-12, lapack_driver="gelsy")[0]
+            out.append(float(np.sum((tested[:, -1] - tested[:, chosen] @ (found / scale)) ** 2)))
+        return np.array(out)
 
 
-def rank_curve(
-    fixed: Array, candidates: Array, ranking: Ranking, target: Array, fold_of_row: IntArray
-) -> tuple[RankChoice, ...]:
-    """Cross-validated error at each of LIMITS; limits that keep the same columns share one point."""
-    curve: dict[int, RankChoice] = {}
+def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
+    """Columns (M, K) and target (M,) made ready for cross-validation over folds (M,)."""
+    both = np.column_stack([columns, target])
+    rows = np.unique(fold_of_row, return_counts=True)
+    triangles = (_triangle(both[fold_of_row == fold]) for fold in rows[0])
+    return Folded(tuple(triangles), rows[1])
+
+
+def _triangle(columns: Array) -> Array:
+    """Rows (at most K, K) with the inner products of columns (M, K)."""
+    return np.asarray(linalg.qr(columns, mode="r", check_finite=False)[0])[: columns.shape[1]]
+
+
+def rank_curve(ranking: Ranking, data: Folded, fixed: int) -> tuple[RankChoice, ...]:
+    """Cross-validated error at each of LIMITS; limits that keep the same columns share one point.
+
+    data: of the fixed columns, then the candidates. fixed: how many of the first are always there.
+    """
+    curve: dict[tuple[int, ...], RankChoice] = {}
     for limit in LIMITS:
         kept = ranking.kept(limit)
-        if len(kept) not in curve:
-            columns = np.hstack([fixed, candidates[:, kept]])
-            error = cross_validate(columns, target, fold_of_row)
-            curve[len(kept)] = RankChoice(limit, fixed.shape[1] + len(kept), error)
+        if tuple(kept) not in curve:
+            squared = data.squared(np.concatenate([np.arange(fixed), fixed + kept]))
+            error = float(np.sqrt(squared.sum() / data.rows.sum()))
+            each = np.sqrt(squared / data.rows)
+            spread = float(np.std(each, ddof=1) / np.sqrt(len(each))) if len(each) > 1 else 0.0
+            curve[tuple(kept)] = RankChoice(limit, fixed + len(kept), error, spread)
     return tuple(curve.values())
 
 

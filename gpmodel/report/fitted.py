@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.numerics.se3 import chain, rotation_vector

@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Errors, Rung, known_rows
-from gpmodel.calibration.gauss_newton import Calibration, errors_on, resolved
+from gpmodel.calibration.result import Calibration, errors_on, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted, verdict

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.calibration.gauss_newton import resolved
+from gpmodel.calibration.result import resolved
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Criteria

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.gauss_newton import Calibration, errors_on
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
 from gpmodel.model.error_model import Poses

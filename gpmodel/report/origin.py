@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.result import Calibration
 from gpmodel.model.error_model import Poses
 from gpmodel.model.states import States
 from gpmodel.report.quantity import table_names

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import Calibration
+from gpmodel.calibration.result import Calibration
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import PAYLOAD_SHARE, States

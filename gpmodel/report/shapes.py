@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gpmodel.arrays import Mask
-from gpmodel.calibration.gauss_newton import Calibration, resolved
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import AXES

@@ -52,7 +52,7 @@ def test_what_is_saved_predicts_the_same(case: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(saved.stderr, again.stderr)
     np.testing.assert_array_equal(saved.covariance, again.covariance)
     assert [e.name for e in saved.model.effects] == [e.name for e in again.model.effects]
-    assert (saved.lever, saved.sigma, saved.pose) == (again.lever, again.sigma, again.pose)
+    assert (saved.rotation_weight, saved.sigma, saved.pose) == (again.rotation_weight, again.sigma, again.pose)
     assert saved.input_units == again.input_units
 
 

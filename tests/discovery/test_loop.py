@@ -17,7 +17,8 @@ from loop_cases import (
     robot,
 )
 
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery, Finding, Round

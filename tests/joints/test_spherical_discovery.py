@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from spherical_cases import HIDDEN, JOINT, NOTHING, UNDECLARED, Undeclared
 
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT, OFFSETS, PUBLISHED, published_table
 
-from gpmodel.calibration.gauss_newton import calibrate, errors_on, resolved
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on, resolved
 from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns, solve_joints
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare

@@ -6,8 +6,9 @@ import numpy as np
 from effect_cases import bare, measure, mechanism
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.residual import residual_of

@@ -8,8 +8,9 @@ from effect_cases import NOISE, Truth, bare, mechanism, random_placement, sized
 from loop_cases import QUICK
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import calibrate, errors_on
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression

@@ -60,6 +60,15 @@ def test_rank_keeps_one_of_a_pair_and_shows_the_condition_it_takes_for_the_other
     assert len(ranking.kept(5000.0)) == 4
 
 
+def test_the_order_decides_which_of_a_pair_is_kept() -> None:
+    """Whatever their lengths: the poses do not choose."""
+    pair = np.column_stack([RANDOM[:, 0], RANDOM[:, 0] + 1e-6 * RANDOM[:, 1], RANDOM[:, 2]])
+    for first, second in ((0, 1), (1, 0)):
+        ranking = ident.rank(np.zeros((60, 0)), pair * np.array([1.0, 100.0, 1.0]), np.array([first, second, 2]))
+        assert ranking.kept(1e4).tolist() == [first, 2]
+    assert ident.rank(np.zeros((60, 0)), pair, np.array([1, 2])).kept(1e4).tolist() == [1, 2]
+
+
 def test_what_the_fixed_columns_explain_is_never_kept() -> None:
     fixed = RANDOM[:, :4]
     ranking = ident.rank(fixed, np.column_stack([fixed @ [1.0, -2.0, 0.0, 3.0], RANDOM[:, 5]]))
@@ -69,23 +78,27 @@ def test_what_the_fixed_columns_explain_is_never_kept() -> None:
 def test_the_unit_of_a_column_does_not_decide_its_rank() -> None:
     metres = ident.rank(RANDOM[:, :2], RANDOM[:, 2:])
     mixed = ident.rank(RANDOM[:, :2], RANDOM[:, 2:] * np.array([1e3, 1, 1e-3, 1, 1e2, 1]))
-    assert metres.order.tolist() == mixed.order.tolist()
-    np.testing.assert_allclose(metres.share, mixed.share, rtol=1e-9)
+    for limit in (1.02, 1.05, 1.1, 2.0):
+        assert metres.kept(limit).tolist() == mixed.kept(limit).tolist()
+    assert 0 < len(metres.kept(1.02)) < 6
 
 
 def test_cross_validation_predicts_each_row_from_the_other_folds() -> None:
     target = RANDOM[:, :3] @ [1.0, 2.0, 3.0]
     fold = np.arange(60) % 5
-    assert ident.cross_validate(RANDOM[:, :3], target, fold) < 1e-12
-    noise = RNG.normal(size=60)
-    fitted = noise - RANDOM @ np.linalg.lstsq(RANDOM, noise, rcond=None)[0]
-    assert ident.cross_validate(RANDOM, noise, fold) > 1.05 * np.sqrt(np.mean(fitted**2))
+    assert ident.folded(RANDOM[:, :3], target, fold).squared(np.arange(3)).max() < 1e-24
+    noise, chosen = RNG.normal(size=60), np.array([1, 4, 5])
+    found = ident.folded(RANDOM, noise, fold).squared(chosen)
+    for k in range(5):
+        seen, tested = RANDOM[fold != k][:, chosen], RANDOM[fold == k][:, chosen]
+        left = noise[fold == k] - tested @ np.linalg.lstsq(seen, noise[fold != k], rcond=None)[0]
+        assert found[k] == pytest.approx(np.sum(left**2))
 
 
 def test_the_curve_has_a_point_for_every_rank_its_limits_give() -> None:
     target = RNG.normal(size=60)
     ranking = ident.rank(RANDOM[:, :2], RANDOM[:, 2:])
-    curve = ident.rank_curve(RANDOM[:, :2], RANDOM[:, 2:], ranking, target, np.arange(60) % 5)
+    curve = ident.rank_curve(ranking, ident.folded(RANDOM, target, np.arange(60) % 5), 2)
     assert len({c.rank for c in curve}) == len(curve)
     assert curve[-1].rank == 8
     assert all(c.condition_limit in ident.LIMITS and c.cv_rms > 0 for c in curve)

@@ -1,0 +1,99 @@
+"""Which parameters a fit holds: of those that stand for one another the same ones on every table."""
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.numerics import rank as ident
+from gpmodel.table.bundles import SAME_JOINT
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.split import folds
+
+MINIMUM_SHARE = 1e-3
+"""An effect that varies and of which the others leave less than this cannot be told from them."""
+
+LARGEST_LIMIT = 1e4
+"""Condition limit where none was chosen, because nothing constant is fitted."""
+
+FOLDS = 5
+
+
+def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
+    """Names of the joints that stand at one value, within SAME_JOINT, at every pose of a table."""
+    if not len(dataset):
+        return ()
+    still = np.ptp(dataset.q, axis=0) <= SAME_JOINT
+    return tuple(j.name for j, s in zip(mechanism.joints, still, strict=True) if s and j.measured)
+
+
+def preference(mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = ()) -> IntArray:
+    """Indices of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
+
+    Within each kind in the order given. Those beside a joint that stands still are left out: the part that it carries
+    is one with the part before it, which has the same parameters.
+    """
+    zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
+    kinds = []
+    for i, effect in enumerate(effects):
+        places = {(t.slot, t.axis) for t in effect.terms}
+        if not {slot.rsplit(".", 1)[0] for slot in effect.slots} <= set(still):
+            kinds.append((0 if places <= zeros else 1 if effect.unit == "m" else 2, i))
+    return np.array([i for _, i in sorted(kinds)], dtype=np.int64)
+
+
+def choose(
+    model: ErrorModel, problem: Linearised, nominal: Linearised, theta: Array, condition_limit: float | None, seed: int
+) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
+    """The effects to hold (E,), the condition limit and the curve it was chosen from.
+
+    problem: at theta (E,). nominal: with theta zero. Constant effects are preferred in the order of `preference`, by
+    their columns at the nominal geometry: errors of a milliradian would make parallel axes look as if they were not.
+    The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
+    the smallest, so that tables of one machine hold the same parameters. Effects that vary need a
+    unique share; those with a prior are always held.
+    Raises InputError with fewer measured values than unknowns.
+    """
+    constant = np.array([e.constant for e in model.effects], dtype=bool)
+    prior = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
+    at, fixed = np.flatnonzero(constant), problem.placement
+    columns = problem.columns[:, fixed:]
+    still = still_joints(model.mechanism, problem.poses.dataset)
+    order = preference(model.mechanism, tuple(model.effects[i] for i in at), still)
+    ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:][:, at], order)
+    curve: tuple[ident.RankChoice, ...] = ()
+    limit = condition_limit or LARGEST_LIMIT
+    if condition_limit is None and len(at):
+        fold = folds(problem.poses.dataset, FOLDS, np.random.default_rng(seed))[problem.pose_of_row]
+        system = np.hstack([problem.columns[:, :fixed], columns[:, at]])
+        target = problem.residual + columns[:, at] @ theta[at]
+        curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed)
+        limit = _largest_good(curve)
+    kept = np.zeros(len(model.effects), dtype=bool)
+    kept[at[ranking.kept(limit)]] = True
+    varying = np.flatnonzero(~constant & ~prior)
+    late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])
+    kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
+    kept |= prior
+    _enough(problem, int((kept & ~prior).sum()))
+    return kept, limit, curve
+
+
+def _largest_good(curve: tuple[ident.RankChoice, ...]) -> float:
+    best = min(curve, key=lambda c: c.cv_rms)
+    good = [c for c in curve if c.cv_rms <= best.cv_rms + best.spread]
+    return max(good, key=lambda c: c.rank).condition_limit
+
+
+def _enough(problem: Linearised, held: int) -> None:
+    """Raises InputError with fewer measured values than unknowns."""
+    fixed = problem.columns[:, : problem.placement]
+    unknowns = (ident.orthonormal(fixed).shape[1] if problem.left else problem.placement) + held
+    if len(problem.residual) < unknowns + (problem.left is None):
+        raise InputError(
+            f"{problem.poses.dataset.source}: {len(problem.residual)} measured values for {unknowns} unknowns; "
+            "expected more poses than that or fewer parameters"
+        )

@@ -1,0 +1,44 @@
+"""What is believed before measuring, as further rows of the linear problem."""
+
+import numpy as np
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.model.error_model import ErrorModel, Placement
+
+TOOL_REACH = 1.0
+"""Metres: no tool point is much farther from the flange. It decides only where the poses say nothing of the tool."""
+
+
+def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
+    """Rows (B, K) and right side (B,) of the priors, θ σ / prior = 0, one a kept effect that has one; σ from the
+    residual itself."""
+    prior = np.array([e.prior for e in model.effects])
+    at = np.flatnonzero(kept & np.isfinite(prior))
+    sigma = residual_sigma(problem)
+    rows = np.zeros((len(at), problem.columns.shape[1]))
+    rows[np.arange(len(at)), problem.placement + at] = sigma / prior[at]
+    return rows, -theta[at] * sigma / prior[at]
+
+
+def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
+    """The same for every tool point, p σ / TOOL_REACH = 0; its step is in the tool's own axes.
+
+    Without it the points of a table where few joints move can wander off by kilometres, unseen until the next pose.
+    Where free joints take part, what the poses do not show is left out of the columns already.
+    """
+    rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
+    pull = np.zeros(len(rows))
+    if problem.left is not None:
+        return rows[:0], pull[:0]
+    weight = residual_sigma(problem) / TOOL_REACH
+    for i, (name, frame) in enumerate(placement.tool.items()):
+        first = problem.placement_names.index(f"tool{f' {name}' if name else ''} Tx")
+        rows[3 * i : 3 * i + 3, first : first + 3] = weight * frame[:3, :3]
+        pull[3 * i : 3 * i + 3] = -weight * frame[:3, 3]
+    return rows, pull
+
+
+def residual_sigma(problem: Linearised) -> float:
+    """RMS of the weighted residual, m, of one component."""
+    return float(np.sqrt(np.mean(problem.residual**2)))

@@ -1,0 +1,89 @@
+"""What a fit found, and all that is needed to distrust it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.unmeasured_joints import solve_joints
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
+from gpmodel.numerics.rank import RankChoice
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One number of the registration or the tool: its name, value and deviation in m or rad (`unit`)."""
+
+    name: str
+    value: float
+    stderr: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The fitted numbers and what is needed to distrust them.
+
+    theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
+    correlation: (E, E). unique_share: (E,). placed: registration and tool, number by number. sigma: m, one component.
+    error: (N,) 3-D error of each pose, m. outliers: indices of poses left out of the fit. rotation_weight: m that a
+    radian of measured rotation counts. status: converged, stalled, diverged or kept previous; reason says why.
+    """
+
+    model: ErrorModel
+    placement: Placement
+    theta: Array
+    stderr: Array
+    kept: Mask
+    correlation: Array
+    unique_share: Array
+    placed: tuple[Placed, ...]
+    sigma: float
+    error: Array
+    outliers: IntArray
+    rank: int
+    condition_limit: float
+    rank_curve: tuple[RankChoice, ...]
+    rotation_weight: float
+    iterations: int
+    status: str
+    reason: str
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
+
+    def partners(self, limit: float = 0.8) -> Mapping[str, tuple[tuple[str, float], ...]]:
+        """Effects correlated above `limit` in absolute value with each kept effect."""
+        names = [e.name for e in self.model.effects]
+        out = {}
+        for i in np.flatnonzero(self.kept):
+            near = [j for j in np.flatnonzero(self.kept) if j != i and abs(self.correlation[i, j]) > limit]
+            out[names[i]] = tuple((names[j], float(self.correlation[i, j])) for j in near)
+        return out
+
+
+def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
+    """The weighted linear problem of a fitted model at any poses of known setups and tools, every one of them."""
+    use = np.ones(len(poses), dtype=bool)
+    model, theta, placement = calibration.model, calibration.theta, calibration.placement
+    return linearise(model, poses, theta, placement, calibration.rotation_weight, use)
+
+
+def errors_on(calibration: Calibration, poses: Poses) -> Array:
+    """3-D error (N,) of a fitted model on any poses of known setups and tools, m; free joints are solved first."""
+    poses = resolved(calibration, poses)
+    observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
+    return pose_error(observed, poses.dataset)
+
+
+def resolved(calibration: Calibration, poses: Poses) -> Poses:
+    """The poses with the free joints of the mechanism solved against what was measured; the same without any."""
+    return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
+
+
+def without_outlier_marks(calibration: Calibration) -> Calibration:
+    """The same fit, ready to judge every pose anew."""
+    return replace(calibration, outliers=np.zeros(0, dtype=np.int64))

@@ -1,0 +1,87 @@
+"""How well the numbers of a fit are known: deviations, correlations, unique shares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.calibration.iterate import Fitted, Fitting
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.priors import prior_rows, tool_rows
+from gpmodel.calibration.result import Placed
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.numerics import rank as ident
+from gpmodel.numerics import se3
+from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """stderr, unique_share: (E,), NaN and zero for what is not held. correlation: (E, E). sigma: m, one component.
+    placed: registration and tool. rank: unknowns the measurements determine."""
+
+    stderr: Array
+    correlation: Array
+    unique_share: Array
+    placed: tuple[Placed, ...]
+    sigma: float
+    rank: int
+
+
+def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
+    """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank)."""
+    problem, at = fitted.problem, np.flatnonzero(kept)
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
+    prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
+    believed = np.vstack([problem.columns, prior])[:, free]
+    columns = np.vstack([believed, tool_rows(problem, fitted.placement)[0][:, free]])
+    scale = np.linalg.norm(columns, axis=0)
+    scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
+    many = columns.shape[1] >= MANY_COLUMNS
+    inverse = inverse_gram(columns / scale, many)
+    rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
+    sigma = float(np.sqrt(np.sum(problem.residual**2) / max(len(believed) - rank, 1)))
+    covariance = sigma**2 * inverse / np.outer(scale, scale)
+    effects = slice(problem.placement, None)
+    deviation = np.sqrt(np.diag(covariance))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    n = len(kept)
+    stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
+    stderr[at] = deviation[effects]
+    if many:
+        share[at] = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))[effects]
+    else:
+        fixed = ident.orthonormal(believed[:, : problem.placement])
+        share[at] = ident.unique_shares(np.hstack([fixed, believed[:, effects]]))[fixed.shape[1] :]
+    correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
+    placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
+    return Uncertainty(stderr, correlation, share, placed, sigma, rank)
+
+
+def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
+    """Registration and tool as numbers: place (m) of the root in the instrument's frame and of the tool point in the
+    flange, rotation vectors (rad) with the deviations of small turns about the axes of the outer frame."""
+    out: list[Placed] = []
+    centre = problem.observed.tip[:, :3, 3].mean(axis=0)
+    for name, frame in fitted.placement.registration.items():
+        arm = frame[:3, 3] - centre
+        turn = np.block([[np.eye(3), -se3.hat(arm)], [np.zeros((3, 3)), np.eye(3)]])
+        out += _frame(f"registration{f' {name}' if name else ''}", frame, turn, problem, covariance)
+    for name, frame in fitted.placement.tool.items():
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = frame[:3, :3]
+        out += _frame(f"tool{f' {name}' if name else ''}", frame, turn, problem, covariance)
+    return tuple(out)
+
+
+def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
+    """The numbers of one frame that have columns; turn (6, 6): their steps as changes of those numbers."""
+    names = [f"{name} {axis}" for axis in AXES]
+    at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
+    moved = turn[:, : len(at)] @ covariance[np.ix_(at, at)] @ turn[:, : len(at)].T
+    values = np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
+    deviation = np.sqrt(np.maximum(np.diag(moved), 0.0))
+    words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
+    return [
+        Placed(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad") for k, word in enumerate(words)
+    ]
