@@ -61,22 +61,29 @@ def calibrate(
     Raises InputError with fewer observations than unknowns or poses all alike.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        if free_joints(model.mechanism):
-            check_points(poses.dataset)
-            condition_limit = condition_limit or FREE_JOINTS_LIMIT
-        use = np.ones(len(poses), dtype=bool)
-        if start is None:
-            first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT)
-            placed = iterate(first, np.zeros(0), start_placement(poses), np.zeros(0, dtype=bool))
-            fitting, placement, before = replace(first, model=model), placed.placement, {}
-        else:
-            if robust and len(start.error) == len(poses):
-                use[start.outliers] = False
-            fitting, placement = Fitting(model, poses, use, start.rotation_weight), start.placement
-            before = dict(zip((e.name for e in start.model.effects), start.theta, strict=True))
-        theta = np.array([before.get(e.name, 0.0) for e in model.effects])
-        fresh = poses.dataset.has_rotation and start is None
-        return _fit(fitting, theta, placement, condition_limit, _Manner(robust, fresh, seed))
+        return _calibrate(model, poses, condition_limit, start, robust, seed)
+
+
+def _calibrate(
+    model: ErrorModel, poses: Poses, condition_limit: float | None, start: Calibration | None, robust: bool, seed: int
+) -> Calibration:
+    if free_joints(model.mechanism):
+        check_points(poses.dataset)
+        condition_limit = condition_limit or FREE_JOINTS_LIMIT
+    use = np.ones(len(poses), dtype=bool)
+    before: dict[str, float] = {}
+    if start is None:
+        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT)
+        placement = iterate(first, np.zeros(0), start_placement(poses), np.zeros(0, dtype=bool)).placement
+        fitting = replace(first, model=model)
+    else:
+        if robust and len(start.error) == len(poses):
+            use[start.outliers] = False
+        fitting, placement = Fitting(model, poses, use, start.rotation_weight), start.placement
+        before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
+    theta = np.array([before.get(e.name, 0.0) for e in model.effects])
+    fresh = poses.dataset.has_rotation and start is None
+    return _fit(fitting, theta, placement, condition_limit, _Manner(robust, fresh, seed))
 
 
 @dataclass(frozen=True)
