@@ -132,7 +132,8 @@ def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str,
     Of effects with priors the first, on the joint with the longest lever: on the last they hide in the noise.
     """
     arm = mechanism(name)
-    pool = catalogue.candidates(arm, prepare(arm, bare(name, count, seed, in_order=True)).states)
+    data = bare(name, count, seed, in_order=True)
+    pool = catalogue.candidates(arm, measure(name, (), (), seed, dataset=data).poses.states)
     believed = [c for c in pool if np.isfinite(c.effects[0].prior)]
     return {c.family: c for c in (*pool, *reversed(believed))}
 
@@ -165,6 +166,7 @@ def sized(name: str, effects: Sequence[Effect], dataset: Dataset, millimetres: f
     poses = prepare(arm, dataset)
     placement = random_placement(dataset, rng)
     rest = observe(ErrorModel(arm, ()), poses, np.zeros(0), placement).tip[:, :3, 3]
+    poses = prepare(arm, replace(dataset, position=rest))
     direction = rng.normal(size=len(effects))
     largest = max(float(np.abs(e.twist(poses.states, s)).max()) for e in effects for s in e.slots)
     small = 1e-5 / largest * direction

@@ -113,8 +113,8 @@ def _whole_pose(mechanism: Mechanism) -> bool:
 
 def _tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> Observed:
     """Tool poses in the root frame, and what moves them."""
-    model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
-    theta = np.zeros(0) if nominal else saved.theta
+    empty = ErrorModel(saved.mechanism, ())
+    model, theta = (empty, np.zeros(0)) if nominal else saved.model.of_the_mechanism(saved.theta)
     root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
     bare = replace(dataset, distances={})
     return observe(model, prepare(saved.mechanism, bare), theta, root)

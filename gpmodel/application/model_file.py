@@ -14,7 +14,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement
@@ -187,9 +187,9 @@ def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> Saved
         )
         for e in content["effects"]
     )
-    unknown = [s for e in effects for s in e.slots if s not in mechanism.slots]
+    unknown = [s for e in effects for s in e.slots if s not in places(mechanism)]
     if unknown:
-        raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(mechanism.slots)}")
+        raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(places(mechanism))}")
     placement = Placement(
         {k: _array(v, (4, 4)) for k, v in content["registration"].items()},
         {k: _array(v, (4, 4)) for k, v in content["tool"].items()},

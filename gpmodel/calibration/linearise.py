@@ -14,7 +14,7 @@ from gpmodel.calibration.unmeasured_joints import (
     solve_joints,
     without_absorbed,
 )
-from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.protocol import AXES, INSTRUMENT, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
 from gpmodel.model.observed import Observed
@@ -63,12 +63,15 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
     """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
     out = np.zeros((len(poses), observed.components, len(effects)))
     cache: dict[int, Array] = {}
+    known = places(model.mechanism)
+    by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
+    seen = poses.states.seen_at(observed.tip[:, :3, 3]) if by_instrument else poses.states
     for k, effect in enumerate(effects):
         for term in effect.terms:
-            slot = model.mechanism.slots.index(term.slot)
+            slot = known.index(term.slot)
             if slot not in cache:
                 cache[slot] = observed.sensitivity(slot)
-            shape = term.weight * term.basis(poses.states)
+            shape = term.weight * term.basis(seen if term.slot == INSTRUMENT else poses.states)
             out[:, :, k] += cache[slot][:, :, AXES.index(term.axis)] * shape[:, None]
     return out
 

@@ -5,7 +5,7 @@ import numpy as np
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.states import States
 
@@ -40,8 +40,8 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
 
 def _written_out(name: str, mechanism: Mechanism) -> tuple[Effect, ...]:
     slot, axis, text = (part.strip() for part in name.split(":"))
-    if slot not in mechanism.slots:
-        raise InputError(f"effect '{name}': slot '{slot}' is unknown; available: {', '.join(mechanism.slots)}")
+    if slot not in places(mechanism):
+        raise InputError(f"effect '{name}': slot '{slot}' is unknown; available: {', '.join(places(mechanism))}")
     return (effect_at(name, slot, axis, Expression(text)),)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
+from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
 from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
@@ -44,6 +45,12 @@ _OWN: tuple[Family, ...] = (
     Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", families_session.thermal_growth),
     Family("lagged_growth", "thick parts follow the room's temperature late, in the first order", "Slocum 1992, ch. 2; ISO 230-3", families_memory.lagged_growth),
     Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", families_session.thermal_zero),
+    Family("instrument_range", "the instrument's distances are off by a scale or an offset", "ISO 10360-10", families_instrument.instrument_range),
+    Family("instrument_azimuth", "the encoder of the instrument's standing axis runs out", "Muralikrishnan et al. 2009", families_instrument.instrument_azimuth),
+    Family("instrument_elevation", "the encoder of the instrument's elevation has an index error or runs out", "Muralikrishnan et al. 2009", families_instrument.instrument_elevation),
+    Family("instrument_axes", "the instrument's axes and its beam are not square to each other", "Muralikrishnan et al. 2009", families_instrument.instrument_axes),
+    Family("instrument_field", "a smooth error of the instrument over its volume: refraction, a camera's lens", "ISO 10360-10; VDI/VDE 2634", families_instrument.instrument_field),
+    Family("instrument_walk", "the instrument wanders at random during the session", "ISO 10360-10", families_instrument.instrument_walk),
     Family("drift", "instrument or base creeps during the session", "ISO 230-3", families_session.drift),
     Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", families_session.setup_step),
     Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", families_session.tool_slip),

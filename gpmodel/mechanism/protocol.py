@@ -61,6 +61,15 @@ class Mechanism(Protocol):
         ...
 
 
+INSTRUMENT = "instrument"
+"""Where the instrument's own errors act: a twist in the frame of its readings, before they are registered."""
+
+
+def places(mechanism: Mechanism) -> tuple[str, ...]:
+    """Where an error twist may act: the slots of the mechanism, and the instrument after them."""
+    return (*mechanism.slots, INSTRUMENT)
+
+
 @runtime_checkable
 class Weighed(Protocol):
     """A mechanism that also says how each of its parts weighs on its joints. Gravity's loads at rest are linear in the

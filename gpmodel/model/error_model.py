@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.observation import Tips, observations
 from gpmodel.model.observed import Observed
@@ -52,8 +52,9 @@ def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) 
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """T = T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect.
+    """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect.
 
+    E is the twist of the effects at the slot `instrument`, whose bases may read where the instrument sees the point.
     Raises InputError for an effect at a slot the mechanism does not have.
     """
 
@@ -61,7 +62,7 @@ class ErrorModel:
     effects: tuple[Effect, ...]
 
     def __post_init__(self) -> None:
-        known = self.mechanism.slots
+        known = places(self.mechanism)
         for effect in self.effects:
             for slot in effect.slots:
                 if slot not in known:
@@ -73,9 +74,23 @@ class ErrorModel:
         for effect, value in zip(self.effects, theta, strict=True):
             if value != 0.0:
                 for slot in effect.slots:
-                    at = self.mechanism.slots.index(slot)
-                    out[at] = out.get(at, 0.0) + value * effect.twist(poses.states, slot)
+                    if slot != INSTRUMENT:
+                        at = self.mechanism.slots.index(slot)
+                        out[at] = out.get(at, 0.0) + value * effect.twist(poses.states, slot)
         return out
+
+    def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
+        """The model and its unknowns without what is the instrument's alone."""
+        own = [i for i, effect in enumerate(self.effects) if effect.slots != (INSTRUMENT,)]
+        return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
+
+    def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:
+        """Twist (N, 6), m and rad, of the instrument's readings of `points` (N, 3), m, in its frame; None without."""
+        acting = [(e, v) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 and INSTRUMENT in e.slots]
+        if not acting:
+            return None
+        states = poses.states.seen_at(points)
+        return np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0)
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
@@ -91,10 +106,14 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     frames = model.frames(poses, theta)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])
     register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
-    tip, kinds = frames[-1] @ tool, observations(data)
-    return Observed(
-        Tips(tip, register @ tip), register[None] @ frames, model.twists(poses, theta), kinds, placement.anchors
-    )
+    tip, kinds, twists = frames[-1] @ tool, observations(data), model.twists(poses, theta)
+    by_instrument = model.instrument_twist(poses, theta, (register @ tip)[:, :3, 3])
+    own = np.broadcast_to(np.eye(4), register.shape)
+    if by_instrument is not None:
+        twists, own = {**twists, len(frames): by_instrument}, se3.exp(by_instrument)
+        register = own @ register
+    seen = np.concatenate([register[None] @ frames, own[None]])
+    return Observed(Tips(tip, register @ tip), seen, twists, kinds, placement.anchors)
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:

@@ -14,7 +14,8 @@ from gpmodel.numerics import se3
 class Observed:
     """Predicted readings and what moves them.
 
-    tips: predicted. frames: (S, N, 4, 4) of the slots in the instrument's frame, each after its error twist.
+    tips: predicted. frames: (S + 1, N, 4, 4) of the slots, then of the instrument itself, in the instrument's frame,
+    each after its error twist.
     twists: slot's index -> its error twist (N, 6), m and rad. kinds: what is read. own: name -> (k,) unknowns.
     """
 
@@ -69,7 +70,7 @@ class Observed:
         motion = _motion(turn, -se3.hat(arm) @ turn, turn)
         if slot in self.twists:
             motion = motion @ se3.right_jacobian(self.twists[slot])
-        return self._moved(motion)
+        return self._moved(motion, absolute=slot == len(self.frames) - 1)
 
     def tool_sensitivity(self) -> Array:
         """The same per unit twist of the tool frame: (N, m, 6)."""
@@ -79,11 +80,7 @@ class Observed:
     def registration_sensitivity(self, centre: Array) -> Array:
         """The same per unit twist of the registration about `centre`, in the instrument's axes."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
-        out = self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye))
-        for kind in self.kinds:
-            if not kind.absolute:
-                out[:, self.rows(kind)] = 0.0
-        return out
+        return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
         """The same per unit of an observation's own unknowns: (N, m, k)."""
@@ -91,8 +88,11 @@ class Observed:
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.unknowns(kind))
         return out
 
-    def _moved(self, motion: Array) -> Array:
+    def _moved(self, motion: Array, absolute: bool = False) -> Array:
+        """Change (N, m, 6) by a motion of the tip; absolute: of what is read in the instrument's frame alone."""
         parts = [kind.by_tip(self.tips, self.unknowns(kind)) @ motion for kind in self.kinds]
+        if absolute:
+            parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]
         return np.concatenate(parts, axis=1)
 
 

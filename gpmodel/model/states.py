@@ -1,7 +1,7 @@
 """What a basis may read: named, unit-carrying columns, one value a pose."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -10,6 +10,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
+from gpmodel.model.instrument import Seen, seen_columns
 from gpmodel.model.measured_torque import measured_torque, measured_torques, torque_columns
 from gpmodel.model.memory import Past
 from gpmodel.model.unit_loads import UnitLoads
@@ -28,19 +29,21 @@ class States:
     the table's extra columns in their own units, and row (from 1). Where the rows are in the order of measurement also
     what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
     that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
-    and what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads.
+    what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
+    point (`seen`) by those of gpmodel.model.instrument. None of these is listed in `columns`.
     """
 
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     past: Past | None = None
     weights: UnitLoads | None = None
+    seen: Seen | None = None
     rows: IntArray | None = None
 
     def __getitem__(self, name: str) -> Array:
         if name in self.columns:
             return self.columns[name]
-        for derived in (self.past, self.weights):
+        for derived in (self.past, self.weights, self.seen):
             whole = derived.column(name) if derived else None
             if whole is not None:
                 return whole if self.rows is None else whole[self.rows]
@@ -59,7 +62,11 @@ class States:
         """The same columns at some poses only; what they remember is still that of the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
-        return States(columns, self.units, self.past, self.weights, taken)
+        return replace(self, columns=columns, rows=taken)
+
+    def seen_at(self, points: Array) -> "States":
+        """The same with the instrument's columns of points (N, 3) in its frame, m, instead of those it measured."""
+        return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":
         """Columns (count,) at random places on straight lines between pairs of poses: where nobody measured."""
@@ -132,14 +139,20 @@ def _remembering(
     columns: dict[str, Array], units: dict[str, str], mechanism: Mechanism, dataset: Dataset, same: States | None
 ) -> States:
     """The states of a table, with the standing columns of memory where its rows are in order."""
-    past, rows = (same.past, same.rows) if same else (None, None)
+    if same:
+        past, weights, seen, rows = same.past, same.weights, same.seen, same.rows
+    else:
+        past, weights, seen, rows = None, UnitLoads(mechanism, dataset.q), _seen(dataset), None
     clock = None if past else memory.clock_of(dataset)
     if clock is not None:
         past = Past(MappingProxyType(dict(columns)), MappingProxyType(dict(units)), clock)
-    weights = UnitLoads(mechanism, dataset.q) if rows is None else same.weights if same else None
     if past is not None:
         for name in memory.standing(past, [j.name for j in mechanism.joints]):
             whole = past.column(name)
             if whole is not None and name not in columns:
                 columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
-    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, rows)
+    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, rows)
+
+
+def _seen(dataset: Dataset) -> Seen | None:
+    return Seen(dataset.position) if np.isfinite(dataset.position).all(axis=1).any() else None

@@ -8,7 +8,7 @@ from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families.candidate import Candidate
-from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.protocol import AXES, places
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.report.fitted import finite
 from gpmodel.report.quantity import shape
@@ -34,7 +34,7 @@ def shape_record(
     measured, residual = np.isfinite(difference), np.nan_to_num(difference)
     residual[:, 3:6] = 0.0
     term = candidate.effects[0].terms[0]
-    sensitivity = observed.sensitivity(mechanism.slots.index(term.slot))
+    sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
     lever = sensitivity[:, :, AXES.index(term.axis)] * term.weight
     lever[:, 3:6] = 0.0
     lever, residual = (what_is_left(mechanism, observed, measured, v) for v in (lever, residual))

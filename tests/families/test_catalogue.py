@@ -1,5 +1,6 @@
 """The catalogue: every family has an instance that is found again with its size, and an honest deviation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from scipy import stats
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.dataset import Dataset
@@ -21,8 +24,9 @@ REQUIRED = {
     "backlash_load", "backlash_approach", "gear_ratio", "wrist_coupling", "parallel_bar_closure", "balancing_spring",
     "hardening_stiffness", "thermal_growth", "drift", "set_up_step", "tool_slip",
 }  # fmt: skip
-PLANTED = {(name, f): c for name in ("irb6400r", "ur5") for f, c in first_of_each_family(name).items()}
+PLANTED = {(name, f): c for name in ("irb6400r", "ur5") for f, c in first_of_each_family(name, 90, 8).items()}
 ALIASED = 0.03
+FEW = 4
 
 
 def test_the_required_families_are_there_and_each_says_what_it_is_and_who_says_so() -> None:
@@ -50,7 +54,7 @@ def test_candidates_are_distinct_finite_and_of_known_families_and_slots(name: st
 
 
 def test_every_family_has_an_instance_on_some_mechanism() -> None:
-    made = {f for name in MECHANISMS for f in first_of_each_family(name, 30)}
+    made = {f for name in MECHANISMS for f in first_of_each_family(name, 40)}
     free = spherical_joint()
     made |= {c.family for c in catalogue.candidates(free, prepare(free, bare("spherical-joint", 30)).states)}
     assert made == set(catalogue.names())
@@ -66,14 +70,21 @@ def test_what_the_table_lacks_is_not_offered() -> None:
     assert "parallel_bar_closure" not in {c.family for c in catalogue.candidates(mechanism("ur5"), on_ur5)}
 
 
+def without_priors(candidate: Candidate) -> tuple[Effect, ...]:
+    """Its effects as large as one likes; a curve of many keeps the priors that make it smooth."""
+    if len(candidate.effects) > FEW:
+        return candidate.effects
+    return tuple(replace(e, prior=np.inf) for e in candidate.effects)
+
+
 @pytest.mark.parametrize(("name", "family"), PLANTED, ids=lambda v: str(v))
 def test_a_planted_instance_is_recovered_within_its_deviation(name: str, family: str) -> None:
-    candidate = PLANTED[name, family]
+    effects = without_priors(PLANTED[name, family])
     data = bare(name, 90, 8, in_order=True)
-    theta = sized(name, candidate.effects, data, 0.4)
-    truth = measure(name, candidate.effects, theta, 8, dataset=data)
+    theta = sized(name, effects, data, 0.4)
+    truth = measure(name, effects, theta, 8, dataset=data)
     arm = truth.model.mechanism
-    fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *candidate.effects)), truth.poses)
+    fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *effects)), truth.poses)
     k = len(theta)
     found = np.arange(len(fit.theta) - k, len(fit.theta))
     seen = found[fit.kept[found] & (fit.unique_share[found] > ALIASED)]

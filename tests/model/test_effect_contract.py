@@ -16,16 +16,20 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
 
 ANCHORS = ("distance_a", "distance_b")
 
 
 def scene(name: str, count: int = 11) -> tuple[Poses, Placement]:
     """Poses at which position, rotation and two distances are all observed, two setups and two tools."""
-    data = replace(
-        bare(name, count, 3, setups=2, tools=2, in_order=True), distances={a: np.zeros(count) for a in ANCHORS}
-    )
-    return prepare(mechanism(name), data), random_placement(data, np.random.default_rng(4), ANCHORS)
+    data = bare(name, count, 3, setups=2, tools=2, in_order=True)
+    placement = random_placement(data, np.random.default_rng(4), ANCHORS)
+    empty = ErrorModel(mechanism(name), ())
+    seen = observe(empty, prepare(mechanism(name), data), np.zeros(0), placement).tip
+    turned = se3.rotation_vector(seen[:, :3, :3])
+    data = replace(data, position=seen[:, :3, 3], rotation=turned, distances={a: np.zeros(count) for a in ANCHORS})
+    return prepare(mechanism(name), data), placement
 
 
 def derivative(effects: Sequence[Effect], k: int, poses: Poses, placement: Placement, at: Array, name: str) -> Array:

@@ -1,0 +1,127 @@
+"""Families of the instrument's own errors, as a laser tracker has them: in its frame, before registration.
+
+With azimuth a and elevation e, a small turn about the standing axis shifts a point by azimuth, one about the axis
+(sin a, -cos a, 0) by elevation, a shift along (cos e cos a, cos e sin a, sin e) by range. A constant turn about z is
+the registration's.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.states import States
+
+ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
+"""rad, m, m a metre: a few times what makers state at worst, 15 µm + 6 µm/m, since what is found is out of order."""
+
+A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
+
+DEGREE = 3
+"""Of a smooth field over the volume: a bend and an s-shape along each direction."""
+
+WAVES = 8
+"""Of a walk along the rows: the eighth carries a 225th of the variance of the first."""
+
+
+def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:
+    """Along the beam."""
+    ways = {"Tx": f"cos({E})*cos({A})", "Ty": f"cos({E})*sin({A})", "Tz": f"sin({E})"}
+    terms = tuple(Term(INSTRUMENT, axis, Expression(f"{factor}*{way}")) for axis, way in ways.items())
+    return Effect(name, terms, unit, family, prior)
+
+
+def _by_azimuth(name: str, shape: str, family: str) -> Effect:
+    return Effect(name, (Term(INSTRUMENT, "Rz", Expression(shape)),), "rad", family, ANGLE)
+
+
+def _by_elevation(name: str, shape: str, family: str) -> Effect:
+    turns = (("Rx", f"({shape})*sin({A})", 1.0), ("Ry", f"({shape})*cos({A})", -1.0))
+    terms = tuple(Term(INSTRUMENT, axis, Expression(basis), weight) for axis, basis, weight in turns)
+    return Effect(name, terms, "rad", family, ANGLE)
+
+
+def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if states.seen:
+        family = "instrument_range"
+        for name, factor, unit, prior in (
+            ("range offset of the instrument", "1", "m", LENGTH), ("range scale of the instrument", R, "1", SCALE),
+        ):  # fmt: skip
+            yield Candidate(name, (_shift(name, factor, unit, family, prior),), family, 4.0)
+
+
+def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if states.seen:
+        for n, words in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
+            effects = tuple(_by_azimuth(f"{words}, {f}", f"{f}({n}*{A})", "instrument_azimuth") for f in ("sin", "cos"))
+            yield Candidate(words, effects, "instrument_azimuth", 4.0)
+
+
+def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if states.seen:
+        family, name = "instrument_elevation", "elevation index of the instrument"
+        yield Candidate(name, (_by_elevation(name, "1", family),), family, 4.0)
+        name = "eccentricity of the instrument's elevation"
+        effects = tuple(_by_elevation(f"{name}, {f}", f"{f}({E})", family) for f in ("sin", "cos"))
+        yield Candidate(name, effects, family, 4.5)
+
+
+def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    if states.seen and np.max(np.abs(states[E])) < np.radians(85.0):
+        for name, shape in (
+            ("tilt of the instrument's transit axis", f"tan({E})"),
+            ("collimation of the instrument", f"reciprocal(cos({E}))"),
+        ):
+            yield Candidate(name, (_by_azimuth(name, shape, "instrument_axes"),), "instrument_axes", 4.5)
+
+
+def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Polynomials of the place, of degree two and three, in each coordinate: first degrees scale, shear and turn."""
+    if states.seen is None:
+        return
+    name = "smooth error of the instrument over the volume"
+    scaled = [_centred(f"instrument_{axis}", states.seen.columns[f"instrument_{axis}"]) for axis in "xyz"]
+    powers = [p for p in product(range(DEGREE + 1), repeat=3) if 2 <= sum(p) <= DEGREE]
+    effects = []
+    for power in powers:
+        shape = "*".join(f"{text}**{k}" if k > 1 else text for text, k in zip(scaled, power, strict=True) if k)
+        for axis in ("Tx", "Ty", "Tz"):
+            term = Term(INSTRUMENT, axis, Expression(shape))
+            label = "".join(f"{c}{k}" for c, k in zip("xyz", power, strict=True) if k)
+            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", LENGTH / 2))
+    yield Candidate(name, tuple(effects), "instrument_field", 5.0)
+
+
+def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), deviations as 1/(k - 1/2)."""
+    rows = states.past.columns["row"] if states.past else states["row"]
+    if len(rows) < 4 * WAVES or states.seen is None:
+        return
+    along = f"(row - {np.min(rows):g})/{max(float(np.ptp(rows)), 1.0):g}"
+    orders = np.arange(1, WAVES + 1) - 0.5
+    spread = (1.0 / orders) / np.linalg.norm(1.0 / orders)
+    for what, axes, size, unit in (
+        ("shift", ("Tx", "Ty", "Tz"), LENGTH, "m"), ("turn", ("Rx", "Ry", "Rz"), ANGLE, "rad"),
+    ):  # fmt: skip
+        name = f"walk of the instrument, {what}"
+        effects = tuple(
+            Effect(
+                f"{name} {axis}, wave {k}",
+                (Term(INSTRUMENT, axis, Expression(f"sin({np.pi * order:.6f}*{along})")),),
+                unit, "instrument_walk", float(size * part),
+            )
+            for axis in axes
+            for k, (order, part) in enumerate(zip(orders, spread, strict=True), 1)
+        )  # fmt: skip
+        yield Candidate(name, effects, "instrument_walk", 5.0)
+
+
+def _centred(column: str, values: Array) -> str:
+    """The column from -1 to 1 over the volume, as text."""
+    middle, half = 0.5 * (values.max() + values.min()), max(0.5 * float(np.ptp(values)), 1e-3)
+    return f"(({column} - {middle:.4g})/{half:.4g})"

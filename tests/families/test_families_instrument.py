@@ -1,0 +1,100 @@
+"""Errors of the instrument are called what they are, and are left to it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism, sized
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.score import scores
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates
+from gpmodel.mechanism.protocol import INSTRUMENT, places
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.instrument import seen_columns
+
+ARM = mechanism("ur5")
+POSES = 200
+SHAPES = {
+    "range offset of the instrument": lambda p: p / np.linalg.norm(p, axis=1)[:, None],
+    "eccentricity of the instrument's azimuth": lambda p: (
+        np.sin(np.arctan2(p[:, 1], p[:, 0]) + 0.7)[:, None] * np.column_stack([-p[:, 1], p[:, 0], np.zeros(len(p))])
+    ),
+}
+
+
+@cache
+def table() -> Poses:
+    return measure("ur5", (), (), 4, dataset=bare("ur5", POSES, 4, payload=False)).poses
+
+
+def off_by(shift: Array) -> tuple[Residual, tuple[Candidate, ...]]:
+    """What is left of a robot whose instrument is off by `shift` (N, 3), m; and the catalogue."""
+    data = table().dataset
+    poses = prepare(ARM, replace(data, position=data.position + shift))
+    fit = calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses)
+    return residual_of(fit, poses, Criteria(), 0), candidates(ARM, poses.states)
+
+
+def leading(there: Residual, pool: tuple[Candidate, ...]) -> Candidate:
+    return pool[int(np.argmax([s.nats for s in scores(there, pool)]))]
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_an_error_written_out_in_polar_coordinates_is_the_instruments(name: str) -> None:
+    """Which of its errors is not told apart where it sees the robot within a quarter of a turn."""
+    moved = SHAPES[name](table().dataset.position)
+    assert leading(*off_by(1.5e-4 * moved / np.sqrt(np.mean(np.sum(moved**2, axis=1))))).family.startswith(
+        "instrument_"
+    )
+
+
+def test_the_index_of_the_elevation_moves_points_along_their_meridian() -> None:
+    pool = candidates(ARM, table().states)
+    effects = next(c.effects for c in pool if c.name == "elevation index of the instrument")
+    model = ErrorModel(ARM, effects)
+    truth = measure("ur5", effects, (1e-3,), 4, dataset=bare("ur5", POSES, 4, payload=False), noise=0.0, geometry=0.0)
+    before = observe(ErrorModel(ARM, ()), truth.poses, np.zeros(0), truth.placement).tip[:, :3, 3]
+    after = observe(model, truth.poses, np.array([1e-3]), truth.placement).tip[:, :3, 3]
+    first, second = seen_columns(before), seen_columns(after)
+    np.testing.assert_allclose(second["instrument_elevation"] - first["instrument_elevation"], 1e-3, rtol=1e-9)
+    for same in ("instrument_range", "instrument_azimuth"):
+        np.testing.assert_allclose(second[same], first[same], atol=1e-12)
+
+
+def test_a_walk_and_a_smooth_field_are_the_instruments() -> None:
+    rng = np.random.default_rng(3)
+    walk = np.cumsum(rng.normal(size=(POSES, 3)), axis=0)
+    assert leading(*off_by(1e-4 * walk / np.std(walk))).family in {"instrument_walk", "drift", "set_up_step"}
+    p = table().dataset.position
+    field = np.column_stack([np.sin(2.2 * p[:, 1] + 0.4), np.cos(1.9 * p[:, 0]), np.sin(2.0 * p[:, 2] + 1.0)])
+    assert leading(*off_by(1.5e-4 * field)).family == "instrument_field"
+
+
+def test_a_sound_instrument_gets_no_error() -> None:
+    there, pool = off_by(np.zeros((POSES, 3)))
+    mine = [c for c in pool if c.family.startswith("instrument")]
+    assert len(mine) >= 9
+    assert max(s.nats for s in scores(there, mine)) < 5.0
+
+
+def test_prediction_contains_the_instrument_and_the_mechanism_alone_does_not() -> None:
+    pool = candidates(ARM, table().states)
+    effects: tuple[Effect, ...] = tuple(e for c in pool if c.family == "instrument_azimuth" for e in c.effects)
+    effects = tuple(replace(e, prior=np.inf) for e in effects)
+    theta = sized("ur5", effects, table().dataset, 0.3, seed=1)
+    model, placement = ErrorModel(ARM, effects), measure("ur5", (), (), 4, dataset=table().dataset).placement
+    unseen = prepare(ARM, replace(table().dataset, position=np.full((POSES, 3), np.nan)))
+    with_it = observe(model, unseen, theta, placement).tip[:, :3, 3]
+    alone, none = model.of_the_mechanism(theta)
+    without = observe(alone, unseen, none, placement).tip[:, :3, 3]
+    assert (alone.effects, len(none)) == ((), 0)
+    assert np.sqrt(np.mean(np.sum((with_it - without) ** 2, axis=1))) > 1e-4
+    assert places(ARM)[-1] == INSTRUMENT
