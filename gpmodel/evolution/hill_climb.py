@@ -16,15 +16,14 @@ Array = NDArray[np.float64]
 Kinds = NDArray[np.uint8]
 
 MOST_STEPS = 8
-MOST_OUTPUTS = 3
 CHECKED = 8
 
 
-def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary) -> Program:
+def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary, most_outputs: int = 3) -> Program:
     """The program at the top of the hill of single edits, by description length at one site; never a worse one.
 
     Edits of a node: another element, operator or earlier node in its place, an operator or an element joined to it; and
-    one element more as an output. Each step takes the best edit of all.
+    one element more as an output, up to ``most_outputs``. Each step takes the best edit of all.
     """
     columns = problem.inputs.mapping()
 
@@ -34,7 +33,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
     best = saved(program)
     for _ in range(MOST_STEPS):
-        trials = sorted(_trials(program, problem, site, words), key=lambda trial: -trial[0])[:CHECKED]
+        trials = sorted(_trials(program, problem, site, words, most_outputs), key=lambda trial: -trial[0])[:CHECKED]
         edited = [build() for _, build in trials]
         top = max(edited, key=saved, default=program)
         if not saved(top) > best + 1e-6:
@@ -44,7 +43,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
 
 def _trials(
-    program: Program, problem: SlotProblem, site: int, words: Vocabulary
+    program: Program, problem: SlotProblem, site: int, words: Vocabulary, most_outputs: int
 ) -> Iterator[tuple[float, Callable[[], Program]]]:
     """The most promising edits of every node, with about the description length that they save."""
     with np.errstate(all="ignore"):
@@ -52,7 +51,7 @@ def _trials(
         values = list(whole.evaluate(problem.inputs.mapping()))
         size = program.complexity + len(program.outputs)
         kinds = words.typing.of_nodes(program, words.inputs.names)
-        for node in range(len(program.nodes) + (len(program.outputs) < MOST_OUTPUTS)):
+        for node in range(len(program.nodes) + (len(program.outputs) < most_outputs)):
             edits = _edits(program, node, values, kinds, words)
             numbers = range(len(words.typing.kinds))
             edits = edits.of_kinds([k for k in numbers if words.typing.allows(program, words.inputs.names, {node: k})])

@@ -149,6 +149,13 @@ class SlotProblem:
     def sites(self) -> tuple[str, ...]:
         return self.targets.names
 
+    def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
+        """The same problem at one site with some of the inputs."""
+        validation = None if self.validation is None else self.validation.only(site)
+        validation_inputs = None if self.validation_inputs is None else self.validation_inputs.select(names)
+        inputs, targets = self.inputs.select(names), self.targets.only(site)
+        return SlotProblem(inputs, targets, validation, validation_inputs, self.parsimony)
+
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, self.parsimony)

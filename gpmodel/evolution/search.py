@@ -11,10 +11,10 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.generations import Generations, distinct
 from gpmodel.evolution.hill_climb import climbed
+from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.pareto import Archive, Solution, description_length, pareto, scored
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
-from gpmodel.formula.operators import Operator
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def _search(run: Generations, settings: Settings, progress: Callable[[Generation
             population, scores = run.polished(population, scores)
     front = archive.front()
     if budget.climb and isinstance(run.problem, SlotProblem):
-        front = _finished(front, run.problem, run.layout.operators, budget.climb)
+        front = _finished(front, run.problem, run.layout, budget.climb)
     chosen = archive.best(front)
     history = {
         name: np.array([getattr(row, name) for row in rows])
@@ -125,13 +125,11 @@ def _search(run: Generations, settings: Settings, progress: Callable[[Generation
     )  # fmt: skip
 
 
-def _finished(
-    front: tuple[Solution, ...], problem: SlotProblem, operators: tuple[Operator, ...], count: int
-) -> tuple[Solution, ...]:
+def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:
     """The front after its best programs, and the best pairs of elements, were climbed from by single edits."""
-    words = Vocabulary(problem.inputs, operators)
+    words = Vocabulary(problem.inputs, layout.operators)
     best = sorted(front, key=lambda solution: description_length(solution, problem))[:count]
     starts = [(solution.program, solution.site) for solution in best]
     starts += promising(problem, words, count)
-    tops = [climbed(program, problem, site, words) for program, site in starts]
+    tops = [climbed(program, problem, site, words, layout.outputs) for program, site in starts]
     return pareto([*front, *(scored(top, problem) for top in tops)])
