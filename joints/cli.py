@@ -4,7 +4,8 @@ import io
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,10 @@ _HELP = {
 
 @click.group()
 def joint() -> None:
-    """Engineering models of a precision spherical joint; without a TOML table, the thesis' joint."""
+    """Engineering models of a precision joint.
+
+    Without a TOML table: of the thesis' spherical joint.
+    """
 
 
 def _command(name: str) -> click.Command:
@@ -100,20 +104,56 @@ def write_all(files: Mapping[Path, bytes]) -> None:
 
 
 def show(study: Study, files: list[str]) -> None:
-    """Print the tables and the names of the written files."""
-    console = Console(width=None if Console().is_terminal else 150, highlight=False)
+    """Print the tables, in blocks of columns that fit the terminal, and the names of the written files."""
+    console = Console(highlight=False)
     for table in study.tables:
-        console.print(_rich(table))
+        for block in fitting(table, console.width):
+            console.print(_rich(block, console.width))
     for file in files:
         click.echo(file)
 
 
-def _rich(table: Table) -> RichTable:
-    rich = RichTable(title=table.title, caption=table.note or None, title_justify="left")
-    for column in table.columns:
-        rich.add_column(column.replace("[", r"\["), overflow="fold")
+def fitting(table: Table, width: int) -> list[Table]:
+    """The table in blocks of whole columns within `width` characters, each led by the first column."""
+    needed = [least for least, _ in map(_widths, _columns(table))]
+    blocks: list[list[int]] = [[0]]
+    for i in range(1, len(needed)):
+        if 1 + sum(needed[k] + 3 for k in (*blocks[-1], i)) > width and len(blocks[-1]) > 1:
+            blocks.append([0])
+        blocks[-1].append(i)
+    return [
+        replace(
+            table,
+            title=table.title if n == 0 else f"{table.title}, continued",
+            columns=[table.columns[i] for i in block],
+            rows=[[row[i] for i in block] for row in table.rows],
+            note=table.note if n == len(blocks) - 1 else "",
+        )
+        for n, block in enumerate(blocks)
+    ]
+
+
+def _columns(table: Table) -> list[list[Any]]:
+    """Every column with its head first."""
+    return [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.columns)]
+
+
+def _widths(column: Sequence[Any]) -> tuple[int, int]:
+    """Characters a column needs at least, numbers whole and text broken between words, and those it would like."""
+    parts = [part for cell in column for part in (cell.split() if isinstance(cell, str) else [_cell(cell)])]
+    return max(map(len, parts), default=1), max(len(_cell(cell)) for cell in column)
+
+
+def _rich(table: Table, width: int) -> RichTable:
+    rich = RichTable(title=table.title, caption=table.note or None, title_justify="left", caption_justify="left")
+    widths = [_widths(column) for column in _columns(table)]
+    spare = width - 1 - sum(least + 3 for least, _ in widths)
+    for head, (least, liked) in zip(table.columns, widths, strict=True):
+        more = max(0, min(liked - least, spare))
+        spare -= more
+        rich.add_column(head.replace("[", r"\["), width=least + more)
     for row in table.rows:
-        rich.add_row(*(_cell(value) for value in row))
+        rich.add_row(*(_cell(value).replace("[", r"\[") for value in row))
     return rich
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import ellipk, elliprd
 
-from joints.limits import not_negative, positive, require
+from joints.limits import positive, require
 
 Array = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
     The thesis enters R_maj = 1e6 m for both balls, which makes them two parallel cylinders (0.50 um). With
     R_maj = R_min the same formulas give 4.5 um, as `hertz` does. `stiffness` is F/delta.
     """
-    load = not_negative("contact force", force, "N")
+    load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
     modulus = contact_modulus(one, two)
     radius = 1 / (2 * (small + large))

@@ -27,6 +27,21 @@ class Magnet:
         not_negative("magnet cost", self.cost, "$")
 
 
+def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> float:
+    """How many times harder `layers` magnets on top of one another pull than one, over `gap` [m] to the ball.
+
+    The pull goes with the square of the field on the axis of a cylinder, B(z) ~ (L + z) / sqrt(R^2 + (L + z)^2) -
+    z / sqrt(R^2 + z^2) at a distance z from a face (Furlani 2001, section 4.2), without steel behind it.
+    """
+    radius = float(positive("magnet diameter", diameter, "m")) / 2
+    z = float(not_negative("gap", gap, "m"))
+
+    def field(length: float) -> float:
+        return float((length + z) / np.hypot(radius, length + z) - z / np.hypot(radius, z))
+
+    return (field(layers * thickness) / field(thickness)) ** 2
+
+
 @dataclass(frozen=True)
 class MagnetSeat:
     """Where magnets sit: the `radius` [m] of their faces, the wall `clearance` [m] between two of them, and

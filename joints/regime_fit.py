@@ -20,7 +20,8 @@ _GRID = 14
 
 @dataclass(frozen=True)
 class RegimeFit:
-    """The fitted curve, one standard error for each of its numbers, the rms residual [N] and what limits trust."""
+    """The fitted curve, standard errors of its numbers and of the magnets' coefficient, rms residual [N], and what
+    limits trust."""
 
     curve: RegimeCurve
     stderr: dict[str, float]
@@ -85,7 +86,7 @@ def _residual(breaks: Array, x: Array, f: Array) -> Array:
 
 
 def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dict[str, float], str]:
-    """Gauss-Newton errors of all eight numbers, by central differences of the curve."""
+    """Gauss-Newton errors of all eight numbers, by central differences of the curve; of K_m = peak s^2 from them."""
     names = [field.name for field in fields(RegimeCurve)]
     values = np.array([getattr(curve, name) for name in names])
     span = np.ptp(x)
@@ -95,11 +96,14 @@ def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dic
     )
     scale = np.linalg.norm(basis, axis=0)
     if np.any(scale == 0) or np.linalg.cond(basis / np.where(scale == 0, 1, scale)) > 1e8:
-        return dict.fromkeys(names, float("nan")), "some regimes are not seen in the data"
+        return dict.fromkeys([*names, "magnet_coefficient"], float("nan")), "some regimes are not seen in the data"
     noise = residual @ residual / max(x.size - len(names), 1)
-    covariance = np.linalg.inv((basis / scale).T @ (basis / scale)) * noise
-    errors = np.sqrt(np.diag(covariance)) / scale
-    return dict(zip(names, errors.tolist(), strict=True)), "ok"
+    covariance = np.linalg.inv((basis / scale).T @ (basis / scale)) * noise / np.outer(scale, scale)
+    slope = np.zeros(len(names))
+    slope[names.index("peak_force")] = curve.stand_off**2
+    slope[names.index("stand_off")] = 2 * curve.peak_force * curve.stand_off
+    errors = [*np.sqrt(np.diag(covariance)).tolist(), float(np.sqrt(slope @ covariance @ slope))]
+    return dict(zip([*names, "magnet_coefficient"], errors, strict=True)), "ok"
 
 
 def _force(values: Array, x: Array) -> Array:

@@ -34,6 +34,10 @@ PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
+PLUGIN_HELP = 60
+"""Characters of a plugin's own help beside its name: what 80 columns leave."""
+
+
 class Program(click.Group):
     """A group that imports a command when it is called, and turns every error into one line and a status."""
 
@@ -48,7 +52,7 @@ class Program(click.Group):
         return plugin.load() if plugin else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        plugins = {e.name: f"Added by {e.value.split(':')[0].split('.')[0]}." for e in entry_points(group=PLUGINS)}
+        plugins = {e.name: e.load().get_short_help_str(PLUGIN_HELP) for e in entry_points(group=PLUGINS)}
         rows = [(n, COMMANDS[n][1] if n in COMMANDS else plugins[n]) for n in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)

@@ -104,6 +104,19 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 name = f"axis run-out, {j.name} T{a}, {f}"
                 basis = Expression(f"{f}({j.name})")
                 yield one(name, effect_at(name, f"{j.name}.moving", f"T{a}", basis, family="axis_run_out"), 5.5)
+            if not j.measured:
+                name = f"axis run-out, 2 per turn, {j.name} T{a}"
+                effects = tuple(
+                    effect_at(
+                        f"{name}, {f}",
+                        f"{j.name}.moving",
+                        f"T{a}",
+                        Expression(f"{f}(2*{j.name})"),
+                        family="axis_run_out",
+                    )
+                    for f in ("sin", "cos")
+                )
+                yield Candidate(name, effects, "axis_run_out", 5.5)
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from joints import figures
 from joints.dynamics import SpringMassDamper, ball_mass, film_receptance, fit_response
 from joints.film_design import design_film
+from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
 from joints.limits import not_negative, positive, require
 from joints.measured import read_curve
 from joints.reynolds import spherical_film
@@ -52,6 +53,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
     ]
     heads: tuple[str, ...] = ("mass_kg", "stiffness_N_per_um", "damping_Ns_per_m", "natural_Hz", "damping_ratio")
     heads += ("resonance_Hz", "bandwidth_Hz")
+    losses, held = _lossy(s["losses"], s["load"], systems["spherical film"], frequency)
     limit = float(escape.max()) if escape.size else float("nan")
     return Study(
         (
@@ -70,10 +72,12 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
                 rows,
                 f"incompressible damping holds while the squeeze number is below 1, up to {limit:.3g} Hz",
             ),
+            losses,
         ),
         {
             "systems": {row[0]: dict(zip(heads, row[1:], strict=True)) for row in rows},
             "fit_stderr": fit.stderr,
+            "losses": held,
             "squeeze_number_below_1_up_to_Hz": limit,
             "response": {
                 "frequency_Hz": frequency,
@@ -82,6 +86,34 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
         },
         {"dynamics.png": figures.dynamics(frequency, responses, (measured_frequency, measured, source))},
     )
+
+
+def _lossy(
+    s: Settings, load: float, system: SpringMassDamper, frequency: NDArray[np.float64]
+) -> tuple[Table, dict[str, dict[str, float]]]:
+    """What friction of the sliding joint and hysteresis of the magnets change, at one amplitude of force."""
+    pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
+    grip = float(not_negative("losses.friction_coefficient", s["friction_coefficient"], "")) * load
+    cases = {
+        "film alone": Losses(0.0),
+        "film and magnets": Losses(0.0, pull, s["loss_factor"]),
+        "the same, with the friction of a sliding joint": Losses(grip, pull, s["loss_factor"]),
+    }
+    numbers = {}
+    for name, losses in cases.items():
+        moved = amplitude(system, losses, force, frequency)
+        lost = energy_per_cycle(system, losses, float(moved[0]), float(frequency[0]))
+        numbers[name] = {
+            "friction_N": losses.friction,
+            "break_away_N": losses.break_away,
+            "slow_motion_um": float(moved[0]) * MICRO,
+            "largest_motion_um": float(moved.max()) * MICRO,
+            "slow_loss_uJ": float(sum(lost.values())) * MICRO,
+        }
+    heads = ("Joint", "Friction [N]", "Break-away [N]", "Slow motion [um]", "Largest motion [um]", "Lost a cycle [uJ]")
+    title = f"Friction and magnet hysteresis under {force:g} N, spherical film's stiffness"
+    note = f"slow: at {frequency[0]:.3g} Hz; no motion where friction holds the joint"
+    return Table(title, heads, [(name, *row.values()) for name, row in numbers.items()], note), numbers
 
 
 def _frequencies(s: Settings) -> NDArray[np.float64]:

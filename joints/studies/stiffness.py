@@ -51,7 +51,8 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
         (name, getattr(fit.curve, name) * scale, fit.stderr[name] * scale, unit)
         for name, (unit, scale) in _UNITS.items()
     ]
-    rows.append(("magnet_coefficient", fit.curve.magnet_coefficient * 1e6, float("nan"), "N mm^2"))
+    coefficient, error = fit.curve.magnet_coefficient, fit.stderr["magnet_coefficient"]
+    rows.append(("magnet_coefficient", coefficient * 1e6, error * 1e6, "N mm^2"))
     return Study(
         (
             Table(

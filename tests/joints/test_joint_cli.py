@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from gpmodel.cli.main import main
 from gpmodel.errors import InputError
 from joints.cli import joint
 from joints.settings import DATA
@@ -131,6 +132,28 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, tex
         run(name, str(table), "--out", str(out))
     assert "\n" not in str(refusal.value)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_narrow_terminal_breaks_no_number(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """What 80 columns print holds every word and number that 400 columns do."""
+    printed = {}
+    for width in (80, 400):
+        monkeypatch.setenv("COLUMNS", str(width))
+        lines = run(name).output.splitlines()
+        assert max(map(len, lines)) <= width
+        printed[width] = {word for line in lines for word in line.split()}
+    assert printed[400] <= printed[80] | {word for word in printed[400] if set(word) <= set("┏━┳┓┡╇┩└─┴┘│┃")}
+
+
+def test_no_force_is_refused_without_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "none.toml").write_text('force = "0 N"')
+    with pytest.raises(InputError, match="contact force = 0, expected above 0 N"):
+        run("contact", str(tmp_path / "none.toml"))
+
+
+def test_the_program_says_what_joint_does() -> None:
+    assert "Engineering models of a precision joint" in CliRunner().invoke(main, ["--help"]).output
 
 
 def test_an_unwritable_place_is_named(tmp_path: Path) -> None:

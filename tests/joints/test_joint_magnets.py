@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from joints.magnets import Magnet, MagnetSeat, continuous_optimum, preload_design, rank_designs
+from joints.magnets import Magnet, MagnetSeat, continuous_optimum, preload_design, rank_designs, stack_factor
 from joints.preload import MagnetRing
+from joints.published_preload import AGREEMENT, published_preloads
 
 DEG = np.pi / 180
 HALF_INCH = Magnet(12.7e-3, 6e-3, 17.80)
@@ -103,3 +104,27 @@ def test_nothing_fits_is_said() -> None:
         rank_designs([20 * DEG], [18 * DEG], [HALF_INCH], SEAT)
     with pytest.raises(InputError, match="expected below"):
         SEAT.half_width(0.06)
+
+
+def test_three_layers_of_quarter_inch_magnets_pull_as_the_thesis_says() -> None:
+    """50 N rise to 65 N (section 3.2.3). Of the half-inch ones it prints 150 N of three *rows*, which are no stack."""
+    published = {p.name: p for p in published_preloads()}
+    one = published["point and rolling, one layer of 1/4 in magnets"]
+    three = published["point and rolling, three layers of 1/4 in magnets"]
+    assert one.stacked == 1.0
+    assert three.predicted / one.predicted == pytest.approx(three.stacked, rel=0.02)
+    rows = published["sliding, three rows of 1/2 in magnets"]
+    assert rows.stacked > 1.2 * rows.predicted / 100.0
+
+
+def test_a_stack_gains_less_with_every_layer_and_more_the_farther_the_ball() -> None:
+    gains = np.diff([stack_factor(6.35e-3, 6e-3, n, 1.5875e-3) for n in range(1, 6)])
+    assert np.all(gains > 0)
+    assert np.all(np.diff(gains) < 0)
+    assert stack_factor(6.35e-3, 6e-3, 3, 3e-3) > stack_factor(6.35e-3, 6e-3, 3, 0.0)
+
+
+def test_measured_preloads_agree_within_what_the_thesis_says() -> None:
+    measured = [p for p in published_preloads() if p.measured is not None]
+    assert measured
+    assert all(abs(p.measured / p.predicted - 1) <= AGREEMENT + 1e-9 for p in measured if p.measured is not None)

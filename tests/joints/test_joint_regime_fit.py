@@ -74,3 +74,41 @@ def test_a_compressed_magnet_is_not_a_joint() -> None:
 def test_bad_data_is_refused(x: np.ndarray, f: np.ndarray, words: str) -> None:
     with pytest.raises(InputError, match=words):
         fit_regimes(x, f)
+
+
+def smooth_contact_and_film(x: np.ndarray) -> np.ndarray:
+    """Tension of no `RegimeCurve`: Hertz contact on a bed of asperities, an exponential film, magnets of two poles."""
+    magnets = 90.0 * (0.794e-3 / (0.794e-3 + np.maximum(x, 0.0))) ** 2
+    asperities = 1.2e6 * 3e-6 * np.logaddexp(0.0, -x / 3e-6)
+    hertz = 2.4e9 * np.maximum(-50e-6 - x, 0.0) ** 1.5
+    film = 70.0 * np.exp(-np.maximum(x, 0.0) / 12e-6)
+    return magnets - asperities - hertz - film
+
+
+def test_data_of_another_formula_is_followed_and_its_slopes_are_named() -> None:
+    """Every stiffness is the data's own mean slope over the regime that was found, and the pull beyond is the pull.
+
+    The contact has to be pressed until it leads the misfit: from -58 um on, the film's curve is split in two instead.
+    """
+    x = np.linspace(-66e-6, 250e-6, 500)
+    force = smooth_contact_and_film(x) + np.random.default_rng(0).normal(0, 0.5, x.size)
+    fit = fit_regimes(x, force)
+    assert fit.status == "ok"
+    assert fit.rms < 2.5
+    c = fit.curve
+    assert -56e-6 < c.contact_end < -45e-6
+    ends = {"contact": (x[0], c.contact_end), "transition": (c.contact_end, c.transition_end)}
+    for name, (low, high) in {**ends, "film": (c.transition_end, c.film_end)}.items():
+        mean_slope = np.diff(smooth_contact_and_film(np.array([low, high])))[0] / (high - low)
+        assert getattr(c, f"{name}_stiffness") == pytest.approx(mean_slope, rel=0.15)
+    far = np.linspace(100e-6, 250e-6, 20)
+    np.testing.assert_allclose(c.force(far), smooth_contact_and_film(far), atol=2.0)
+
+
+def test_the_magnets_coefficient_has_an_error_that_its_scatter_confirms() -> None:
+    curve, x = CURVES[0], span(CURVES[0], 200)
+    fits = [fit_regimes(x, curve.force(x) + np.random.default_rng(seed).normal(0, 1.0, x.size)) for seed in range(12)]
+    found = np.array([f.curve.magnet_coefficient for f in fits])
+    stated = np.mean([f.stderr["magnet_coefficient"] for f in fits])
+    assert 0.5 * stated < found.std(ddof=1) < 2.0 * stated
+    assert abs(found.mean() - curve.magnet_coefficient) < 4 * stated / np.sqrt(len(fits))
