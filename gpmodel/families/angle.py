@@ -1,17 +1,32 @@
 """Families of effects that follow the joints' own angles: gears, encoders, bearings, couplings."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
+from gpmodel.families.inner import CONSTANT, on_grid
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.effect import drive_effect, effect_at
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
+from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
+
+SMOOTH, SMOOTH_CORNER = 10, 3.0
+"""Harmonics of a smooth curve, and the one above which they fall."""
+
+WOBBLE, RUN_OUT = 5e-5, 2e-5
+"""rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
+
+FINE, MOST_PARTS = 60, 4
+"""Per turn, up to where ratios of planetary and RV stages lie between whole numbers; most parts of a whole one."""
+
+Curve = tuple[Effect, ...]
 
 
 def eccentricity(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -25,29 +40,61 @@ def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Any number per turn, whole or not: a joint that turned by A can tell frequencies 2 π/A apart, and is offered them
+    at half that distance or closer up to FINE, whole ones beyond; each is refined between its neighbours.
+
+    Its cost is the log of how many independent frequencies were looked at.
+    """
     highest = 12 if len(states) < 300 else 400
     for j in revolute(mechanism):
-        for n in range(3, highest + 1):
-            cost = 4.0 + np.log(highest)
-            yield pair(f"transmission ripple, {n} per turn, {j.name}", j, f"{n}*{j.name}", "transmission_ripple", cost)
+        turns = float(np.ptp(states[j.name])) / (2 * np.pi)
+        parts = int(np.clip(np.ceil(2 * turns), 1, MOST_PARTS))
+        fine = np.arange(3 * parts, min(highest, FINE) * parts + 1) / parts
+        grid = [*fine.tolist(), *np.arange(FINE + 1.0, highest + 1.0).tolist()]
+        independent = min(len(grid), highest * max(turns, 1.0))
+        name = f"transmission ripple, {CONSTANT} per turn, {j.name}"
+        template = pair(name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", 4.0 + float(np.log(independent)))
+        yield from on_grid(template, [float(f"{n:.5g}") for n in grid])
+
+
+def _harmonics(name: str, site: Site, angle: str, family: str, count: int, size: float, corner: float) -> Curve:
+    """sin and cos of 1 to `count` times an angle at a place, deviations falling as 1 / (1 + (k / corner)^1.5)."""
+    k = np.arange(1, count + 1)
+    shape = 1.0 / (1.0 + (k / corner) ** 1.5)
+    deviation = size * shape / np.sqrt(np.sum(shape**2))
+    plain = [
+        (site.effect(f"{name}, {f} {n}", Expression(f"{f}({n}*{angle})"), "", family), float(s))
+        for n, s in zip(k, deviation, strict=True)
+        for f in ("sin", "cos")
+    ]
+    return tuple(replace(e, unit=axis_unit(e.terms[0].axis), prior=s) for e, s in plain)
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The curve of each joint, in two sizes; and smooth curves of all joints as one, where each alone is too weak."""
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
-    k = np.arange(1, highest + 1)
-    shape = 1.0 / (1.0 + (k / CURVE_CORNER) ** 1.5)
-    for spread in (CURVE_SPREAD, CURVE_SPREAD / 4):
-        deviation = spread * shape / np.sqrt(np.sum(shape**2))
+    for size in (CURVE_SPREAD, CURVE_SPREAD / 4):
         for j in revolute(mechanism):
             name = f"error curve of the angle, {j.name}"
-            effects = tuple(
-                drive_effect(
-                    f"{name}, {f} {n}", j, Expression(f"{f}({n}*{j.name})"), family="joint_curve", prior=float(s)
-                )
-                for n, s in zip(k, deviation, strict=True)
-                for f in ("sin", "cos")
-            )
+            effects = _harmonics(name, Site(j.drive), j.name, "joint_curve", highest, size, CURVE_CORNER)
             yield Candidate(name, effects, "joint_curve", 6.0)
+    name, smooth = "error curve of the angle", (SMOOTH, CURVE_SPREAD / 4, SMOOTH_CORNER)
+    joints = revolute(mechanism)
+    block = [_harmonics(f"smooth {name}, {j.name}", Site(j.drive), j.name, "joint_curve", *smooth) for j in joints]
+    if len(block) > 2:
+        yield Candidate(f"{name}, every joint", tuple(chain(*block)), "joint_curve", 7.0)
+
+
+def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Wobble about and run-out along every axis that the drive does not move, as smooth curves of the angle."""
+    for j in revolute(mechanism):
+        for axis in AXES:
+            if axis != j.drive[0][1]:
+                what, size = ("run-out", RUN_OUT) if axis[0] == "T" else ("wobble", WOBBLE)
+                name = f"{what} curve, {j.name} {axis}"
+                site = Site(((f"{j.name}.moving", axis, 1.0),))
+                effects = _harmonics(name, site, j.name, "axis_motion", SMOOTH, size, SMOOTH_CORNER)
+                yield Candidate(name, effects, "axis_motion", 6.0)
 
 
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -63,7 +110,8 @@ def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidat
 
 def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for j in mechanism.joints:
-        effect = drive_effect(f"gear ratio, {j.name}", j, Expression(j.name), "1", "gear_ratio")
+        what = "gear ratio" if j.kind == "revolute" else "screw pitch"
+        effect = drive_effect(f"{what}, {j.name}", j, Expression(j.name), "1", "gear_ratio")
         yield one(effect.name, effect, 4.0)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
+from gpmodel.families import axis as families_axis
 from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
 from gpmodel.families import masses as families_masses
@@ -57,6 +58,9 @@ _OWN: tuple[Family, ...] = (
     Family("warm_up", "an exponential approach to the warm state", "ISO 230-3", families_session.warm_up),
     Family("settling", "after an event of the session a part approaches its new state exponentially", "ISO 230-3", families_session.settling),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),
+    Family("axis_motion", "the axis wobbles or runs out along a smooth curve of its angle", "ISO 230-7", families_angle.axis_motion),
+    Family("linear_axis", "straightness, pitch, yaw, roll and positioning of a linear axis along its travel", "ISO 230-1", families_axis.linear_curves),
+    Family("cyclic_error", "a screw, rack or scale errs once every lead or pitch", "ISO 230-2; Slocum 1992, ch. 10", families_axis.cyclic),
     Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", families_angle.run_out),
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),

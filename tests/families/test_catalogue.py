@@ -24,7 +24,9 @@ REQUIRED = {
     "backlash_load", "backlash_approach", "gear_ratio", "wrist_coupling", "parallel_bar_closure", "balancing_spring",
     "hardening_stiffness", "thermal_growth", "drift", "set_up_step", "tool_slip",
 }  # fmt: skip
+LINEAR = ("linear_axis", "cyclic_error")
 PLANTED = {(name, f): c for name in ("irb6400r", "ur5") for f, c in first_of_each_family(name, 90, 8).items()}
+PLANTED |= {("dh", family): first_of_each_family("dh", 90, 8)[family] for family in LINEAR}
 ALIASED = 0.03
 FEW = 4
 

@@ -1,0 +1,87 @@
+"""Families of linear axes, by the names of ISO 230-1: E, the direction of the error, the axis that moves.
+
+EXZ is the straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its positioning.
+Letters are those of the joint's own frame.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import CONSTANT, on_grid
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.model.effect import Effect, drive_effect, effect_at
+from gpmodel.model.states import States
+
+LENGTH, ANGLE = 5e-5, 5e-5
+"""m and rad over the travel: between a machine tool's 10 µm and a robot track's 0.2 mm."""
+
+WAVES = 6
+"""Half waves over the travel: guideways bend and sag over parts of their length, not over less than its sixth."""
+
+TURN = {"x": "A", "y": "B", "z": "C"}
+
+
+def prismatic(mechanism: Mechanism) -> list[Joint]:
+    return [j for j in mechanism.joints if j.kind == "prismatic"]
+
+
+def _travel(joint: Joint, states: States) -> tuple[float, float]:
+    values = states[joint.name]
+    return float(np.min(values)), float(np.ptp(values))
+
+
+def linear_curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The six error motions of each linear axis as smooth curves of its position."""
+    for j in prismatic(mechanism):
+        start, travel = _travel(j, states)
+        if travel > 0:
+            for axis in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"):
+                name = f"{_called(j, axis)}, {j.name}"
+                yield Candidate(name, tuple(_curve(name, j, axis, start, travel)), "linear_axis", 4.5)
+
+
+def _called(joint: Joint, axis: str) -> str:
+    own, way = joint.drive[0][1][1], axis[1]
+    letter = way.upper() if axis[0] == "T" else TURN[way]
+    kind = "straightness" if axis[0] == "T" else "pitch or yaw"
+    if way == own:
+        kind = "positioning" if axis[0] == "T" else "roll"
+    return f"{kind} E{letter}{own.upper()}"
+
+
+def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> Iterator[Effect]:
+    """cos(π k u), k = 1.., u from 0 to 1 over the travel, falling as 1/k."""
+    orders = np.arange(1, WAVES + 1)
+    share = (1.0 / orders) / np.linalg.norm(1.0 / orders)
+    for k, part in zip(orders, share, strict=True):
+        basis = Expression(f"cos({np.pi * k / travel:.6g}*({joint.name} - {start:.6g}))")
+        prior = float(part) * (LENGTH if axis[0] == "T" else ANGLE)
+        if axis == joint.drive[0][1]:
+            yield drive_effect(f"{name}, half wave {k}", joint, basis, family="linear_axis", prior=prior)
+        else:
+            slot = joint.drive[0][0]
+            yield effect_at(f"{name}, half wave {k}", slot, axis, basis, family="linear_axis", prior=prior)
+
+
+def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A wave of positioning with the lead of a screw or the pitch of a rack or scale as its period.
+
+    Numbers of waves over the travel from 3 to half the number of poses, each an independent one.
+    """
+    for j in prismatic(mechanism):
+        start, travel = _travel(j, states)
+        most = min(len(states) // 2, 400)
+        if travel > 0 and most > 3:
+            name = f"cyclic error, {CONSTANT} waves a metre, {j.name}"
+            effects = tuple(
+                drive_effect(
+                    f"{name}, {f}", j, Expression(f"{f}({2 * np.pi:.8f}*{CONSTANT}*({j.name} - {start:.6g}))"),
+                    family="cyclic_error", prior=LENGTH,
+                )
+                for f in ("sin", "cos")
+            )  # fmt: skip
+            template = Candidate(name, effects, "cyclic_error", 4.0 + float(np.log(most)))
+            yield from on_grid(template, [float(f"{n / travel:.5g}") for n in np.arange(3.0, most, 0.5)])
