@@ -10,6 +10,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
+from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
 
 
@@ -41,7 +42,7 @@ class PassiveJoint:
 
     tooling_ball: tuple[float, float, float]
     rotations: tuple[Rotation, ...]
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
     payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spherical-joint"
     reached: tuple[float, float, float] = (0.0, 0.0, 0.0)

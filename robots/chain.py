@@ -13,7 +13,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
 from robots.motion import axis_motion
-from robots.statics import GRAVITY, gravity_loads, unit_loads
+from robots.statics import DOWN, gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
 
 
@@ -61,7 +61,7 @@ class SerialChain:
     coupling: Array
     limits: Array
     tool_frame: str = "tool"
-    gravity: Array = field(default_factory=lambda: np.array(GRAVITY))
+    gravity: Array = field(default_factory=lambda: np.array(DOWN))
     payload_com: Array = field(default_factory=_zero_vector)
     source: Path | None = None
 

@@ -44,9 +44,10 @@ import pinocchio as pin
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import checked_mass
 from robots.chain import Link, SerialChain
 from robots.motion import along, translation
-from robots.statics import GRAVITY
+from robots.statics import DOWN
 from robots.toml_table import TomlTable
 
 
@@ -74,7 +75,7 @@ def read_dh(path: Path) -> SerialChain:
     top = TomlTable(content, str(path))
     name = top.text("name", path.stem)
     convention = top.choice("convention", ("standard", "modified"))
-    gravity = top.quantity("gravity", "acceleration", np.array(GRAVITY), size=3)
+    gravity = top.quantity("gravity", "acceleration", np.array(DOWN), size=3)
     before = _placement(top.table("base"))
     tool = _placement(top.table("tool"))
     rows = top.tables("joint")
@@ -122,8 +123,7 @@ def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[
     alpha, theta = row.quantity("alpha", "angle", 0.0), row.quantity("theta", "angle", 0.0)
     a, d = row.quantity("a", "length", 0.0), row.quantity("d", "length", 0.0)
     mass = row.quantity("mass", "mass", 0.0)
-    if mass < 0.0:
-        raise InputError(f"{row.where}: mass_kg is {mass!r}, expected none below zero")
+    checked_mass(mass, f"{row.where}: mass_kg")
     com = row.quantity("com", "length", np.zeros(3), size=3)
     screw = along("Rz", theta) @ along("Tz", d)
     twist = along("Rx", alpha) @ along("Tx", a)

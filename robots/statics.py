@@ -9,12 +9,13 @@ import pinocchio as pin
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
 
 if TYPE_CHECKING:
     from robots.chain import SerialChain
 
-GRAVITY = (0.0, 0.0, -9.81)
+DOWN = (0.0, 0.0, -GRAVITY)
 ROUNDING = 1e-9
 """N·m; less than this at every pose is zero."""
 

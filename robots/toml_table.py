@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 
 from gpmodel.errors import InputError
+from gpmodel.table.units import factor
 
-UNITS = {
-    "angle": {"deg": math.radians(1.0), "rad": 1.0},
-    "length": {"mm": 1e-3, "m": 1.0, "in": 0.0254},
-    "mass": {"kg": 1.0},
-    "acceleration": {"m_s2": 1.0},
-}
+UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), "acceleration": ("m_s2",)}
 
 
 class TomlTable:
@@ -63,8 +59,8 @@ class TomlTable:
         expected = "one finite number" if size is None else f"a list of {size} finite numbers"
         if not good or isinstance(value, list) != (size is not None) or len(numbers) != (size or 1):
             raise InputError(f"{self.where}: {found[0]} is {value!r}, expected {expected}")
-        factor = units[found[0].removeprefix(f"{key}_")]
-        return value * factor if size is None else np.array(value, dtype=np.float64) * factor
+        scale = factor(found[0].removeprefix(f"{key}_").replace("m_s2", "m/s**2"), dimension, self.where)
+        return value * scale if size is None else np.array(value, dtype=np.float64) * scale
 
     def choice(self, key: str, choices: tuple[Any, ...], default: Any = None) -> Any:
         """One of the choices."""

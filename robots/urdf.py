@@ -10,6 +10,7 @@ import pinocchio as pin
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.units import identifier
 from robots.chain import Link, SerialChain
 from robots.motion import along
@@ -31,6 +32,8 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
     """
     mimics = parse_mimics(path)
     model = parse_model(path)
+    for body, inertia in zip(model.names, model.inertias, strict=True):
+        checked_mass(inertia.mass, f"{path}: what joint '{body}' moves weighs")
     frame = default_frame(model) if frame is None else frame
     if not model.existBodyName(frame):
         links = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
@@ -133,7 +136,7 @@ def _chain(
         tool=np.linalg.solve(before, measured),
         joint_names=tuple(identifier(joint) for joint in driven),
         coupling=coupling,
-        limits=np.array([_limits(model, chain[names.index(joint)]) for joint in driven]),
+        limits=np.array([_limits(model, chain[names.index(joint)], path) for joint in driven]),
         tool_frame=frame,
         source=path,
     )
@@ -150,11 +153,17 @@ def _carried(model: pin.Model, data: pin.Data, chain: list[int]) -> list[pin.Ine
     return carried
 
 
-def _limits(model: pin.Model, index: int) -> tuple[float, float]:
+def _limits(model: pin.Model, index: int, path: Path) -> tuple[float, float]:
     joint = model.joints[index]
     if joint.nq > 1:
         return -np.inf, np.inf
-    return float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    lower, upper = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    if not lower <= upper:
+        raise InputError(
+            f"{path}: joint '{model.names[index]}': lower limit {lower:g} above upper limit {upper:g}; "
+            "expected lower <= upper, in rad or m"
+        )
+    return lower, upper
 
 
 def _aligned(screw: Array) -> tuple[str, float, Array]:

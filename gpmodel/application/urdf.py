@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import ExportsUrdf
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.states import States
 
@@ -16,8 +17,8 @@ def write_urdf(saved: SavedModel, states: States, path: Path) -> None:
     states: of any pose, which constant twists do not depend on.
     """
     mechanism = saved.mechanism
-    export = getattr(mechanism.bare if isinstance(mechanism, LoadedMechanism) else mechanism, "write_urdf", None)
-    if export is None:
+    bare = mechanism.bare if isinstance(mechanism, LoadedMechanism) else mechanism
+    if not isinstance(bare, ExportsUrdf):
         return
     twists: dict[str, Array] = {}
     for effect, value in zip(saved.model.effects, saved.theta, strict=True):
@@ -25,4 +26,4 @@ def write_urdf(saved: SavedModel, states: States, path: Path) -> None:
             for slot in effect.slots:
                 one = value * effect.twist(states.subset(np.arange(1)), slot)[0]
                 twists[slot] = twists.get(slot, np.zeros(6)) + one
-    export(path, twists)
+    bare.write_urdf(path, twists)

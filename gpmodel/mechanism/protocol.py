@@ -1,6 +1,8 @@
 """What the engine needs to know of a mechanism: a chain of slots, and the loads in it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -54,10 +56,16 @@ class Mechanism(Protocol):
         ...
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Static loads by name, each (N,): torque_J2 (about the coordinate, Nm, in table coordinates),
-        force_J2_x .. moment_J2_z (reaction wrench on the moving side, in the frame of J2.moving),
-        force_base_x .. moment_base_z (in the frame of the base). Names use the joints' names.
-        payload: (N,) kg carried at the tool. Empty where no masses are known and payload is zero."""
+        """What gravity does to the mechanism at rest, by name, each (N,): the load itself, not what holds it.
+
+        torque_J2 (Nm; N of a prismatic joint): generalised force on the coordinate J2, in table coordinates: minus the
+        slope of the potential energy, positive where gravity pushes the coordinate up. With J2 counted positive
+        upwards, a payload on a horizontal arm gives a negative torque; a joint that yields moves by compliance times
+        torque.
+        force_J2_x .. moment_J2_z (N, Nm): wrench that the weight of everything beyond J2 exerts at the origin of
+        J2.moving, in its axes; force_base_x .. moment_base_z likewise of the whole, in the frame of the base. A
+        weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool. Empty where no masses
+        are known and payload is zero."""
         ...
 
 
@@ -83,4 +91,14 @@ class Weighed(Protocol):
         a turning joint is a combination of these whatever its masses. torque_J2_of_J4: torque of the weight that the
         description gives the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
         """
+        ...
+
+
+@runtime_checkable
+class ExportsUrdf(Protocol):
+    """A mechanism that can write itself, with constant errors in it, as URDF."""
+
+    def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
+        """Write the chain with a constant error twist (6,), m and rad, at some slots; returns the link to measure at.
+        Raises InputError for a slot the mechanism does not have, or a file that cannot be written."""
         ...

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed
+from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.mechanism.workspace import links
 
@@ -17,6 +18,10 @@ class MechanismChoice:
     frame: str | None = None
     payload: float | None = None
     payload_com: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.payload is not None:
+            checked_mass(self.payload, "", "payload")
 
     def load(self) -> "LoadedMechanism":
         """The mechanism. Raises InputError when it is unknown or its file bad."""

@@ -32,6 +32,7 @@ class Dataset:
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
+    ignored: columns of the file that hold text and are none of the labels. empty_rows: rows of it left out.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
     in_order: the rows are said to be in the order of measurement, so that a pose may depend on those before it.
     """
@@ -52,6 +53,8 @@ class Dataset:
     sha256: str = ""
     columns: tuple[str, ...] = ()
     joints_approximate: bool = False
+    ignored: tuple[str, ...] = ()
+    empty_rows: int = 0
     in_order: bool = False
     extra_names: Mapping[str, str] = field(default_factory=dict)
 

@@ -14,11 +14,19 @@ import pandas as pd
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.bundles import check_repeats
 from gpmodel.table.dataset import LABELS, Dataset, with_payload
 from gpmodel.table.units import factor, identifier, known_unit, split_header
 
+LARGEST = 1e20
+"""In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""
+
+FARTHEST = 1e5
+"""Metres: no instrument measures points of a machine from so far."""
+
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
+_NAMELESS = re.compile(r"^Unnamed: \d+$")
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
@@ -46,6 +54,7 @@ def dataset_from(
     position = np.full((n, 3), np.nan)
     rotation = np.full((n, 3), np.nan)
     distances, extras, extra_units, extra_names = {}, {}, {}, {}
+    ignored: list[str] = []
     labels: dict[str, np.ndarray] = {}
     payload, payload_given = np.zeros(n), False
     for name, (unit, column) in columns.items():
@@ -63,6 +72,8 @@ def dataset_from(
             distances[name] = numbers(column, where) * _factor(unit, "length", where)
         elif name == "payload":
             payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
+            for row, mass in enumerate(payload.tolist(), 1):
+                checked_mass(mass, f"{where}, row {row}")
             payload_given = True
         elif unit is not None or _has_numbers(column):
             values = numbers(column, where)
@@ -73,8 +84,16 @@ def dataset_from(
             word = identifier(name)
             extras[word], extra_units[word] = _complete(values, where), unit
             extra_names[word] = name
+        else:
+            ignored.append(name)
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, position, rotation, distances, need_measurement)
+    for what, values in (("x, y, z", position), *((name, values[:, None]) for name, values in distances.items())):
+        if (far := np.nanmax(np.abs(values), initial=0.0, axis=1)).max() > FARTHEST:
+            raise InputError(
+                f"{path.name}, {what}, row {int(np.argmax(far)) + 1}: {far.max():.3g} m from the instrument; "
+                f"expected at most {FARTHEST:g} m"
+            )
     dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
         q=q,
@@ -91,6 +110,8 @@ def dataset_from(
         source=path.name,
         sha256=sha256,
         columns=tuple(joints),
+        ignored=tuple(ignored),
+        empty_rows=int(frame.attrs.get("empty_rows", 0)),
         joints_approximate=not all(j.measured for j in mechanism.joints),
     )
     check_repeats(dataset)
@@ -111,14 +132,18 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in (".xlsx", ".xls"):
         try:
+            header = pd.read_excel(io.BytesIO(raw), header=None, nrows=1, dtype=str).iloc[0].dropna()
             frame = pd.read_excel(io.BytesIO(raw), dtype=str, keep_default_na=False, na_values=[""])
         except ImportError:
             raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
         except Exception as error:  # zip, xml and openpyxl errors of many kinds
             raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
+        _check_names(header.tolist(), path)
     else:
         frame = _read_text(raw, path)
+    rows = len(frame)
     frame = frame.dropna(how="all").dropna(axis="columns", how="all")
+    frame.attrs["empty_rows"] = rows - len(frame)
     if frame.empty:
         raise InputError(f"{path.name}: no rows below the header; expected one row per pose")
     return frame.reset_index(drop=True), digest
@@ -139,6 +164,7 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     header = text.lstrip().splitlines()[0]
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
+    _check_names(next(csv.reader([header], delimiter=separator, skipinitialspace=True)), path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -158,10 +184,20 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     return frame
 
 
+def _check_names(header: list[str], path: Path) -> None:
+    """Raises InputError naming a header that appears twice, which pandas would rename."""
+    written = [name.strip() for name in header if name.strip()]
+    for name in written:
+        if written.count(name) > 1:
+            raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
+
+
 def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | None, pd.Series]]:
     columns: dict[str, tuple[str | None, pd.Series]] = {}
     for i, header in enumerate(frame.columns):
         name, unit = split_header(str(header))
+        if not name or _NAMELESS.match(name):
+            raise InputError(f"{path.name}: column {i + 1} has no name; expected a name and its unit in every header")
         if name in columns:
             raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
         columns[name] = (unit, frame.iloc[:, i])
@@ -213,6 +249,9 @@ def numbers(column: pd.Series, where: str) -> Array:
     out: Array = np.asarray(values.astype("float64").to_numpy(dtype=float, na_value=np.nan), dtype=np.float64)
     if np.isinf(out).any():
         raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")
+    if np.nanmax(np.abs(out), initial=0.0) > LARGEST:
+        row = int(np.nanargmax(np.abs(out)))
+        raise InputError(f"{where}, row {row + 1}: {out[row]:g} is no measured value; expected at most {LARGEST:g}")
     return out
 
 

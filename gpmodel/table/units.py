@@ -11,7 +11,7 @@ from gpmodel.errors import InputError
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
 _QUANTITY = re.compile(r"^\s*(?P<value>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
 _NUMBER = re.compile(r"^\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*$")
-_SI = {"length": "m", "angle": "rad", "mass": "kg"}
+_SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ from spherical_cases import JOINT
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics import se3
 from joints.kinematics import FRAMES, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
@@ -78,7 +79,7 @@ def test_a_payload_turns_the_joints_by_the_slope_of_its_potential() -> None:
         step = np.zeros(3)
         step[k] = 1e-6
         rise = [tooling_ball_position(POSES + s * step, np.zeros(PARAMETERS), BALL)[:, 2] for s in (1, -1)]
-        torque = -1.5 * 9.80665 * (rise[0] - rise[1]) / 2e-6
+        torque = -1.5 * GRAVITY * (rise[0] - rise[1]) / 2e-6
         np.testing.assert_allclose(loads[f"torque_J{k + 1}"], torque, atol=1e-8)
     assert JOINT.loads(POSES, np.zeros(len(POSES))) == {}
 

@@ -8,7 +8,10 @@ import pytest
 from robots_cases import CASES, poses, robot, slot_frames
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.protocol import AXES, ExportsUrdf, Mechanism
+from gpmodel.mechanism.quantities import GRAVITY
+from joints import spherical_joint
+from robots import load_mechanism
 
 SIDES = ("x", "y", "z")
 
@@ -105,3 +108,20 @@ def test_survives_pickling_for_the_workers(mechanism: Mechanism, q: Array) -> No
     copy = pickle.loads(pickle.dumps(mechanism))
     assert copy.slots == mechanism.slots
     np.testing.assert_array_equal(copy.transforms(q), mechanism.transforms(q))
+
+
+def test_a_payload_on_a_horizontal_arm_pushes_the_coordinate_that_lowers_it_up() -> None:
+    """At zero the forearm of this robot is level; J3 and J5 are counted positive downwards. Its bar keeps J2 out."""
+    arm = load_mechanism("irb6400r")
+    torque = arm.loads(np.zeros((1, 6)), np.array([10.0]))
+    bare = arm.loads(np.zeros((1, 6)), np.zeros(1))
+    added = {name: float(torque[name][0] - bare[name][0]) for name in torque}
+    assert added["torque_J3"] == pytest.approx(10.0 * GRAVITY * 1.375)
+    assert added["torque_J5"] == pytest.approx(10.0 * GRAVITY * 0.200)
+    assert added["force_base_z"] == pytest.approx(-10.0 * GRAVITY)
+    assert added["torque_J2"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_can_be_exported_says_so_in_its_type() -> None:
+    assert isinstance(load_mechanism("irb6400r"), ExportsUrdf)
+    assert not isinstance(spherical_joint(), ExportsUrdf)

@@ -84,7 +84,7 @@ def test_modified_rows_multiply_out(tmp_path: Path) -> None:
         (MODIFIED + "[[joint]]\na_cm = 100\n", "unknown key a_cm; expected .*a_mm"),
         (MODIFIED + '[[joint]]\na_mm = "long"\n', "'long', expected one finite number"),
         (MODIFIED + "[[joint]]\na_mm = nan\n", "nan, expected one finite number"),
-        (MODIFIED + "[[joint]]\nmass_kg = -1\n", "none below zero"),
+        (MODIFIED + "[[joint]]\nmass_kg = -1\n", "expected a mass from 0"),
         (MODIFIED + "[[joint]]\ncom_mm = [1, 2]\n", "a list of 3 finite numbers"),
         (MODIFIED + "[[joint]]\nkind = 'ball'\n", "'ball', expected one of 'revolute', 'prismatic'"),
         (MODIFIED + "[[joint]]\nsign = 2\n", "sign is 2"),

@@ -135,6 +135,28 @@ def test_bad_file_is_one_line_and_nothing_printed(
     assert capfd.readouterr() == ("", "")
 
 
+WEIGHT = '<inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (JOINT.replace('lower="-1"', 'lower="2"'), r"joint 'j': lower limit 2 above upper limit 1; expected lower"),
+        (JOINT.replace('<link name="b"/>', f'<link name="b">{WEIGHT.format(-3)}</link>'), "weighs: -3 kg; expected"),
+        (
+            JOINT.replace('<link name="b"/>', f'<link name="b">{WEIGHT.format(1e5)}</link>'),
+            "100000 kg; expected a mass",
+        ),
+    ],
+)
+def test_limits_and_masses_that_no_machine_has(tmp_path: Path, content: str, complaint: str) -> None:
+    path = tmp_path / "bad.urdf"
+    path.write_text(content)
+    with pytest.raises(InputError, match=complaint) as caught:
+        read_urdf(path)
+    assert "bad.urdf" in str(caught.value)
+
+
 def test_missing_file_and_unknown_frame(tmp_path: Path, odd: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_urdf(tmp_path / "none.urdf")

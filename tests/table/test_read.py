@@ -142,3 +142,36 @@ def test_encodings_of_spreadsheets(encoding: str, tmp_path: Path) -> None:
     assert data.label("group").tolist() == ["Köln"]
     assert data.extras["temp"].tolist() == [21.5]
     assert data.position[0, 0] == pytest.approx(0.0075)
+
+
+TWO = "J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg],x [mm],y [mm],z [mm]"
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        (TWO, "0,0,0,0,0,0,1e300,0,0", r"column 'x', row 1: 1e\+300 is no measured value"),
+        (TWO, "0,0,0,0,0,0,1e12,0,0", r"x, y, z, row 1: 1e\+09 m from the instrument"),
+        (TWO + ",x [mm]", "0,0,0,0,0,0,1,2,3,4", r"column 'x \[mm\]' appears twice"),
+        (TWO + ",x [m]", "0,0,0,0,0,0,1,2,3,4", "column 'x' appears twice"),
+        (TWO + ",", "0,0,0,0,0,0,1,2,3,4", "column 10 has no name"),
+        (TWO + ",[mm]", "0,0,0,0,0,0,1,2,3,4", "column 10 has no name"),
+        (TWO + ",payload [kg]", "0,0,0,0,0,0,1,2,3,-4", r"column 'payload', row 1: -4 kg; expected a mass from 0"),
+        (TWO + ",payload [kg]", "0,0,0,0,0,0,1,2,3,1e5", r"column 'payload', row 1: 100000 kg; expected a mass"),
+    ],
+)
+def test_what_no_instrument_measures_and_no_header_means_is_refused(
+    tmp_path: Path, header: str, row: str, said: str
+) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f"{header}\n{row}\n{row}\n")
+    with pytest.raises(InputError, match=said):
+        read_table(path, ROBOT)
+
+
+def test_text_columns_and_empty_rows_are_remembered(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f"{TWO},operator\n0,0,0,0,0,0,1,2,3,Ann\n,,,,,,,,,\n1,0,0,0,0,0,1,2,3,Bob\n")
+    data = read_table(path, ROBOT)
+    assert data.ignored == ("operator",)
+    assert data.empty_rows == 1
