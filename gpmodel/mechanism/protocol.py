@@ -64,8 +64,8 @@ class Mechanism(Protocol):
         torque.
         force_J2_x .. moment_J2_z (N, Nm): wrench that the weight of everything beyond J2 exerts at the origin of
         J2.moving, in its axes; force_base_x .. moment_base_z likewise of the whole, in the frame of the base. A
-        weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool. Empty where no masses
-        are known and payload is zero."""
+        weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool.
+        Empty where no masses are known and payload is zero."""
         ...
 
 
