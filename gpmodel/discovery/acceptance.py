@@ -22,12 +22,14 @@ from gpmodel.numerics import rank as ident
 class Hypothesis:
     """A candidate with what speaks for and against it, all from training poses.
 
-    cv_rms: m, cross-validated 3-D RMS with it; cv_before: without. rivals: names and cv_rms of what else it could be.
+    p_value: of its score among `shuffles` shuffled residuals. cv_rms: m, cross-validated 3-D RMS with it; cv_before:
+    without. rivals: names and cv_rms of what else it could be.
     """
 
     candidate: Candidate
     score: Score
     p_value: float
+    shuffles: int
     cv_rms: float
     cv_before: float
     rivals: tuple[tuple[str, float], ...]
@@ -40,7 +42,7 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
-        gained = f"removes {100 * self.score.gain:.0f} % of the residual energy, p {wording.chance(self.p_value)}"
+        gained = f"removes {100 * self.score.gain:.0f} % of the residual energy, p {wording.chance(self.p_value, self.shuffles)}"
         return self.verdict.why or gained
 
 
@@ -124,6 +126,7 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
     criteria = residual.criteria
     chosen, candidate = named(criteria, pool, group)
     score, p_value = pool.scores[chosen], pool.p_value(group[0])
+    shuffles = len(pool.nulls[pool.candidates[group[0]].found_by])
     after = cross_validated(residual, candidate.effects)
     cv_t = paired_t(before.per_pose - after.per_pose)
     tests = [
@@ -139,7 +142,7 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
             Test("unique share", score.share, criteria.minimum_share, score.share > criteria.minimum_share),
         ]
     others = rivals(residual, pool, candidate, group, search.rivals)
-    return Hypothesis(candidate, score, p_value, after.rms, before.rms, others, Verdict(tuple(tests)))
+    return Hypothesis(candidate, score, p_value, shuffles, after.rms, before.rms, others, Verdict(tuple(tests)))
 
 
 def _sigmas(residual: Residual, candidate: Candidate) -> float:

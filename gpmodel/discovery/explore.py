@@ -63,7 +63,8 @@ def run_task(task: Task) -> Evolution:
 class Histogram:
     """Runs whose best program references each input in effective code, by representation, and on shuffled residuals.
 
-    p_values: chance of the count and of what the best such run saves, times the number of inputs.
+    p_values: the larger of two chances times the number of inputs: count_p of the count, strength_p of what the best
+    such run saves. runs, shuffled_runs: how many there were.
     """
 
     inputs: tuple[str, ...]
@@ -72,6 +73,10 @@ class Histogram:
     shuffled: tuple[int, ...]
     p_values: tuple[float, ...]
     significant: tuple[str, ...]
+    count_p: tuple[float, ...]
+    strength_p: tuple[float, ...]
+    runs: int
+    shuffled_runs: int
 
 
 @dataclass(frozen=True)
@@ -256,18 +261,23 @@ def referenced(
 
     null = np.array([saved(run) for run in by_chance])
     real = [run for runs in tried.values() for run in runs]
-    p_values = []
+    by_count, by_strength = [], []
     for name in inputs:
         yes, chance_yes = count(real, name), count(by_chance, name)
         table = [[yes, len(real) - yes], [chance_yes, len(by_chance) - chance_yes]]
         best = max((saved(run) for run in real if name in run.best.program.inputs), default=-np.inf)
-        by_count = float(stats.fisher_exact(table, "greater").pvalue)
-        p_values.append(min(1.0, len(inputs) * max(by_count, chance(best, null))))
+        by_count.append(min(1.0, len(inputs) * float(stats.fisher_exact(table, "greater").pvalue)))
+        by_strength.append(min(1.0, len(inputs) * chance(best, null)))
+    p_values = tuple(map(max, by_count, by_strength))
     return Histogram(
         inputs=inputs,
         linear=tuple(count(tried.get("linear", []), name) for name in inputs),
         tree=tuple(count(tried.get("tree", []), name) for name in inputs),
         shuffled=tuple(count(by_chance, name) for name in inputs),
-        p_values=tuple(p_values),
+        p_values=p_values,
         significant=tuple(n for n, p in zip(inputs, p_values, strict=True) if p < significance),
+        count_p=tuple(by_count),
+        strength_p=tuple(by_strength),
+        runs=len(real),
+        shuffled_runs=len(by_chance),
     )

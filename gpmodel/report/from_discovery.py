@@ -125,6 +125,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         cv_rms_mm=1e3 * hypothesis.cv_rms,
         cv_before_mm=1e3 * hypothesis.cv_before,
         p_value=hypothesis.p_value,
+        shuffles=hypothesis.shuffles,
         tests=_tests(hypothesis),
         gain=hypothesis.score.gain,
         sign_stable=bool(hypothesis.verdict.passed("sign")),
@@ -154,6 +155,10 @@ def _histogram(histogram: Histogram, names: Mapping[str, str]) -> HistogramRecor
         tree=histogram.tree,
         shuffled=histogram.shuffled,
         p_values=histogram.p_values,
+        count_p=histogram.count_p,
+        strength_p=histogram.strength_p,
+        runs=histogram.runs,
+        shuffled_runs=histogram.shuffled_runs,
         significant=tuple(names.get(x, x) for x in histogram.significant),
     )
 
@@ -182,6 +187,7 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
         found_by=candidate.found_by,
         catalogue=candidate.family or None,
         p_value=hypothesis.p_value,
+        shuffles=hypothesis.shuffles,
         tests=_tests(hypothesis),
         accepted=bool(hypothesis.accepted),
         why=hypothesis.why,
