@@ -12,12 +12,10 @@ from gpmodel.report.saved import read_report
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @quiet_option
 def report(folder: Path, quiet: bool) -> None:
-    """Draw the figures and write report.html again from DIR/report.json; nothing is fitted."""
+    """Write the pages, poses.csv and the figures again from DIR/report.json; nothing is fitted."""
     saved = read_report(folder)
-    from gpmodel.report.figures import write_figures
-    from gpmodel.report.page import write_page
+    from gpmodel.report.write import write_report
 
-    figures = write_figures(saved, folder)
-    page = write_page(saved, folder, figures)
+    files = write_report(saved, folder)
     if not quiet:
-        click.echo(f"{page} and {len(figures)} figures in {folder / 'figures'}")
+        click.echo(f"{', '.join(file.name for file in files)} and the figures are in {folder}")

@@ -42,8 +42,8 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
-        gained = f"removes {100 * self.score.gain:.0f} % of the residual energy, p {wording.chance(self.p_value, self.shuffles)}"
-        return self.verdict.why or gained
+        chance = wording.chance(self.p_value, self.shuffles)
+        return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
 def judge(residual: Residual, pool: Pool, search: Search) -> tuple[Hypothesis, ...]:

@@ -1,6 +1,6 @@
 """Pictures of the error's size: the ladder, and its distribution before and after."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from functools import partial
 from textwrap import fill
 from typing import Any
@@ -11,27 +11,27 @@ from gpmodel.arrays import Array
 from gpmodel.report.picture import (
     AFTER,
     AFTER_LIGHT,
+    AXIS,
     BEFORE,
     CLIP,
     INK,
     MUTED,
+    PAPER,
     Picture,
-    Report,
-    beyond_standard,
     log_axis,
     numbers,
     rms,
     rows_only,
-    step_title,
 )
+from gpmodel.report.schema import REGISTRATION, Report, StepRecord
 from gpmodel.wording import millimetres, shortened
 
 
 def pictures(report: Report) -> Iterator[Picture]:
     """The pictures of error sizes that this report has numbers for."""
-    rungs = [r for r in report.get("ladder") or [] if _rms_of(r)[0] is not None]
+    rungs = [r for r in report.ladder if r.errors.known]
     if rungs:
-        steps = "; ".join(f"{step_title(report, r)} {millimetres(_rms_of(r)[0])} mm" for r in rungs)
+        steps = "; ".join(f"{report.title(r)} {millimetres(r.errors.rms_mm)} mm" for r in rungs)
         yield Picture(
             "ladder", "Error after each step", 4.7, 0.75 + 0.56 * len(rungs),
             f"RMS of the 3-D error after each step of the model, {_side(rungs)}: {steps}.",
@@ -41,78 +41,67 @@ def pictures(report: Report) -> Iterator[Picture]:
     errors = _errors(report)
     if errors:
         said = "; ".join(f"{n} {millimetres(rms(e))} mm RMS" for n, e, _ in errors)
-        shown = [e for e in errors if e[0] != "registration and tool"] or errors
-        shown = [shown[0], shown[-1]] if len(shown) > 1 else shown
+        pair = [report.title(r) for r in report.ladder if r.step in report.before_and_after()]
+        shown = [e for e in errors if e[0] in pair]
         which = _which(report)
         yield Picture(
             "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
             f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
             f"3-D error of {which}{', the same bins before and after' if len(shown) > 1 else ''}.",
-            partial(_histogram, errors=shown, floor=report.get("noise_floor_mm")),
+            partial(_histogram, errors=shown, floor=report.noise_floor_mm),
         )  # fmt: skip
         yield Picture(
             "cumulative", "How many poses are better than …", 4.9, 3.5,
             f"Cumulative share of {which} over the 3-D error, one curve a step: {said}.",
             f"Share of {which} whose 3-D error is below the value on the axis.",
-            partial(_cumulative, errors=errors, floor=report.get("noise_floor_mm")),
+            partial(_cumulative, errors=errors, floor=report.noise_floor_mm),
         )  # fmt: skip
 
 
-def _rms_of(rung: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    """RMS and largest error of the held-out poses; of the training poses where none were held out."""
-    side = rung.get("heldout") or {}
-    if side.get("rms_mm") is None:
-        side = rung.get("train") or {}
-    return side.get("rms_mm"), side.get("max_mm")
-
-
-def _side(rungs: list[Mapping[str, Any]]) -> str:
-    held = all((r.get("heldout") or {}).get("rms_mm") is not None for r in rungs)
+def _side(rungs: Sequence[StepRecord]) -> str:
+    held = all(r.heldout.known for r in rungs)
     return "held-out poses" if held else "training poses, none were held out"
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
     """Title, errors (mm) on held-out poses, and colour of each step of the ladder."""
-    stored = (report.get("plots") or {}).get("error_mm") or {}
     out = []
-    rungs = report.get("ladder") or []
-    for k, rung in enumerate(rungs):
-        sides = stored.get(rung["step"]) or {}
-        error = numbers(sides.get("heldout") or sides.get("train"))
+    for k, rung in enumerate(report.ladder):
+        sides = report.plots.error_mm.get(rung.step)
+        error = numbers((sides.heldout if report.held else sides.train) if sides else ())
         error = error[np.isfinite(error)]
         if len(error):
-            last = k == len(rungs) - 1
-            middle = AFTER_LIGHT if beyond_standard(rung) else BEFORE
-            out.append((step_title(report, rung), error, AFTER if last else "#c9ced5" if k == 0 else middle))
+            middle = AFTER_LIGHT if rung.beyond_standard else BEFORE
+            last = k == len(report.ladder) - 1
+            out.append((report.title(rung), error, AFTER if last else AXIS if rung.step == REGISTRATION else middle))
     return out
 
 
 def _which(report: Report) -> str:
-    held = int((report.get("data") or {}).get("heldout") or 0)
-    return f"{held} held-out poses" if held else "the training poses"
+    return f"{report.data.heldout} held-out poses" if report.held else "the training poses"
 
 
-def _ladder(figure: Any, report: Report, rungs: list[Mapping[str, Any]]) -> None:
+def _ladder(figure: Any, report: Report, rungs: list[StepRecord]) -> None:
     axes = figure.subplots()
-    values = [_rms_of(r)[0] or 0.0 for r in rungs]
-    largest = [_rms_of(r)[1] or v for r, v in zip(rungs, values, strict=True)]
-    train = [(r.get("train") or {}).get("rms_mm") for r in rungs]
-    floor = report.get("noise_floor_mm")
+    values = [r.errors.rms_mm or 0.0 for r in rungs]
+    largest = [r.errors.max_mm or v for r, v in zip(rungs, values, strict=True)]
+    train = [r.train.rms_mm for r in rungs]
+    floor = report.noise_floor_mm
     seen = [v for v in (*values, *largest, *train, floor) if v]
     log_axis(axes, 0.6 * min(seen), 1.4 * max(seen))
     rows_only(axes, len(rungs), 0.95)
-    held = [(r.get("heldout") or {}).get("rms_mm") is not None for r in rungs]
+    held = [r.heldout.known for r in rungs]
     for k, rung in enumerate(rungs):
-        colour = AFTER if k == len(rungs) - 1 or beyond_standard(rung) else BEFORE
+        colour = AFTER if k == len(rungs) - 1 or rung.beyond_standard else BEFORE
         axes.plot([values[k], largest[k]], [k, k], color=colour, lw=1.2, alpha=0.55, solid_capstyle="butt")
         axes.plot(largest[k], k, "|", color=colour, ms=7, mew=1.2)
         if train[k] and held[k]:
-            axes.plot(train[k], k, "o", mfc="white", mec=colour, mew=1.4, ms=6.5, zorder=3)
+            axes.plot(train[k], k, "o", mfc=PAPER, mec=colour, mew=1.4, ms=6.5, zorder=3)
         axes.plot(values[k], k, "o", color=colour, ms=8.5, zorder=4)
         axes.annotate(f"{millimetres(values[k])} mm", (values[k], k), (0, 7), textcoords="offset points", ha="center",
                       va="bottom", color=colour if colour == AFTER else MUTED, weight="bold", fontsize=9.5,
-                      bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
-    axes.set_yticks(range(len(rungs)), [fill(shortened(step_title(report, r), 36), 21) for r in rungs])
+                      bbox={"fc": PAPER, "ec": "none", "pad": 0.6})  # fmt: skip
+    axes.set_yticks(range(len(rungs)), [fill(shortened(report.title(r), 36), 21) for r in rungs])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     if floor:
         axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)

@@ -1,12 +1,14 @@
 """Pictures of the fitted model: shapes of the effects found, error against rank, parameters."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from gpmodel.report.picture import AFTER, BEFORE, MUTED, Picture, Report, effect_name, log_axis, numbers
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, MUTED, PAPER, Picture, log_axis, numbers
+from gpmodel.report.schema import ParameterRecord, RankRecord, Report
+from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, minus, pretty_unit, shortened
 
 MOST_PARAMETERS = 36
@@ -15,29 +17,29 @@ KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_leng
 
 def pictures(report: Report) -> Iterator[Picture]:
     """The pictures of the fitted model that this report has numbers for."""
-    for shape in (report.get("plots") or {}).get("shapes") or []:
-        name = effect_name(report, int(shape["effect"]))
-        x_name = f"{shape.get('x_name', 'row')}, {pretty_unit(shape.get('x_unit') or '1')}".rstrip(", ")
-        if shape.get("x"):
+    for shape in report.plots.shapes[: len(report.effects)]:
+        name = report.effects[shape.effect].name
+        x_name = f"{shape.x_name}, {pretty_unit(shape.x_unit)}".rstrip(", ")
+        if shape.x:
             yield Picture(
-                f"shape_{int(shape['effect']) + 1}", f"Shape of {name}", 4.9, 3.3,
+                f"shape_{shape.effect + 1}", f"Shape of {name}", 4.9, 3.3,
                 f"Partial residual of {name} over {x_name}, with the fitted curve where it reads this input alone.",
                 "Dots: what the data ask for, everything else in the model removed. Line: the fitted effect.",
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip
-    curve = [c for c in report.get("rank_curve") or [] if c.get("cv_rms_mm") is not None]
+    curve = [c for c in report.rank_curve if c.cv_rms_mm is not None]
     if len(curve) > 1:
-        best = min(curve, key=lambda c: c["cv_rms_mm"])
+        best = min(curve, key=lambda c: c.cv_rms_mm or 0.0)
         yield Picture(
             "rank_curve", "Error against rank", 4.9, 3.3,
-            f"Cross-validated error over the condition limit; lowest {millimetres(best['cv_rms_mm'])} mm with "
-            f"{best['rank']} unknowns at a limit of {best['condition_limit']:g}.",
+            f"Cross-validated error over the condition limit; lowest {millimetres(best.cv_rms_mm)} mm with "
+            f"{best.rank} unknowns at a limit of {best.condition_limit:g}.",
             "How many unknowns these poses support; the number beside a dot is the rank kept there.",
-            partial(_rank, curve=curve, chosen=report.get("condition_limit")),
+            partial(_rank, curve=curve, chosen=report.condition_limit),
         )  # fmt: skip
     for name, title, unit, scale, shown_unit in KINDS:
-        chosen = [p for p in report.get("parameters") or [] if _drawable(p, unit)]
-        strongest = sorted(chosen, key=lambda p: -abs(p["value"]) / p["stderr"])[:MOST_PARAMETERS]
+        chosen = [p for p in report.parameters if _drawable(p, unit)]
+        strongest = sorted(chosen, key=lambda p: -abs(p.value or 0.0) / (p.stderr or 1.0))[:MOST_PARAMETERS]
         rest = "" if len(strongest) == len(chosen) else f" The {len(strongest)} most certain of {len(chosen)}."
         if chosen:
             chosen = [p for p in chosen if any(p is s for s in strongest)]
@@ -49,33 +51,32 @@ def pictures(report: Report) -> Iterator[Picture]:
             )  # fmt: skip
 
 
-def _drawable(parameter: Mapping[str, Any], unit: str) -> bool:
-    known = parameter.get("value") is not None and parameter.get("stderr")
-    return bool(known) and parameter.get("unit") == unit and parameter.get("kept", True)
+def _drawable(parameter: ParameterRecord, unit: str) -> bool:
+    return parameter.kept and parameter.value is not None and bool(parameter.stderr) and parameter.unit == unit
 
 
-def _shape(figure: Any, shape: Mapping[str, Any], x_name: str) -> None:
+def _shape(figure: Any, shape: ShapeRecord, x_name: str) -> None:
     axes = figure.subplots()
-    x, y = numbers(shape["x"]), numbers(shape["partial"])
-    held = np.array(shape.get("heldout") or np.zeros(len(x)), dtype=bool)
+    x, y = numbers(shape.x), numbers(shape.partial)
+    held = np.array(shape.heldout or np.zeros(len(x)), dtype=bool)
     size = float(np.clip(1800 / len(x), 3, 18))
-    axes.axhline(0, color="#b9c0c9", lw=0.8)
-    axes.scatter(x[~held], y[~held], s=size, fc="white", ec=BEFORE, lw=1.0, label="train")
+    axes.axhline(0, color=AXIS, lw=0.8)
+    axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train")
     if held.any():
-        axes.scatter(x[held], y[held], s=size, color="#5d6875", lw=0, label="held out", zorder=3)
-    curve_x, curve_y = numbers(shape.get("curve_x")), numbers(shape.get("curve_y"))
+        axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3)
+    curve_x, curve_y = numbers(shape.curve_x), numbers(shape.curve_y)
     if len(curve_x):
         axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)
-    axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.get('y_unit', '')}".rstrip(", "))
+    axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.y_unit}".rstrip(", "))
     for which in (axes.xaxis, axes.yaxis):
         which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
     axes.grid(axis="both")
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
 
 
-def _rank(figure: Any, curve: list[Mapping[str, Any]], chosen: float | None) -> None:
+def _rank(figure: Any, curve: Sequence[RankRecord], chosen: float | None) -> None:
     axes = figure.subplots()
-    limit, rank, error = (numbers([c[k] for c in curve]) for k in ("condition_limit", "rank", "cv_rms_mm"))
+    limit, rank, error = (numbers([getattr(c, k) for c in curve]) for k in ("condition_limit", "rank", "cv_rms_mm"))
     log_axis(axes, 0.6 * limit.min(), 1.8 * limit.max())
     if error.max() > 5 * error.min() > 0:
         log_axis(axes, 0.8 * error.min(), 1.4 * error.max(), "y")
@@ -96,18 +97,18 @@ def _rank(figure: Any, curve: list[Mapping[str, Any]], chosen: float | None) -> 
     axes.grid(axis="both")
 
 
-def _parameters(figure: Any, parameters: list[Mapping[str, Any]], scale: float, unit: str) -> None:
+def _parameters(figure: Any, parameters: Sequence[ParameterRecord], scale: float, unit: str) -> None:
     axes = figure.subplots()
-    value = scale * numbers([p["value"] for p in parameters])
-    deviation = scale * numbers([p["stderr"] for p in parameters])
+    value = scale * numbers([p.value for p in parameters])
+    deviation = scale * numbers([p.stderr for p in parameters])
     axes.set_ylim(len(parameters) - 0.4, -0.6)
-    axes.axvline(0, color="#b9c0c9", lw=1)
+    axes.axvline(0, color=AXIS, lw=1)
     for row, (v, s) in enumerate(zip(value, deviation, strict=True)):
         clear = abs(v) > 2 * s
         colour = AFTER if clear else BEFORE
         axes.plot([v - s, v + s], [row, row], color=colour, lw=1.6)
-        axes.plot(v, row, "o", mfc=colour if clear else "white", mec=colour, ms=4.5)
-    axes.set_yticks(range(len(parameters)), [shortened(str(p["name"]), 30) for p in parameters])
+        axes.plot(v, row, "o", mfc=colour if clear else PAPER, mec=colour, ms=4.5)
+    axes.set_yticks(range(len(parameters)), [shortened(p.name, 30) for p in parameters])
     axes.tick_params(axis="y", length=0, labelsize=8)
     axes.spines["left"].set_visible(False)
     axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))

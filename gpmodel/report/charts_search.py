@@ -1,24 +1,14 @@
 """Pictures of the search: inputs beside their null, candidates beside what chance gives."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from gpmodel.arrays import Array
-from gpmodel.report.picture import (
-    AFTER,
-    AFTER_LIGHT,
-    BEFORE,
-    INK,
-    MUTED,
-    NULL,
-    Picture,
-    Report,
-    numbers,
-    rows_only,
-)
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import HistogramRecord, RoundRecord
 from gpmodel.wording import minus, shortened
 
 MOST_INPUTS = 18
@@ -26,13 +16,11 @@ MOST_INPUTS = 18
 
 def pictures(report: Report) -> Iterator[Picture]:
     """The pictures of the search that this report has numbers for."""
-    histograms = [h for h in report["histograms"] if h["inputs"]]
+    histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
-        standing = ", ".join(histogram.get("significant") or []) or "none"
-        shown = min(MOST_INPUTS, len(histogram["inputs"]))
-        rest = (
-            "" if shown == len(histogram["inputs"]) else f" The {shown} most used of {len(histogram['inputs'])} inputs."
-        )
+        standing = ", ".join(histogram.significant) or "none"
+        shown = min(MOST_INPUTS, len(histogram.inputs))
+        rest = "" if shown == len(histogram.inputs) else f" The {shown} most used of {len(histogram.inputs)} inputs."
         yield Picture(
             f"inputs_{k}", f"Round {k}", 4.9, 1.1 + 0.21 * shown,
             f"Evolved programs that refer to each input, beside the same search on shuffled residuals; "
@@ -40,30 +28,30 @@ def pictures(report: Report) -> Iterator[Picture]:
             f"Stand out of chance: {standing}.{rest}",
             partial(_inputs, histogram=histogram),
         )  # fmt: skip
-    rounds = [r for r in report.get("rounds") or [] if r.get("candidates")]
+    rounds = [r for r in report.rounds if r.candidates]
     if rounds:
         yield Picture(
             "search", "The best candidates of each round against chance", 10.2, 0.9 + 0.62 * len(rounds),
             f"Description length saved by the candidates of {len(rounds)} rounds, beside the best that shuffled "
-            f"residuals gave; accepted: {sum(any(c.get('accepted') for c in r['candidates']) for r in rounds)}.",
+            f"residuals gave; accepted: {sum(any(c.accepted for c in r.candidates) for r in rounds)}.",
             "Each dot is a distinct candidate. Chance: the best of each search on shuffled residuals.",
             partial(_search, rounds=rounds),
         )  # fmt: skip
 
 
-def _inputs(figure: Any, histogram: Mapping[str, Any]) -> None:
+def _inputs(figure: Any, histogram: HistogramRecord) -> None:
     axes = figure.subplots()
-    names = list(histogram["inputs"])
-    linear, tree, null = (_padded(histogram.get(k), len(names)) for k in ("linear", "tree", "shuffled"))
-    chances = _padded(histogram.get("p_values"), len(names))
+    names = histogram.inputs
+    linear, tree, null = (numbers(c) for c in (histogram.linear, histogram.tree, histogram.shuffled))
+    chances = numbers(histogram.p_values)
     use = linear + tree
     order = np.sort(np.argsort(-np.maximum(use, null), kind="stable")[:MOST_INPUTS])
     axes.set_ylim(len(order) - 0.4, -0.6)
-    strong = set(histogram.get("significant") or [])
+    strong = set(histogram.significant)
     for row, k in enumerate(order):
-        dark, light = (AFTER, AFTER_LIGHT) if names[k] in strong else ("#a3abb5", "#ccd2d9")
-        axes.barh(row - 0.18, linear[k], 0.36, color=dark)
-        axes.barh(row - 0.18, tree[k], 0.36, left=linear[k], color=light)
+        colour = AFTER if names[k] in strong else BEFORE
+        axes.barh(row - 0.18, linear[k], 0.36, color=colour, ec=colour, lw=0.8)
+        axes.barh(row - 0.18, tree[k], 0.36, left=linear[k], color=PAPER, ec=colour, lw=0.8)
         axes.barh(row + 0.2, null[k], 0.26, color=NULL)
         if names[k] in strong and chances[k] > 0:
             axes.annotate(f"p {chances[k]:.2g}", (use[k], row - 0.18), (4, 0), textcoords="offset points", va="center",
@@ -78,41 +66,33 @@ def _inputs(figure: Any, histogram: Mapping[str, Any]) -> None:
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("best programs that refer to the input")
     axes.grid(axis="x")
-    for colour, label in (("#7d8896", "linear (dark), tree (light)"), (NULL, "on shuffled residuals")):
+    for colour, label in ((BEFORE, "linear (filled), tree (hollow)"), (NULL, "on shuffled residuals")):
         axes.barh(0, 0, color=colour, label=label)
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
 
 
-def _padded(values: Any, length: int) -> Array:
-    out = np.zeros(length)
-    given = np.nan_to_num(numbers(values))[:length]
-    out[: len(given)] = given
-    return out
-
-
-def _search(figure: Any, rounds: list[Mapping[str, Any]]) -> None:
+def _search(figure: Any, rounds: Sequence[RoundRecord]) -> None:
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):
-        null = numbers(entry["null_nats"])
+        null = numbers(entry.null_nats)
         axes.scatter(null, np.full(len(null), row + 0.17), s=16, marker="|", color=NULL, lw=1.2)
-        for candidate in entry["candidates"]:
-            value = candidate["nats"]
+        for candidate in entry.candidates:
+            value, won = candidate.nats, candidate.accepted
             if value is None:
                 continue
-            won = bool(candidate.get("accepted"))
             axes.scatter(
                 value, row - 0.08, s=70 if won else 26, color=AFTER if won else BEFORE, lw=0, zorder=4 if won else 3
             )
             if won:
-                axes.annotate(shortened(str(candidate.get("name")), 60), (value, row - 0.08), (5, 5), va="bottom",
+                axes.annotate(shortened(candidate.name, 60), (value, row - 0.08), (5, 5), va="bottom",
                               textcoords="offset points", ha="right", color=AFTER, weight="bold")  # fmt: skip
-        if not any(c.get("accepted") for c in entry["candidates"]):
+        if not any(c.accepted for c in entry.candidates):
             axes.text(1.0, row - 0.08, "nothing stands out: nothing added", ha="right", va="center", color=MUTED,
                       transform=axes.get_yaxis_transform())  # fmt: skip
-    axes.set_yticks(range(len(rounds)), [f"round {r.get('round', k + 1)}" for k, r in enumerate(rounds)])
+    axes.set_yticks(range(len(rounds)), [f"round {r.round}" for r in rounds])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
-    axes.axvline(0, color="#b9c0c9", lw=0.8)
+    axes.axvline(0, color=AXIS, lw=0.8)
     axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
     axes.set_xlabel("description length saved, nats")
     for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):

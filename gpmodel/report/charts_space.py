@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.report.picture import AFTER, BEFORE, CLIP, INK, MUTED, RULE, Picture, Report, nice_length, numbers, rms
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, CLIP, INK, MUTED, RULE, Picture, nice_length, numbers, rms
+from gpmodel.report.schema import Report
 from gpmodel.wording import millimetres, minus
 
 VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
@@ -19,9 +20,9 @@ ARROWS = 250
 def pictures(report: Report) -> Iterator[Picture]:
     """Arrows from above, from the side and from the front, one scale for the three; then the residual over the rows."""
     yield from _arrow_pictures(report)
-    residual = (report.get("plots") or {}).get("residual_mm") or {}
-    if residual.get("final"):
-        before = numbers(residual.get("standard")) if report.get("effects") else numbers(None)
+    residual = report.plots.residual_mm
+    if "final" in residual:
+        before = numbers(residual["standard"] if report.effects else ())
         yield Picture(
             "rows", "Residual along the rows", 10.2, 4.6,
             "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
@@ -31,12 +32,11 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 
 def _arrow_pictures(report: Report) -> Iterator[Picture]:
-    plots = report.get("plots") or {}
-    residual = plots.get("residual_mm") or {}
-    points, after = numbers(plots.get("points_mm")), numbers(residual.get("final"))
+    residual = report.plots.residual_mm
+    points, after = numbers(report.plots.points_mm), numbers(residual.get("final", ()))
     if len(points) == 0 or points.shape != after.shape:
         return
-    before = numbers(residual.get("standard")) if report.get("effects") else after
+    before = numbers(residual["standard"]) if report.effects else after
     whole = np.isfinite(points).all(axis=1) & np.isfinite(after).all(axis=1) & np.isfinite(before).all(axis=1)
     chosen = np.flatnonzero(whole)
     chosen = chosen[:: max(1, -(-len(chosen) // ARROWS))]
@@ -48,14 +48,14 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     magnification = SHARE_OF_SPAN * (span or 1.0) / (typical or 1.0)
     key = nice_length(0.16 * (span or 1.0) / magnification)
     some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
-    models = "standard model (grey) and of the final model (blue)" if report.get("effects") else "standard model"
-    colours = "Grey before, blue after. " if report.get("effects") else ""
+    models = "standard model (grey) and of the final model (blue)" if report.effects else "standard model"
+    colours = "Grey before, blue after. " if report.effects else ""
     for name, i, j in VIEWS:
         yield Picture(
             f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
             f"Residual of the {models} as arrows at the nominal positions: {'xyz'[i]} and {'xyz'[j]}.",
             f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
-            partial(_arrows, points=points, before=before if report.get("effects") else None, after=after, plane=(i, j),
+            partial(_arrows, points=points, before=before if report.effects else None, after=after, plane=(i, j),
                     magnification=magnification, key=key),
         )  # fmt: skip
 
@@ -72,7 +72,7 @@ def _arrows(
     axes = figure.subplots()
     i, j = plane
     span = float(np.ptp(points, axis=0).max()) or 1.0
-    axes.scatter(points[:, i], points[:, j], s=3, color="#b9c0c9", lw=0)
+    axes.scatter(points[:, i], points[:, j], s=3, color=AXIS, lw=0)
     for residual, colour in ((before, BEFORE), (after, AFTER)):
         if residual is not None:
             axes.quiver(points[:, i], points[:, j], residual[:, i], residual[:, j], color=colour, angles="xy",
@@ -96,9 +96,9 @@ def _arrows(
 
 def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    held = np.array((report.get("plots") or {}).get("heldout_mask") or np.zeros(len(after)), dtype=bool)
-    outliers = [int(r) for r in (report.get("data") or {}).get("outliers") or []]
-    row = np.arange(1, len(after) + 1)
+    held = np.array(report.plots.heldout_mask or np.zeros(len(after)), dtype=bool)
+    outliers = report.data.outliers
+    row = np.array(report.plots.rows or range(1, len(after) + 1))
     everything = np.abs(np.concatenate([before.reshape(-1), after.reshape(-1)]))
     everything = everything[np.isfinite(everything)]
     if not len(everything):
@@ -107,7 +107,7 @@ def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
     size = float(np.clip(900 / len(row), 2, 16))
     series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]
     for axis, axes in enumerate(panels):
-        axes.axhline(0, color="#b9c0c9", lw=0.8)
+        axes.axhline(0, color=AXIS, lw=0.8)
         for values, colour, _ in series:
             if len(values) == len(row):
                 clipped = np.clip(values[:, axis], -reach, reach)
@@ -123,7 +123,7 @@ def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
         panels[0].annotate(f"outlier {outlier}", (outlier, 1.0), xycoords=("data", "axes fraction"), ha="center",
                            va="bottom", fontsize=8, color=MUTED)  # fmt: skip
     panels[-1].set_xlabel("row of the table")
-    panels[-1].set_xlim(0, len(row) + 1)
+    panels[-1].set_xlim(row.min() - 1, row.max() + 1)
     for values, colour, name in series:
         if len(values):
             panels[0].scatter(

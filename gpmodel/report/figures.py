@@ -1,5 +1,7 @@
-"""Draws the report's pictures into files; the only place of this package that knows matplotlib."""
+"""Draws the report's pictures: PNG files, and SVG that takes its colours from the page."""
 
+import io
+import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -8,9 +10,9 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, schema
-from gpmodel.report.picture import INK, MUTED, RULE, Picture
-from gpmodel.report.saved import as_dict
+from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
+from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, RULE, Picture
+from gpmodel.report.schema import Report
 
 DOTS_PER_INCH = 192
 STYLE: dict[Any, Any] = {
@@ -20,15 +22,16 @@ STYLE: dict[Any, Any] = {
     "text.parse_math": False,
     "axes.labelcolor": MUTED,
     "axes.labelsize": 8.5,
-    "axes.edgecolor": "#b9c0c9",
+    "axes.edgecolor": AXIS,
     "axes.linewidth": 0.8,
+    "axes.facecolor": "none",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "grid.color": RULE,
     "grid.linewidth": 0.8,
-    "xtick.color": "#b9c0c9",
-    "ytick.color": "#b9c0c9",
+    "xtick.color": AXIS,
+    "ytick.color": AXIS,
     "xtick.labelcolor": MUTED,
     "ytick.labelcolor": MUTED,
     "xtick.labelsize": 8.5,
@@ -36,27 +39,49 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "legend.handlelength": 1.2,
-    "figure.facecolor": "white",
+    "figure.facecolor": PAPER,
+    "svg.fonttype": "none",
 }
+COLOURS = {
+    INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
+    AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
+}  # fmt: skip
+"""The page's names of the colours that pictures are drawn in."""
 
 
-def pictures(saved: schema.Report) -> Iterator[Picture]:
+def pictures(report: Report) -> Iterator[Picture]:
     """Every picture this report has the numbers for."""
-    report = as_dict(saved)
     return chain.from_iterable(
         c.pictures(report) for c in (charts_errors, charts_space, charts_search, charts_findings)
     )
 
 
-def write_figures(report: schema.Report, folder: Path) -> dict[str, Path]:
-    """Draw `figures/NAME.png` in `folder` for every picture the report has numbers for; the files by name."""
-    target = folder / "figures"
-    target.mkdir(parents=True, exist_ok=True)
-    files: dict[str, Path] = {}
-    with rc_context(STYLE):
-        for picture in pictures(report):
+def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
+    """Inline SVG of every picture the report has numbers for, by name; with `folder`, `figures/NAME.png` there too."""
+    out: dict[str, str] = {}
+    for picture in pictures(report):
+        with rc_context(STYLE | {"svg.hashsalt": picture.name}):
             figure = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
             picture.draw(figure)
-            files[picture.name] = target / f"{picture.name}.png"
-            figure.savefig(files[picture.name], metadata={"Software": None, "Description": picture.alt})
-    return files
+            text = io.StringIO()
+            figure.savefig(text, format="svg", facecolor="none", metadata={"Date": None})
+            out[picture.name] = inline(text.getvalue(), picture.name)
+            if folder is not None:
+                (folder / "figures").mkdir(parents=True, exist_ok=True)
+                path = folder / "figures" / f"{picture.name}.png"
+                figure.savefig(path, metadata={"Software": None, "Description": picture.alt})
+    return out
+
+
+def inline(svg: str, name: str) -> str:
+    """An SVG file as part of a page: no prolog, ids that are used and unique in it, colours and font of the page."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.S)
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', svg))
+    svg = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", svg)
+    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(r"#[0-9a-f]{6}\b", lambda m: f"var(--{COLOURS[m[0]]})" if m[0] in COLOURS else m[0], svg)
+    svg = svg.replace(" font-family: 'DejaVu Sans';", "")
+    width, height = (float(v) for v in re.findall(r'(?:width|height)="([\d.]+)pt"', svg)[:2])
+    head = f'<svg class="chart" viewBox="0 0 {width:g} {height:g}" width="{width / 0.75:.0f}" aria-hidden="true">'
+    return head + re.sub(r"<!--.*?-->|\n\s*", " ", svg[svg.index(">") + 1 :], flags=re.S)

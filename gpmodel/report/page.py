@@ -1,205 +1,98 @@
-"""report.html: one page that opens offline, a pure function of the saved report."""
+"""report.html: one page that opens offline, a pure function of a Report and its drawings."""
 
 import base64
+import hashlib
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from gpmodel import wording
-from gpmodel.files import write_text
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, schema
-from gpmodel.report.picture import Report, beyond_standard, step_title
-from gpmodel.report.saved import as_dict
+from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, words
+from gpmodel.report.poses import pose_errors
+from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 
 PAGE = "report.html"
+MOST_POSES = 400
+"""The page lists this many poses, the worst; poses.csv has all of them."""
+CHARTS = (charts_errors, charts_space, charts_search, charts_findings)
 
 
-def write_page(report: schema.Report, folder: Path, figures: Mapping[str, Path] | None = None) -> Path:
-    """Write `report.html` in `folder` with the figures inside it; drawn there first where none are given."""
-    if figures is None:
-        from gpmodel.report.figures import write_figures
-
-        figures = write_figures(report, folder)
-    path = folder / PAGE
-    write_text(path, html(report, figures))
-    return path
-
-
-def html(saved: schema.Report, figures: Mapping[str, Path]) -> str:
-    """The page's text; a report with parts missing gives a page without them."""
-    report = as_dict(saved)
-    data, ladder = dict(report.get("data") or {}), list(report.get("ladder") or [])
-    return _template().render(
+def html(report: Report, drawings: Mapping[str, str]) -> str:
+    """The page's text. drawings: inline SVG of the report's pictures by name, as `figures.draw` makes them."""
+    pictures = {p.name: p for chart in CHARTS for p in chart.pictures(report) if p.name in drawings}
+    poses = pose_errors(report)
+    return render(
+        "report.html.j2",
         report=report,
-        data=data,
-        mechanism=report.get("mechanism") or {},
-        verdict=str(report.get("verdict") or "No verdict was saved."),
-        tiles=_tiles(report, ladder),
-        ladder=[_rung(report, rung) for rung in ladder],
-        held=any(_side(r, "heldout") for r in ladder),
-        effects=[_effect(e, i) for i, e in enumerate(report.get("effects") or [], 1)],
-        rounds=[_round(r, k) for k, r in enumerate(report.get("rounds") or [], 1)],
-        parameters=[_parameter(p) for p in report.get("parameters") or [] if p.get("kept", True)],
-        dropped=_dropped(report, ladder),
-        outliers=list(data.get("outliers") or []),
-        pictures=_pictures(report, figures),
+        tiles=list(_tiles(report)),
+        parameters=[p for p in report.parameters if p.kept],
+        dropped=report.dropped(),
+        pictures=pictures,
+        drawings={name: Markup(text) for name, text in drawings.items()},
+        poses=poses[:MOST_POSES],
+        all_poses=len(poses),
     )
+
+
+def render(template: str, **content: Any) -> str:
+    """A page from one of the templates, with the formats and sentences all of them use."""
+    return str(_environment().get_template(template).render(**content))
 
 
 @cache
-def _template() -> Any:
-    loader = PackageLoader("gpmodel.report")
+def _environment() -> Environment:
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("gpmodel.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters.update(millimetres=wording.millimetres, percent=wording.percent)
-    return environment.get_template("report.html.j2")
+    environment.filters.update(
+        millimetres=wording.millimetres, distance=wording.length, percent=wording.percent, minus=wording.minus,
+        expression=wording.expression, sentence=sentence,
+    )  # fmt: skip
+    environment.globals.update(
+        words=words, measured=wording.measured, chance=wording.chance, script=script, script_hash=script_hash
+    )
+    return environment
 
 
-def _pictures(report: Report, figures: Mapping[str, Path]) -> dict[str, dict[str, Any]]:
-    out: dict[str, dict[str, Any]] = {}
-    for chart in (charts_errors, charts_space, charts_search, charts_findings):
-        for picture in chart.pictures(report):
-            if picture.name in figures:
-                image = base64.b64encode(figures[picture.name].read_bytes()).decode()
-                out[picture.name] = {
-                    "source": f"data:image/png;base64,{image}",
-                    "title": picture.title,
-                    "alt": picture.alt,
-                    "caption": picture.caption,
-                    "width": round(96 * picture.width),
-                    "height": round(96 * picture.height),
-                }
-    return out
+def sentence(text: str) -> str:
+    """The text with a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
-def _side(rung: Mapping[str, Any], side: str) -> dict[str, Any]:
-    """mean, RMS and maximum in mm; empty where there is none."""
-    numbers = rung.get(side) or {}
-    return dict(numbers) if numbers.get("rms_mm") is not None else {}
+@cache
+def script(name: str) -> Markup:
+    """The text of one script of the templates."""
+    return Markup((files("gpmodel.report") / "templates" / name).read_text(encoding="utf-8"))
 
 
-def _rung(report: Report, rung: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "title": step_title(report, rung),
-        "sides": [[_side(rung, side).get(f"{k}_mm") for k in ("mean", "rms", "max")] for side in ("heldout", "train")],
-        "rank": rung.get("rank"),
-        "found": beyond_standard(rung),
-    }
+def script_hash(name: str) -> str:
+    """The hash by which a page's security policy allows that script and no other."""
+    digest = hashlib.sha256(script(name).encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
 
 
-def _tiles(report: Report, ladder: list[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The numbers to remember: RMS on held-out poses after the steps that matter, and the noise floor."""
-    by_step = {str(r["step"]): r for r in ladder}
-    chosen = [
-        ("registration and tool", by_step.get("registration"), "start"),
-        ("standard model", by_step.get("standard"), "before"),
-    ]
-    count = sum(r.get("effect") is not None for r in ladder)
-    if ladder and beyond_standard(ladder[-1]):
-        title = f"with {count} effect{'s' if count != 1 else ''} found" if count else step_title(report, ladder[-1])
-        chosen.append((title, ladder[-1], "after"))
-    elif chosen[1][1] is not None:
-        chosen[1] = ("standard model", chosen[1][1], "after")
-    tiles = []
-    for title, rung, kind in chosen:
-        if rung is not None:
-            side = _side(rung, "heldout") or _side(rung, "train")
-            where = "RMS held out" if _side(rung, "heldout") else "RMS training"
-            tiles.append(
-                {"title": title, "value": wording.millimetres(side.get("rms_mm")), "note": where, "kind": kind}
-            )
-    floor = report.get("noise_floor_mm")
-    if floor is not None:
-        tiles.append(
-            {
-                "title": "noise floor",
-                "value": wording.millimetres(floor),
-                "note": "of the measurement itself",
-                "kind": "floor",
-            }
-        )
-    return tiles
+def _tiles(report: Report) -> Any:
+    """The numbers to remember: title, RMS, where it is from and its kind, of the steps that matter."""
+    first, standard = report.step(REGISTRATION), report.step(STANDARD)
+    last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None
+    if first is not None:
+        yield _tile("registration and tool", first, "start")
+    if standard is not None:
+        yield _tile("standard model", standard, "before" if last else "after")
+    if last is not None:
+        count = len(report.effects)
+        found = "found" if report.kind == "discover" else "named"
+        yield _tile(f"with {count} effect{'s' if count != 1 else ''} {found}", last, "after")
 
 
-def _partners(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [(c["name"], wording.minus(f"{c['correlation']:+.2f}")) for c in entry["correlated_with"]]
-
-
-def _effect(effect: Mapping[str, Any], number: int) -> dict[str, Any]:
-    share = effect.get("unique_share")
-    rivals = [r for r in effect.get("rivals") or [] if r.get("cv_rms_mm") is not None]
-    checks = [
-        ("removes of the residual energy", wording.percent(effect.get("gain")), effect.get("gain")),
-        ("chance among shuffled residuals", wording.chance(effect.get("p_value")), effect.get("p_value")),
-        ("sign in every fold", "the same" if effect.get("sign_stable") else "changes", effect.get("sign_stable")),
-        (
-            "cross-validated RMS before",
-            f"{wording.millimetres(effect.get('cv_before_mm'))} mm",
-            effect.get("cv_before_mm"),
-        ),
-        ("cross-validated RMS with it", f"{wording.millimetres(effect.get('cv_rms_mm'))} mm", effect.get("cv_rms_mm")),
-    ]
-    return {
-        "number": number,
-        "name": str(effect.get("name") or f"effect {number}"),
-        "explanation": str(effect.get("explanation") or ""),
-        "value": wording.measured(effect.get("value"), effect.get("stderr"), str(effect.get("unit") or "1")),
-        "basis": wording.expression(str(effect.get("basis") or wording.UNKNOWN)),
-        "place": " ".join(str(effect[k]) for k in ("slot", "axis") if effect.get(k)) or wording.UNKNOWN,
-        "inputs": [str(x) for x in effect.get("inputs") or []],
-        "share": share,
-        "meter": None if share is None else max(0.0, min(1.0, float(share))),
-        "found_by": str(effect.get("found_by") or ""),
-        "catalogue": str(effect.get("catalogue") or "").replace("_", " "),
-        "round": effect.get("round"),
-        "checks": [(label, text) for label, text, given in checks if given is not None],
-        "own": effect.get("cv_rms_mm"),
-        "alone": effect["rivals"] == (),
-        "rivals": [{"name": str(r.get("name")), "cv_rms_mm": r["cv_rms_mm"]} for r in rivals],
-        "partners": _partners(effect),
-        "picture": f"shape_{number}",
-    }
-
-
-def _round(entry: Mapping[str, Any], number: int) -> dict[str, Any]:
-    candidates = []
-    for c in entry.get("candidates") or []:
-        candidates.append(
-            {
-                "name": str(c.get("name") or wording.UNKNOWN),
-                "place": " ".join(str(c[k]) for k in ("slot", "axis") if c.get(k)) or wording.UNKNOWN,
-                "basis": wording.expression(str(c.get("basis") or wording.UNKNOWN)),
-                "found_by": str(c.get("found_by") or wording.UNKNOWN),
-                "gain": wording.percent(c.get("gain")),
-                "cv_rms_mm": c.get("cv_rms_mm"),
-                "chance": wording.chance(c.get("p_value")),
-                "accepted": bool(c.get("accepted")),
-                "why": str(c.get("why") or ""),
-            }
-        )
-    return {
-        "number": entry.get("round", number),
-        "candidates": candidates,
-        "added": [c["name"] for c in candidates if c["accepted"]],
-        "removed": [str(n) for n in entry.get("dropped") or []],
-    }
-
-
-def _parameter(parameter: Mapping[str, Any]) -> dict[str, Any]:
-    value = wording.measured(parameter.get("value"), parameter.get("stderr"), str(parameter.get("unit") or "1"))
-    return {
-        "name": str(parameter.get("name")),
-        "value": value,
-        "share": parameter.get("unique_share"),
-        "partners": _partners(parameter),
-    }
-
-
-def _dropped(report: Report, ladder: list[Mapping[str, Any]]) -> list[str]:
-    """What these poses cannot tell apart and the model therefore leaves out."""
-    listed = [str(p["name"]) for p in report.get("parameters") or [] if not p.get("kept", True)]
-    return listed or [str(n) for n in (ladder[-1].get("dropped") if ladder else None) or []]
+def _tile(title: str, rung: StepRecord, kind: str) -> dict[str, str]:
+    where = "RMS held out" if rung.heldout.known else "RMS training"
+    return {"title": title, "value": wording.millimetres(rung.errors.rms_mm), "note": where, "kind": kind}

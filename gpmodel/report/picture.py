@@ -1,18 +1,17 @@
 """A picture of the report: what it is called, how large it is, what it says in words, and how it is drawn."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Report = Mapping[str, Any]
+from gpmodel.arrays import Array
 
-INK, MUTED, RULE = "#1d2733", "#5d6875", "#e3e7ec"
-BEFORE, AFTER, AFTER_LIGHT, NULL = "#9097a1", "#1c5d99", "#8db4d8", "#d9822b"
+INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
+BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
+"""Every colour that carries data has a contrast of at least 3 with the paper, every colour of words 4.5 (WCAG 2 AA)."""
 
 CLIP = 3.0
 """An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
@@ -34,34 +33,15 @@ class Picture:
     draw: Callable[[Any], None]
 
 
-def numbers(values: Sequence[Any] | None) -> Array:
-    """The list as floats, null as NaN."""
-    return np.array([] if values is None else values, dtype=float)
+def numbers(values: Sequence[Any]) -> Array:
+    """The list as floats, None as NaN."""
+    return np.array(values, dtype=float)
 
 
 def rms(values: Array) -> float:
     """RMS of what is finite; NaN when nothing is."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan
-
-
-def effect_name(report: Report, index: int) -> str:
-    """Name of an effect, or its number."""
-    effects = report.get("effects") or []
-    return str(effects[index].get("name") or f"effect {index + 1}") if index < len(effects) else f"effect {index + 1}"
-
-
-def step_title(report: Report, rung: Mapping[str, Any]) -> str:
-    """A rung of the ladder in words."""
-    if rung.get("effect") is not None:
-        return f"+ {effect_name(report, int(rung['effect']))}"
-    words = {"registration": "registration and tool", "standard": "standard model"}
-    return words.get(str(rung["step"]), str(rung["step"]))
-
-
-def beyond_standard(rung: Mapping[str, Any]) -> bool:
-    """Whether a rung of the ladder has more in the model than the standard one."""
-    return str(rung["step"]) not in ("registration", "standard")
 
 
 def log_ticks(low: float, high: float) -> list[float]:

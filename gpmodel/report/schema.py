@@ -4,7 +4,6 @@ Field names are the keys of the file. Lengths that end in `_mm` are millimetres,
 beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -201,7 +200,8 @@ class Report:
         listed = tuple(p.name for p in self.parameters if not p.kept)
         return listed or (self.ladder[-1].dropped if self.ladder else ())
 
-    def found_in(self, effect: EffectRecord) -> Iterator[HistogramRecord]:
+    def histogram_of(self, effect: EffectRecord) -> HistogramRecord | None:
         """The histogram of the round that found an effect, where there was one."""
-        if effect.round is not None and 1 <= effect.round <= len(self.histograms):
-            yield self.histograms[effect.round - 1]
+        if effect.round is None or not 1 <= effect.round <= len(self.histograms):
+            return None
+        return self.histograms[effect.round - 1]

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from textwrap import fill
 
 from gpmodel import wording
+from gpmodel.report import words
 from gpmodel.report.schema import ErrorsMm, Report
-from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord
+from gpmodel.report.schema_search import EffectRecord
 
 WIDTH = 80
 NAME = 24
@@ -17,7 +18,7 @@ def summary(report: Report) -> str:
     blocks = (
         ("Verdict", [_wrapped(report.verdict)]),
         ("3-D error, mm", list(_ladder(report))),
-        ("Noise floor", [_wrapped(noise_floor(report))]),
+        ("Noise floor", [_wrapped(words.noise_floor(report))]),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Inputs beyond chance", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
@@ -25,35 +26,6 @@ def summary(report: Report) -> str:
         ("To distrust", list(_doubts(report))),
     )
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
-
-
-def noise_floor(report: Report) -> str:
-    """The noise floor and where it is known from, or how to make it known."""
-    if report.noise_floor_mm is None:
-        return "unknown: repeat some poses (column `repeat`), or give the instrument's noise"
-    source = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
-    return f"{wording.length(report.noise_floor_mm)} RMS {source.get(report.noise_from or '', '')}".rstrip()
-
-
-def confirmed(report: Report) -> str:
-    """Whether held-out poses confirm what was added; empty where nothing was added."""
-    found = report.confirmation
-    if found is None:
-        return ""
-    said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
-    return f"{said}: gain of {found.deviations:.1f} standard deviations, limit {found.limit:g}"
-
-
-def rivals(effect: EffectRecord) -> str:
-    """What else it could be, in words."""
-    if effect.rivals is None:
-        return ""
-    close = effect.close_rivals()
-    margin = f"{100 * RIVAL_MARGIN:.0f} %"
-    if not close:
-        return f"no rival within {margin} of its error"
-    listed = ", ".join(f"{r.name} ({wording.length(r.cv_rms_mm)})" for r in close)
-    return f"could as well be, within {margin} of its error: {listed}"
 
 
 def _wrapped(text: str, indent: int = 4) -> str:
@@ -83,7 +55,7 @@ def _cells(errors: ErrorsMm) -> tuple[str, ...]:
 def _effects(report: Report) -> Iterator[str]:
     if report.kind == "discover" and not report.effects:
         yield "    none: nothing stands out of chance"
-    if verdict := confirmed(report):
+    if verdict := words.confirmed(report):
         yield _wrapped(verdict)
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
@@ -98,7 +70,7 @@ def _effects(report: Report) -> Iterator[str]:
             f"chance {wording.chance(effect.p_value, effect.shuffles)}" if effect.p_value is not None else "",
         ]
         yield _wrapped("; ".join(filter(None, facts)), 7)
-        if said := rivals(effect):
+        if said := words.rivals(effect):
             yield _wrapped(said, 7)
 
 

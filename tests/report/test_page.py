@@ -1,25 +1,27 @@
-import json
+"""report.html and explore.html, made of real runs: offline, accessible, and saying what the report says."""
+
+import dataclasses
+import io
+import re
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+import pandas as pd
 import pytest
-import report_cases
 from click.testing import CliRunner
+from report_runs import REPORTS, calibrated, discovered, quickly
 
+from gpmodel import wording
 from gpmodel.cli.report import report as report_command
-from gpmodel.files import to_json
-from gpmodel.report.figures import pictures
-from gpmodel.report.page import html, write_page
-from gpmodel.report.saved import from_json
-from gpmodel.report.schema import Report
-
-CASES = {c.__name__: c for c in (report_cases.found, report_cases.nothing, report_cases.many, report_cases.sparse)}
-
-
-def read(content: dict[str, Any]) -> Report:
-    return from_json(to_json(content))
-
+from gpmodel.report import explore, poses
+from gpmodel.report.figures import draw, pictures
+from gpmodel.report.page import html
+from gpmodel.report.saved import to_json
+from gpmodel.report.schema import Confirmation, ErrorsMm, ParameterRecord, Report
+from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, Rival, RoundRecord
+from gpmodel.report.words import beforehand, input_tests, place
 
 VOID = {"meta", "link", "img", "br"}
 
@@ -40,11 +42,14 @@ class Page(HTMLParser):
         if tag not in VOID:
             self.open.append(tag)
 
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, {k: v or "" for k, v in attrs}))
+
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if not {"style", "script", "svg"} & set(self.open):
             self.words.append(data)
 
     @property
@@ -55,118 +60,240 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-@pytest.fixture(scope="session")
-def figures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A stand-in file for every picture any of the reports has."""
-    path = tmp_path_factory.mktemp("figures") / "any.png"
-    path.write_bytes(b"\x89PNG\r\n\x1a\n")
-    return {p.name: path for case in CASES.values() for p in pictures(read(case()))}
+@cache
+def drawings(case: str) -> dict[str, str]:
+    return draw(REPORTS[case]())
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_opens_offline_and_is_accessible(case: str, figures: dict[str, Path]) -> None:
-    report = json.loads(to_json(CASES[case]()))
-    text = html(read(report), figures)
-    page = Page(text)
-    assert page.open == []
-    assert page.all("script") == []
-    assert "url(" not in text
-    assert "@import" not in text
-    assert [link["href"] for link in page.all("link")] == ["data:,"]
-    images = page.all("img")
-    assert len(images) == len(list(pictures(read(report))))
-    assert all(i["src"].startswith("data:image/png;base64,") and len(i["alt"]) > 20 for i in images)
-    assert all(th.get("scope") in ("col", "row", "colgroup") for th in page.all("th"))
-    ids = [a["id"] for _, a in page.tags if "id" in a]
+def page(report: Report) -> Page:
+    """The page without its pictures."""
+    return Page(html(report, {}))
+
+
+@pytest.mark.parametrize("case", REPORTS)
+def test_opens_offline_and_is_accessible(case: str) -> None:
+    report = REPORTS[case]()
+    text = html(report, drawings(case))
+    made = Page(text)
+    assert made.open == []
+    assert not re.search(r"https?://(?!www\.w3\.org/)|@import|url\((?!#)", text)
+    assert [link["href"] for link in made.all("link")] == ["data:,"]
+    assert "default-src 'none'" in made.all("meta")[2]["content"]
+    drawn = [a for _, a in made.tags if a.get("role") == "img"]
+    assert len(drawn) == len(list(pictures(report)))
+    assert all(len(a["aria-label"]) > 20 for a in drawn)
+    assert all(th.get("scope") in ("col", "row", "colgroup") for th in made.all("th"))
+    ids = [a["id"] for _, a in made.tags if "id" in a]
     assert len(ids) == len(set(ids))
-    assert {a["href"] for a in page.all("a")} <= {f"#{i}" for i in ids}
-    assert len(page.all("h1")) == 1
-    assert page.all("html") == [{"lang": "en"}]
-    assert report["verdict"] in page.text
+    inside = {a["href"] for a in made.all("a") if a["href"].startswith("#")}
+    assert inside <= {f"#{i}" for i in ids}
+    assert {a["href"] for a in made.all("a")} - inside <= {"explore.html", "poses.csv"}
+    assert len(made.all("h1")) == 1
+    assert made.all("html") == [{"lang": "en"}]
+    assert report.verdict in made.text
 
 
-def test_held_out_and_training_errors_stand_under_their_own_heading(figures: dict[str, Path]) -> None:
-    report = report_cases.found()
-    rung = report["ladder"][1]
-    rung["heldout"] = {"mean_mm": 0.111, "rms_mm": 0.222, "max_mm": 0.333}
-    rung["train"] = {"mean_mm": 0.444, "rms_mm": 0.555, "max_mm": 0.666}
-    text = Page(html(read(report), figures)).text
+@pytest.mark.parametrize("case", REPORTS)
+def test_pictures_take_their_colours_from_the_page_and_share_no_ids(case: str) -> None:
+    every = drawings(case)
+    for name, svg in every.items():
+        assert not re.search(r"#[0-9a-fA-F]{6}\b", svg), name
+        assert all(i.startswith(f"{name}-") for i in re.findall(r' id="([^"]+)"', svg))
+
+
+def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() -> None:
+    report = discovered()
+    (effect,) = report.effects
+    rival = Rival("something alike", effect.cv_rms_mm)
+    head = page(dataclasses.replace(report, effects=(dataclasses.replace(effect, rivals=(rival,)),))).text
+    head = head[: head.index("Error after each step")]
+    assert "noise floor unknown give repeats or --noise" in head
+    assert "Confirmed on the held-out poses" in head
+    assert "something alike" in head
+    doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 2.0, False))).text
+    assert "Not confirmed on the held-out poses: gain of 0.4 standard deviations" in doubted
+    known = page(quickly()).text
+    assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known
+
+
+def test_held_out_and_training_errors_stand_under_their_own_heading() -> None:
+    report = discovered()
+    rung = dataclasses.replace(
+        report.ladder[1], heldout=ErrorsMm(0.111, 0.222, 0.333), train=ErrorsMm(0.444, 0.555, 0.666), rank=27
+    )
+    text = page(dataclasses.replace(report, ladder=(report.ladder[0], rung, *report.ladder[2:]))).text
     assert "step held out, mm train, mm" in text
     assert "standard model 0.111 0.222 0.333 0.444 0.555 0.666 27" in text
 
 
-def test_without_held_out_poses_nothing_is_called_held_out(figures: dict[str, Path]) -> None:
-    text = Page(html(read(report_cases.sparse()), figures)).text
+def test_without_held_out_poses_nothing_is_called_held_out() -> None:
+    text = page(calibrated(0.0)).text
     assert "No poses were held out" in text
     assert "RMS training" in text
     assert "held out, mm" not in text
 
 
-def test_an_effect_is_shown_with_all_that_is_known_of_it(figures: dict[str, Path]) -> None:
-    text = Page(html(read(report_cases.found()), figures)).text
+def test_an_effect_is_shown_with_all_that_is_known_of_it() -> None:
+    report = discovered()
+    (effect,) = report.effects
+    text = page(report).text
+    value = wording.measured(effect.value, effect.stderr, effect.unit)
+    (trained,) = effect.ranges
     for said in (
-        "2 effects found", "gear error, 2 per turn, J4", "251.0 ± 4.2 µrad", "× sin(2·J4 + 0.412)", "J4.moving Rx",
-        "evolved in round 1", "unique share 93 %", "gear error, 2 per turn, J6 0.071", "J4 Rx −0.42",
-        "48.3 ± 2.1 nrad/(N·m)",
-        "Two cycles a turn: oval gear or flexspline (Tuttle 1992).", "balancing spring, J2 0.034",
+        "The effect found", effect.name, f"{value.value} ± {value.deviation} {value.unit}",
+        f"{effect.slot} {effect.axis}", place(effect.slot, effect.axis),
+        f"unique share {wording.percent(effect.unique_share)}",
+        f"trained on J4 {trained.low:.4g}".replace("-", "−"), wording.length(effect.tool_rms_mm),
+        wording.chance(effect.p_value, effect.shuffles), beforehand(report, effect),
     ):  # fmt: skip
         assert said in text
 
 
-def test_nothing_found_says_so(figures: dict[str, Path]) -> None:
-    text = Page(html(read(report_cases.nothing()), figures)).text
+@pytest.mark.parametrize(
+    ("slot", "axis", "said"),
+    [
+        ("J5.moving", "Ry", "turn about y of the frame just after the motion of J5"),
+        ("J2.fixed", "Tx", "shift along x of the frame just before the motion of J2"),
+        ("base", "Rz", "turn about z of the frame at the base, before the first joint"),
+        ("tool", "Tz", "shift along z of the frame at the flange, after the last joint"),
+        ("J2.moving, J3.moving", "Rz", ""),
+    ],
+)
+def test_places_are_said_in_words(slot: str, axis: str, said: str) -> None:
+    assert place(slot, axis) == said
+
+
+def test_nothing_found_says_so() -> None:
+    text = page(discovered("nothing")).text
     assert "Nothing was added to the standard model." in text
-    assert "4 distinct best candidates" in text
     assert "Round 1: nothing added" in text
     assert "effects found" not in text
 
 
-def test_reasons_parameters_and_record_are_listed(figures: dict[str, Path]) -> None:
-    report = report_cases.found()
-    text = Page(html(read(report), figures)).text
-    assert "not added : chance of it on shuffled residuals 0.2, limit 0.01" in text
-    assert "33 parameters kept, 3 dropped" in text
-    assert "J1 Tz J2 Tz J6 Tz" in text
-    assert "outliers, by row 12" in text
-    for known in (report["command"], report["data"]["sha256"], "numpy 2.4.6", "seed 0", "41.3 s"):
+def test_the_histogram_says_which_of_its_tests_failed() -> None:
+    counted = HistogramRecord(
+        inputs=("J1", "J2", "J3"), linear=(4, 4, 0), tree=(4, 3, 0), shuffled=(1, 0, 2), p_values=(0.4, 0.01, 1.0),
+        count_p=(0.002, 0.01, 1.0), strength_p=(0.4, 0.003, 1.0), significant=("J2",), runs=8, shuffled_runs=8,
+    )  # fmt: skip
+    first, second = input_tests(counted)
+    assert first.startswith("J1 fails by its strength: 8 of 8 programs refer to it, 1 of 8")
+    assert second.startswith("J2 stands out: 7 of 8")
+    assert "0.003 by extrapolation from 8 shuffles" in second
+    report = dataclasses.replace(discovered(), histograms=(counted,))
+    one = EffectRecord("a", inputs=("J2",), round=1)
+    assert beforehand(report, one) == "pointed at J2 beforehand"
+    assert "did not point at it" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
+    assert beforehand(report, dataclasses.replace(one, round=None)) == ""
+
+
+@pytest.mark.parametrize(
+    ("probability", "shuffles", "said"),
+    [
+        (1e-88, 8, "< 0.000001 by extrapolation from 8 shuffles"),
+        (0.02, 199, "0.02 from 199 shuffles"),
+        (0.02, None, "0.02"),
+        (None, 8, "–"),
+    ],
+)
+def test_a_chance_says_what_it_rests_on(probability: float | None, shuffles: int | None, said: str) -> None:
+    assert wording.chance(probability, shuffles) == said
+
+
+def test_record_parameters_and_tool_point_are_listed() -> None:
+    report = discovered()
+    text = page(report).text
+    kept = sum(p.kept for p in report.parameters)
+    assert f"{kept} parameters kept, {len(report.dropped())} dropped" in text
+    (tool,) = report.tool
+    assert wording.minus(f"tool point {tool.point_mm[0]:.3f}") in text
+    for known in (report.command, report.data.sha256, f"numpy {report.versions['numpy']}", "seed 0", "1.5 s"):
         assert known in text
 
 
-def test_no_rival_is_claimed_only_where_rivals_were_looked_for(figures: dict[str, Path]) -> None:
-    report = report_cases.found()
-    report["effects"][0]["rivals"], said = [], "No rival explains the same data."
-    assert said in Page(html(read(report), figures)).text
-    del report["effects"][0]["rivals"]
-    assert said not in Page(html(read(report), figures)).text
+def test_what_free_joints_absorb_is_named_and_counted() -> None:
+    report = dataclasses.replace(discovered(), absorbed=tuple(f"effect {k} of the joint" for k in range(40)))
+    assert "effect 29 of the joint; and 10 more." in page(report).text
 
 
-def test_what_free_joints_absorb_is_named_and_counted(figures: dict[str, Path]) -> None:
-    report = report_cases.found() | {"absorbed": [f"effect {k} of the joint" for k in range(40)]}
-    text = Page(html(read(report), figures)).text
-    assert "effect 29 of the joint; and 10 more." in text
+def test_text_from_the_table_is_never_markup() -> None:
+    evil = "<script>alert(1)</script>"
+    report = discovered()
+    data = dataclasses.replace(report.data, file=evil)
+    effects = (dataclasses.replace(report.effects[0], name=evil),)
+    changed = dataclasses.replace(report, data=data, effects=effects, verdict=evil)
+    for text in (html(changed, {}), explore.html(changed), *draw(changed).values()):
+        assert evil not in text
+    assert evil in page(changed).text
 
 
-def test_text_from_the_table_is_never_markup(figures: dict[str, Path]) -> None:
-    report = report_cases.found()
-    report["data"]["file"] = report["effects"][0]["name"] = report["verdict"] = "<script>alert(1)</script>"
-    page = Page(html(read(report), figures))
-    assert page.all("script") == []
-    assert "<script>alert(1)</script>" in page.text
+@pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(Report) if f.name not in ("ladder", "schema")])
+def test_any_part_may_be_missing(field: str) -> None:
+    empty = getattr(Report(), field)
+    report = dataclasses.replace(discovered(), **{field: empty})
+    drawn = dict.fromkeys((p.name for p in pictures(report)), "<svg></svg>")
+    assert wording.millimetres(report.ladder[-1].heldout.rms_mm) in Page(html(report, drawn)).text
 
 
-def test_the_page_draws_its_own_figures_where_none_are_given(tmp_path: Path) -> None:
-    page = write_page(read(report_cases.sparse()), tmp_path)
-    assert page == tmp_path / "report.html"
-    assert (tmp_path / "figures" / "ladder.png").exists()
-    assert len(Page(page.read_text(encoding="utf-8")).all("img")) == 1
+def test_effects_and_candidates_may_be_bare() -> None:
+    report = discovered()
+    rounds = (dataclasses.replace(report.rounds[0], candidates=(CandidateRecord(),)), RoundRecord())
+    bare = dataclasses.replace(
+        report,
+        effects=(EffectRecord("something"),),
+        rounds=rounds,
+        parameters=(ParameterRecord("length", 1e-3, unit="m"),),
+    )
+    text = page(bare).text
+    assert "something" in text
+    assert "length 1.00 – mm –" in text
 
 
-def test_the_command_makes_page_and_figures_from_the_saved_report(tmp_path: Path) -> None:
-    (tmp_path / "report.json").write_text(to_json(report_cases.nothing()), encoding="utf-8")
+def test_poses_are_listed_worst_first_and_are_those_of_the_ladder() -> None:
+    for report in (discovered(), calibrated(), discovered("nothing")):
+        listed = poses.pose_errors(report)
+        assert len(listed) == report.data.poses
+        after = [p.after for p in listed]
+        assert after == sorted(after, reverse=True)
+        names = report.before_and_after()
+        for step, errors in zip(names, ([p.before for p in listed], after), strict=True):
+            rung = report.step(step)
+            assert rung is not None
+            assert max(errors) == pytest.approx(max(rung.train.max_mm, rung.heldout.max_mm), rel=1e-5)
+        held = np.array([p.after for p in listed if p.heldout])
+        assert np.sqrt(np.mean(held**2)) == pytest.approx(report.step(names[1]).heldout.rms_mm, rel=1e-5)
+
+
+def test_poses_csv_has_a_row_a_pose_and_its_components() -> None:
+    report = discovered()
+    frame = pd.read_csv(io.StringIO(poses.csv(report)))
+    assert list(frame["row"]) == list(report.plots.rows)
+    assert (frame["set"] == "held out").sum() == report.data.heldout
+    for name in ("before", "after"):
+        length = np.linalg.norm(frame[[f"{name}_{a} [mm]" for a in "xyz"]], axis=1)
+        np.testing.assert_allclose(length, frame[f"{name} [mm]"], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("case", ["gear", "nothing", "calibrated"])
+def test_explore_has_every_pose_its_row_and_both_residuals(case: str) -> None:
+    report = REPORTS[case]()
+    text = explore.html(report)
+    assert len(text) < 6e6
+    figure, magnification = explore.figure_of(report)
+    before, after, dots, arm = figure["data"]
+    assert dots["customdata"] == list(report.plots.rows)
+    assert all(f"row {row}" in said for row, said in zip(report.plots.rows, dots["text"], strict=True))
+    for trace, name in ((before, report.before_and_after()[0]), (after, "final")):
+        ends = np.array([trace[a] for a in "xyz"], dtype=float).reshape(3, -1, 3)
+        moved = (ends[:, :, 1] - ends[:, :, 0]).T / magnification
+        np.testing.assert_allclose(moved, np.array(report.plots.residual_mm[name]), atol=2e-3 / magnification)
+    assert arm["text"] == list(report.plots.slots)
+
+
+def test_the_command_writes_every_file_from_the_saved_report(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text(to_json(discovered("nothing")), encoding="utf-8")
     result = CliRunner().invoke(report_command, [str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    files = {p.stem: p for p in (tmp_path / "figures").glob("*.png")}
-    assert page == html(read(report_cases.nothing()), files)
-    assert set(files) == {p.name for p in pictures(read(report_cases.nothing()))}
-    assert f"{len(files)} figures" in result.output
+    written = {p.name for p in tmp_path.iterdir()}
+    assert written == {"report.html", "report.json", "poses.csv", "explore.html", "figures"}
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == html(discovered("nothing"), drawings("nothing"))
+    assert {p.stem for p in (tmp_path / "figures").glob("*.png")} == set(drawings("nothing"))

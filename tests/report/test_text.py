@@ -8,7 +8,8 @@ from report_runs import REPORTS, calibrated, discovered, evolved
 from gpmodel import wording
 from gpmodel.report.schema import Confirmation
 from gpmodel.report.schema_search import RIVAL_MARGIN, Rival
-from gpmodel.report.text import noise_floor, rivals, summary
+from gpmodel.report.text import summary
+from gpmodel.report.words import noise_floor, rivals
 
 
 @pytest.mark.parametrize("case", REPORTS)

@@ -1,0 +1,118 @@
+"""explore.html: the arm, its poses and their residuals before and after, in a view that turns; a pure function of a
+Report."""
+
+from typing import Any
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.report.page import render
+from gpmodel.report.picture import nice_length, numbers
+from gpmodel.report.poses import pose_errors
+from gpmodel.report.schema import REGISTRATION, STANDARD, Report
+from gpmodel.wording import millimetres
+
+PAGE = "explore.html"
+LONGEST = 0.12
+"""The 90th percentile of the residuals before is drawn this share of the span of the poses long."""
+COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#d07f1f", "slot": "#868d98"}
+"""Each has a contrast of at least 3 with the light and with the dark paper."""
+
+
+def drawable(report: Report) -> bool:
+    """Whether there are positions and residuals to draw."""
+    residual = report.plots.residual_mm.get("final", ())
+    return len(residual) > 0 and bool(np.isfinite(numbers(residual)).any())
+
+
+def html(report: Report) -> str:
+    """The page with the drawing library in it, so that it opens offline."""
+    from plotly.offline import get_plotlyjs
+
+    figure, magnification = figure_of(report)
+    return render(
+        "explore.html.j2", report=report, figure=figure, plotly=get_plotlyjs(), magnification=magnification,
+        steps=_titles(report),
+    )  # fmt: skip
+
+
+def _titles(report: Report) -> tuple[str, str]:
+    before, after = (report.step(name) for name in report.before_and_after())
+    return (report.title(before) if before else "before", report.title(after) if after else "after")
+
+
+def figure_of(report: Report) -> tuple[dict[str, Any], float]:
+    """Traces and layout as the library reads them, and how many times residuals are enlarged."""
+    plots = report.plots
+    points, after = numbers(plots.points_mm), numbers(plots.residual_mm["final"])
+    step = STANDARD if report.before_and_after()[0] == STANDARD else REGISTRATION
+    before = numbers(plots.residual_mm.get(step, plots.residual_mm["final"]))
+    size = np.linalg.norm(before, axis=1)
+    typical = float(np.nanpercentile(size, 90)) if np.isfinite(size).any() else 1.0
+    span = float(np.ptp(points, axis=0).max()) or 1.0
+    magnification = nice_length(LONGEST * span / (typical or 1.0))
+    said = _hover(report)
+    titles = _titles(report)
+    traces = [
+        _arrows(points, before, magnification, titles[0], COLOURS["before"]),
+        _arrows(points, after, magnification, titles[1], COLOURS["after"]),
+        _dots(points, said),
+    ]
+    if plots.chain_mm:
+        traces.append(_arm(numbers(plots.chain_mm[0]), plots.slots, f"arm at row {plots.rows[plots.chain_poses[0]]}"))
+    arms = {
+        str(plots.rows[pose]): numbers(chain).round(1).tolist()
+        for pose, chain in zip(plots.chain_poses, plots.chain_mm, strict=True)
+    }
+    axis = {"showbackground": False, "zeroline": False, "ticksuffix": ""}
+    scene = {f"{a}axis": {"title": {"text": f"{a}, mm"}, **axis} for a in "xyz"} | {"aspectmode": "data"}
+    layout = {
+        "scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "showlegend": True, "uirevision": "kept",
+        "paper_bgcolor": "rgba(0,0,0,0)", "legend": {"x": 0, "y": 1, "bgcolor": "rgba(0,0,0,0)"},
+    }  # fmt: skip
+    return {"data": traces, "layout": layout, "arms": arms}, magnification
+
+
+def _hover(report: Report) -> list[tuple[int, str]]:
+    """Row and text of every pose, in the order of the rows."""
+    errors = {p.row: p for p in pose_errors(report)}
+    out = []
+    for row in report.plots.rows:
+        p = errors.get(row)
+        if p is None:
+            out.append((row, f"row {row}"))
+            continue
+        kind = f"{'held out' if p.heldout else 'training'}{', outlier' if p.outlier else ''}"
+        out.append((row, f"row {row}, {kind}<br>before {millimetres(p.before)} mm<br>after {millimetres(p.after)} mm"))
+    return out
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [round(float(v), 3) if np.isfinite(v) else None for v in values]
+
+
+def _arrows(points: Array, residual: Array, magnification: float, name: str, colour: str) -> dict[str, Any]:
+    """Lines from each point along its residual, enlarged; a gap between any two."""
+    ends = points + magnification * residual
+    gap = np.full_like(points, np.nan)
+    lines = np.stack([points, ends, gap], axis=1).reshape(-1, 3)
+    return {
+        "type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "skip", "line": {"color": colour, "width": 4},
+        **{a: _plain(lines[:, i]) for i, a in enumerate("xyz")},
+    }  # fmt: skip
+
+
+def _dots(points: Array, said: list[tuple[int, str]]) -> dict[str, Any]:
+    return {
+        "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],
+        "customdata": [row for row, _ in said], "marker": {"size": 3, "color": COLOURS["before"]},
+        **{a: _plain(points[:, i]) for i, a in enumerate("xyz")},
+    }  # fmt: skip
+
+
+def _arm(chain: Array, slots: tuple[str, ...], name: str) -> dict[str, Any]:
+    return {
+        "type": "scatter3d", "mode": "lines+markers", "name": name, "hoverinfo": "text", "text": list(slots),
+        "line": {"color": COLOURS["arm"], "width": 8}, "marker": {"size": 5, "color": COLOURS["arm"]},
+        **{a: _plain(chain[:, i]) for i, a in enumerate("xyz")},
+    }  # fmt: skip

@@ -1,0 +1,76 @@
+"""The residual pose by pose: the table of the page, the worst first, and poses.csv."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.arrays import Array
+from gpmodel.report.picture import numbers
+from gpmodel.report.schema import Report
+
+CSV = "poses.csv"
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """3-D errors of one pose, mm, before and after what was added; None where nothing was measured."""
+
+    row: int
+    heldout: bool
+    outlier: bool
+    before: float | None
+    after: float | None
+
+
+def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
+    """One a pose, the worst after first. steps: those called before and after; None for what was gained."""
+    before, after = (_errors(report, step) for step in steps or report.before_and_after())
+    rows = report.plots.rows or tuple(range(1, len(after) + 1))
+    outliers = set(report.data.outliers)
+    poses = [
+        PoseError(row, held, row in outliers, _or_none(b), _or_none(a))
+        for row, held, b, a in zip(rows, report.plots.heldout_mask, before, after, strict=False)
+    ]
+    return tuple(sorted(poses, key=lambda p: -(p.after if p.after is not None else -1.0)))
+
+
+def csv(report: Report) -> str:
+    """The text of poses.csv in the order of the rows: 3-D error and its components before and after, in mm.
+
+    Components and nominal positions are in the mechanism's root frame.
+    """
+    errors = {p.row: p for p in pose_errors(report)}
+    plots = report.plots
+    rows = sorted(errors)
+    frame = pd.DataFrame(
+        {
+            "row": rows,
+            "set": ["held out" if errors[r].heldout else "training" for r in rows],
+            "outlier": [int(errors[r].outlier) for r in rows],
+            "before [mm]": [errors[r].before for r in rows],
+            "after [mm]": [errors[r].after for r in rows],
+        }
+    )
+    before = "standard" if report.before_and_after()[0] == "standard" else "registration"
+    for name, residual in (("before", before), ("after", "final")):
+        if len(plots.residual_mm.get(residual, ())) == len(rows):
+            frame[[f"{name}_{a} [mm]" for a in "xyz"]] = numbers(plots.residual_mm[residual])
+    if len(plots.points_mm) == len(rows):
+        frame[[f"nominal_{a} [mm]" for a in "xyz"]] = numbers(plots.points_mm)
+    return frame.to_csv(index=False, lineterminator="\n")
+
+
+def _errors(report: Report, step: str) -> Array:
+    """Error (N,) of every pose after a step; empty where it was not kept."""
+    held = np.array(report.plots.heldout_mask, dtype=bool)
+    sides = report.plots.error_mm.get(step)
+    if sides is None or len(sides.heldout) != held.sum() or len(sides.train) != (~held).sum():
+        return np.zeros(0)
+    out = np.empty(len(held))
+    out[held], out[~held] = numbers(sides.heldout), numbers(sides.train)
+    return out
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,83 @@
+"""Sentences that text and pages share: noise floor, confirmation, rivals, the two tests of an input, places."""
+
+from collections.abc import Iterator
+
+from gpmodel import wording
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
+
+MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
+MOST_EXPLAINED = 3
+_SOURCES = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
+
+
+def noise_floor(report: Report) -> str:
+    """The noise floor and where it is known from, or how to make it known."""
+    if report.noise_floor_mm is None:
+        return "unknown: repeat some poses (column `repeat`), or give the instrument's noise"
+    return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
+
+
+def confirmed(report: Report) -> str:
+    """Whether held-out poses confirm what was added; empty where nothing was added."""
+    found = report.confirmation
+    if found is None:
+        return ""
+    said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
+    return f"{said}: gain of {found.deviations:.1f} standard deviations, limit {found.limit:g}"
+
+
+def rivals(effect: EffectRecord) -> str:
+    """What else it could be; empty where nobody looked."""
+    if effect.rivals is None:
+        return ""
+    close = effect.close_rivals()
+    if not close:
+        return f"no rival within {MARGIN} of its cross-validated error"
+    listed = ", ".join(f"{r.name} ({wording.length(r.cv_rms_mm)})" for r in close)
+    return f"could as well be, within {MARGIN} of its cross-validated error: {listed}"
+
+
+def beforehand(report: Report, effect: EffectRecord) -> str:
+    """Whether the histogram of referenced inputs pointed at a finding in its round; empty without one."""
+    histogram = report.histogram_of(effect)
+    if histogram is None:
+        return ""
+    pointed = [name for name in effect.inputs if name in histogram.significant]
+    if pointed:
+        return f"pointed at {', '.join(pointed)} beforehand"
+    return "did not point at it: found by the catalogue and its score alone"
+
+
+def input_tests(histogram: HistogramRecord) -> Iterator[str]:
+    """For the inputs that programs refer to most: both tests, and which of them failed."""
+    if not histogram.count_p or not histogram.runs:
+        return
+    limit = Criteria().input_significance
+    use = [a + b for a, b in zip(histogram.linear, histogram.tree, strict=True)]
+    for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
+        if not use[k]:
+            return
+        by_count, by_strength = histogram.count_p[k], histogram.strength_p[k]
+        failed = [name for name, p in (("count", by_count), ("strength", by_strength)) if p >= limit]
+        stands = f"fails by its {' and its '.join(failed)}" if failed else "stands out"
+        yield (
+            f"{histogram.inputs[k]} {stands}: {use[k]} of {histogram.runs} programs refer to it, "
+            f"{histogram.shuffled[k]} of {histogram.shuffled_runs} on shuffled residuals "
+            f"(p {wording.chance(by_count)}); the best of them saves what shuffled ones reach with "
+            f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
+        )
+
+
+def place(slot: str, axis: str) -> str:
+    """A slot and an axis in words."""
+    if not slot or "," in slot or "," in axis:
+        return ""
+    joint, _, side = slot.partition(".")
+    where = {
+        "base": "at the base, before the first joint",
+        "tool": "at the flange, after the last joint",
+    }.get(slot, f"just {'before' if side == 'fixed' else 'after'} the motion of {joint}")
+    motion = {"T": "shift along", "R": "turn about"}.get(axis[:1], "")
+    return f"{motion} {axis[1:]} of the frame {where}" if motion else where

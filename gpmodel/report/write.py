@@ -1,0 +1,21 @@
+"""All files of a report in a folder."""
+
+from pathlib import Path
+
+from gpmodel.files import write_text
+from gpmodel.report import explore, page, poses, saved
+from gpmodel.report.schema import Report
+
+
+def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
+    """Write report.json, report.html, explore.html, poses.csv and figures/ in `folder`; the files, the page first."""
+    from gpmodel.report.figures import draw
+
+    folder.mkdir(parents=True, exist_ok=True)
+    drawings = draw(report, folder)
+    texts = {page.PAGE: page.html(report, drawings), saved.NAME: saved.to_json(report), poses.CSV: poses.csv(report)}
+    if explore.drawable(report):
+        texts[explore.PAGE] = explore.html(report)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return tuple(folder / name for name in texts)
