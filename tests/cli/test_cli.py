@@ -146,7 +146,14 @@ def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
     (effect,) = report["effects"]
     assert effect["value"] == pytest.approx(3e-7, abs=4 * effect["stderr"])
     assert effect["inputs"] == ["moment_base_x", "moment_base_y"]
-    assert sorted(p.name for p in out.iterdir()) == ["figures", "model.json", "report.html", "report.json"]
+    assert sorted(p.name for p in out.iterdir()) == [
+        "explore.html",
+        "figures",
+        "model.json",
+        "poses.csv",
+        "report.html",
+        "report.json",
+    ]
 
 
 def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
