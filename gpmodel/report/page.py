@@ -8,7 +8,6 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from gpmodel import wording
 from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, words
@@ -32,7 +31,7 @@ def html(report: Report, drawings: Mapping[str, str]) -> str:
         parameters=[p for p in report.parameters if p.kept],
         dropped=report.dropped(),
         pictures=pictures,
-        drawings={name: Markup(text) for name, text in drawings.items()},
+        drawings=drawings,
         poses=poses[:MOST_POSES],
         all_poses=len(poses),
     )
@@ -68,9 +67,9 @@ def sentence(text: str) -> str:
 
 
 @cache
-def script(name: str) -> Markup:
+def script(name: str) -> str:
     """The text of one script of the templates."""
-    return Markup((files("gpmodel.report") / "templates" / name).read_text(encoding="utf-8"))
+    return (files("gpmodel.report") / "templates" / name).read_text(encoding="utf-8")
 
 
 def script_hash(name: str) -> str:
