@@ -98,10 +98,10 @@ class TreeBreeding:
     def _child(self, mother: Individual, father: Individual) -> Individual:
         place = random.randrange(len(mother.trees))
         own = gp.PrimitiveTree(mother.trees[place])
-        other = gp.PrimitiveTree(father.trees[random.randrange(len(father.trees))])
+        other = father.trees[random.randrange(len(father.trees))]
         toolbox = self.toolbox
         if random.random() < self.crossover:
-            child = toolbox.mate(own, other)[0]
+            child = toolbox.mate(own, gp.PrimitiveTree(other))[0]
         elif self.style == "thesis":
             child = (
                 toolbox.mutate_structure(own, other)[0] if random.random() < 0.5 else toolbox.mutate_operator(own)[0]
@@ -110,7 +110,7 @@ class TreeBreeding:
             child = toolbox.mutate_structure(own)[0]
         else:
             child = toolbox.mutate_operator(own)[0]
-        if child.height > self.depth:
+        if len(child) > self.depth + 1 and child.height > self.depth:
             return mother
         return Individual((*mother.trees[:place], child, *mother.trees[place + 1 :]))
 

@@ -47,24 +47,13 @@ _CODE = attrgetter("code")
 
 @dataclass(frozen=True)
 class Individual:
-    """Several trees bred together, with their codes; own constants in the order of the codes."""
+    """Several trees bred together."""
 
     trees: tuple[gp.PrimitiveTree, ...]
 
-    @cached_property
-    def codes(self) -> NDArray[np.int16]:
-        """Prefix codes of all trees, own constants numbered in turn."""
-        codes = np.fromiter(map(_CODE, chain.from_iterable(self.trees)), np.int16)
-        own = codes == OWN_CONSTANT
-        if own.any():
-            codes[own] += np.arange(np.count_nonzero(own), dtype=np.int16)
-        return codes
-
-    @cached_property
+    @property
     def constants(self) -> list[float]:
-        """Values of the own constants, in the order of the codes."""
-        if self.codes.max() < OWN_CONSTANT:
-            return []
+        """Values of the own constants, in depth-first order."""
         return [node.value for tree in self.trees for node in tree if node.code == OWN_CONSTANT]
 
 
@@ -79,15 +68,21 @@ class Trees:
 
     @cached_property
     def forest(self) -> Forest:
-        lengths = np.array([[0, *map(len, individual.trees)] for individual in self.individuals])
-        sizes = lengths.sum(axis=1)
-        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        most = max(1, max(len(individual.constants) for individual in self.individuals))
-        constants = np.zeros((len(self), most))
-        for row, individual in zip(constants, self.individuals, strict=True):
-            row[: len(individual.constants)] = individual.constants
-        codes = np.concatenate([individual.codes for individual in self.individuals])
-        return Forest(codes, (starts[:, None] + lengths.cumsum(axis=1)).astype(np.int32), constants)
+        """All trees one after another, the own constants of each individual numbered in turn."""
+        trees = [tree for individual in self.individuals for tree in individual.trees]
+        nodes = list(chain.from_iterable(trees))
+        codes = np.fromiter(map(_CODE, nodes), np.int16, len(nodes))
+        ends = np.cumsum([0, *map(len, trees)])
+        roots = len(trees) // len(self)
+        bounds = ends[np.arange(len(self))[:, None] * roots + np.arange(roots + 1)]
+        own = np.flatnonzero(codes == OWN_CONSTANT)
+        first = np.searchsorted(own, bounds[:, 0])
+        row = np.searchsorted(bounds[:, 0], own, side="right") - 1
+        number = np.arange(len(own)) - first[row]
+        codes[own] += number.astype(np.int16)
+        constants = np.zeros((len(self), int(number.max(initial=0)) + 1))
+        constants[row, number] = [nodes[k].value for k in own.tolist()]
+        return Forest(codes, bounds.astype(np.int32), constants)
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
         return Trees(tuple(self.individuals[row] for row in rows))
