@@ -71,7 +71,7 @@ def discover(
 
 def discover_request(
     request: dict[str, Any], folder: Path, say: Say, workers: int | None = None, finished: Finished = ((), ()),
-    mapper: Mapper = map,
+    mapper: Mapper | None = None,
 ) -> DiscoveryResult:  # fmt: skip
     """Run what was asked, keeping what is finished in `folder`, and leave the results there.
 
@@ -102,10 +102,10 @@ def discover_request(
 
 
 @contextlib.contextmanager
-def cluster(address: str | None) -> Iterator[Mapper]:
+def cluster(address: str | None) -> Iterator[Mapper | None]:
     """Where GP runs go: here, or to a dask scheduler. Raises InputError when dask or the scheduler is not there."""
     if address is None:
-        yield map
+        yield None
         return
     try:
         from distributed import Client

@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, combinations
 
 import numpy as np
@@ -21,6 +22,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.threads import side_by_side
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.formula.program import Program
@@ -105,7 +107,7 @@ def explore(
     chances = search.runs if turn.number == 1 else max(1, search.runs // 2)
     shuffles = list(shuffled(residual, rng, chances * len(search.strategies)).T)
     tasks: list[Task] = []
-    budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=search.workers)
+    budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=1)
     problem = SlotProblem(inputs, real, parsimony=search.nats_per_node)
     for strategy in search.strategies:
         settings = Settings(strategy, budget=budget)
@@ -118,8 +120,9 @@ def explore(
     candidates: dict[str, Candidate] = {}
     tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
     by_chance: list[Evolution] = []
+    mapper = search.mapper or partial(side_by_side, threads=search.workers)
     turn.tell(f"evolving, 0 of {len(tasks)} runs done", passing=True)
-    for done, (task, found) in enumerate(zip(tasks, search.mapper(run_task, tasks), strict=True), 1):
+    for done, (task, found) in enumerate(zip(tasks, mapper(run_task, tasks), strict=True), 1):
         turn.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
         if task.shuffled:
             by_chance.append(found)

@@ -24,7 +24,7 @@ class Search:
     nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
     evolved_poses: poses that GP sees at most; scored_poses: poses that candidates are scored on at most (both sampled
     anew every round). stop_after: seconds after which no new round begins, None for no limit. max_effects: findings
-    after which no new round begins. workers: threads of a run, which change no number. mapper: runs the GP tasks.
+    after which no new round begins. workers: GP runs side by side, which change no number. mapper: runs them elsewhere.
 
     shortlist: hypotheses of a kind, named or not, that are judged. considered: candidates of a kind from which they
     are taken, best first. rivals: alternatives kept beside a finding. exchange_pool, exchange_starts, exchange_turns:
@@ -48,4 +48,4 @@ class Search:
     exchange_pool: int = 64
     exchange_starts: int = 8
     exchange_turns: int = 6
-    mapper: Mapper = map
+    mapper: Mapper | None = None

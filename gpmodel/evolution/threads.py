@@ -1,9 +1,13 @@
-"""Fixed slices of work over threads: the same numbers whatever their number."""
+"""Work over threads, slices of one run or whole runs: the same numbers whatever their number."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Found = TypeVar("Found")
 
 SLICE = 512
 
@@ -30,3 +34,20 @@ def over_slices(count: int, threads: int, work: Callable[[slice], None], size: i
             work(part)
     else:
         list(_pool(threads).map(work, slices))
+
+
+def side_by_side(function: Callable[[Task], Found], tasks: Sequence[Task], threads: int) -> Iterator[Found]:
+    """``function`` of every task, in their order, ``threads`` at a time (0 for all cores); what is left is dropped.
+
+    The compiled loops and the linear algebra, on one thread each, let the others run.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(threads or cores()) as pool:
+        waiting = [pool.submit(function, task) for task in tasks]
+        try:
+            for future in waiting:
+                yield future.result()
+        finally:
+            for future in waiting:
+                future.cancel()

@@ -5,6 +5,7 @@ puts its state back.
 """
 
 import random
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,15 +19,20 @@ from gpmodel.evolution.forest import OPERATOR_CODES
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
 
+_ONE_AT_A_TIME = threading.Lock()
+"""Python's generator is one for all threads."""
+
 
 @contextmanager
 def _deap_random(rng: np.random.Generator) -> Iterator[None]:
-    state = random.getstate()
-    random.seed(int(rng.integers(2**63)))
-    try:
-        yield
-    finally:
-        random.setstate(state)
+    seed = int(rng.integers(2**63))
+    with _ONE_AT_A_TIME:
+        state = random.getstate()
+        random.seed(seed)
+        try:
+            yield
+        finally:
+            random.setstate(state)
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ class Trees:
             copy = gp.PrimitiveTree(tree)
             for k, node in enumerate(tree):
                 if node.code == OWN_CONSTANT:
-                    own = ConstantNode()
+                    own = object.__new__(ConstantNode)
                     own.value = next(remaining)
                     copy[k] = own
             trees.append(copy)
