@@ -9,6 +9,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, prepare
+from gpmodel.model.observation import Tips, observations
 from gpmodel.numerics import rank as ident
 from gpmodel.table.dataset import Dataset
 
@@ -28,8 +29,10 @@ def distinct_poses(data: Dataset) -> tuple[IntArray, IntArray]:
 
 def measured_values(data: Dataset) -> int:
     """How many numbers were measured."""
-    pose = int(np.isfinite(data.position).sum() + np.isfinite(data.rotation).sum())
-    return pose + sum(int(np.isfinite(d).sum()) for d in data.distances.values())
+    frames = np.tile(np.eye(4), (len(data), 1, 1))
+    kinds = observations(data)
+    left = (kind.residual(Tips(frames, frames), np.ones(len(kind.own))) for kind in kinds)
+    return sum(int(np.isfinite(values).sum()) for values in left)
 
 
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
@@ -53,4 +56,5 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
     setups, tools = len(data.codes("setup")[0]), len(data.codes("tool")[0])
     absolute = bool(np.isfinite(position).any() or data.has_rotation)
     more = 6 * (setups - 1) * absolute + (6 if data.has_rotation else 3) * (tools - 1)
-    return int(ident.orthonormal(placed).shape[1] + len(kept) + more)
+    own = sum(len(kind.own) for kind in observations(data)[2 + len(data.distances) :])
+    return int(ident.orthonormal(placed).shape[1] + len(kept) + more + own)

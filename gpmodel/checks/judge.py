@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import resolved
+from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
-from gpmodel.checks.mixed_up import misreading
-from gpmodel.checks.warnings import noise_note, oddities
+from gpmodel.checks.mixed_up import mixed_up
+from gpmodel.checks.notes import notes
+from gpmodel.checks.warnings import warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -34,15 +35,17 @@ def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ..
     """What is wrong or odd with `poses`, errors first.
 
     standard: the geometric effects that would be fitted (default: all). Errors: joint values beyond limits, units
-    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: outliers, jumps along the
-    rows, joints that hardly move, rows that repeat others, rotations that do not fit. Notes: the noise floor.
+    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `warnings_of`. Notes: see
+    `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     errors = [Finding("error", text) for text in _errors(mechanism, poses, standard)]
     if errors:
         return errors
-    warnings = [Finding("warning", text) for text in oddities(mechanism, poses, standard)]
-    return [*warnings, Finding("note", noise_note(poses.dataset))]
+    bare = calibrate(ErrorModel(mechanism, ()), poses)
+    fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
+    warnings = [Finding("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
+    return [*warnings, *(Finding("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
@@ -59,7 +62,7 @@ def _errors(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) ->
     if alike := _all_alike(data):
         yield alike
         return
-    if mixed := misreading(mechanism, data):
+    if mixed := mixed_up(mechanism, data):
         yield f"{data.source}: {mixed}"
         return
     if beyond:

@@ -20,7 +20,7 @@ FEWEST_ROWS, MOST_ROWS = 6, 60
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 
 
-def misreading(mechanism: Mechanism, data: Dataset) -> str | None:
+def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     """What looks mixed up, and how to write it; None where the table fits the mechanism as it stands.
 
     Only where registration and tool alone leave far more than any real mechanism's errors, at most of the poses,
@@ -64,7 +64,7 @@ def _comparable_rows(data: Dataset) -> IntArray:
 
 
 def _typical(mechanism: Mechanism, q: Array, position: Array) -> tuple[Array, Array, float]:
-    """The poses without those that fit worst, and their misfit: a few gross errors are outliers, no misreading."""
+    """The poses without those that fit worst, and their misfit: gross errors are no mix-up of columns."""
     now, error = misfit_by_pose(mechanism, q, position)
     for _ in range(2):
         most = np.sort(np.argsort(error)[: max(FEWEST_ROWS, round(MOST_SHARE * len(error)))])

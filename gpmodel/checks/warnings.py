@@ -4,52 +4,83 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.checks.counting import SAME_POSE, distinct_poses
+from gpmodel.checks.counting import distinct_poses
+from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
+from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.measured_torque import unused_torques
-from gpmodel.table.bundles import noise_floor
+from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.table.bundles import SAME_JOINT, replicates
 from gpmodel.table.dataset import Dataset
 
 SMALL_RANGE = np.radians(20.0)
-JUMP_STATISTIC = 2.3
-JUMP_ROWS = 20
+"""A joint that moves less makes sines look like straight lines."""
+
 COARSE_ROTATION = 0.1
+"""Radians: rotations that miss by more are in other axes or another convention."""
+
+BUILT_WRONG = 1e-2
+"""Metres or radians: links are machined and joints zeroed better than that; an arm described wrongly is farther off."""
+
+SURE = 5.0
+"""Standard deviations from zero of a parameter that is called wrong."""
+
+FEWEST_REPEATS = 5
+"""Replicated rows from which a spread can be judged."""
 
 
-def oddities(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """One sentence each: rotations that do not fit, joints that hardly move, rows that repeat others, and, with the
-    standard model fitted, outliers, jumps along the rows and a fit that does not settle."""
+def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Calibration) -> Iterator[str]:
+    """One sentence each: loads that nothing reads, rotations that do not fit, joints that hardly move, rows that repeat
+    others or should but do not, parameters no machine is built with, outliers, and an order of the rows that matters.
+
+    bare: fit of registration and tool. fit: of the standard model.
+    """
     data = poses.dataset
     yield from unused_torques(mechanism, data)
-    yield from _rotations(mechanism, poses)
+    if data.has_rotation and (turn := _rotation_error(bare, poses)) > COARSE_ROTATION:
+        yield (
+            f"rx, ry, rz miss the mechanism's rotations by {np.degrees(turn):.3g} deg; expected rotation vectors "
+            f"(axis times angle) in the axes of x, y, z"
+        )
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)
-    fit = calibrate(ErrorModel(mechanism, standard), poses)
+    yield from _implausible_repeats(data)
+    yield from _built_wrong(fit)
     yield from _outliers(fit, data)
-    yield from _jumps(fit, poses)
+    yield from order_matters(fit, poses)
     if fit.status != "converged":
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 
 
-def noise_note(data: Dataset) -> str:
-    """The noise floor in words."""
-    floor = noise_floor(data)
-    return "no repeated poses: the noise floor is unknown" if floor is None else f"noise floor {1e3 * floor:.4f} mm RMS"
+def _built_wrong(fit: Calibration) -> Iterator[str]:
+    name = fit.model.mechanism.name
+    for effect, value, sigma in zip(fit.model.effects, fit.theta.tolist(), fit.stderr.tolist(), strict=True):
+        if abs(value) > BUILT_WRONG and abs(value) > SURE * sigma:
+            unit = "mm" if effect.unit == "m" else "mrad"
+            yield (
+                f"{effect.name} comes out {1e3 * value:.4g} ± {1e3 * sigma:.2g} {unit} from the description of {name}; "
+                "expected less than 10: another machine, or a wrong length or zero in its description"
+            )
 
 
-def _rotations(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    if not poses.dataset.has_rotation:
+def _implausible_repeats(data: Dataset) -> Iterator[str]:
+    """Rows far from the others at their pose, beside how far such rows usually are."""
+    code = replicates(data)
+    measured = np.isfinite(data.position).all(axis=1)
+    away = np.zeros(len(data))
+    for pose in np.flatnonzero(np.bincount(code) > 1):
+        rows = np.flatnonzero((code == pose) & measured)
+        if len(rows) > 1:
+            away[rows] = np.linalg.norm(data.position[rows] - np.median(data.position[rows], axis=0), axis=1)
+    again = away > 0
+    if again.sum() < FEWEST_REPEATS:
         return
-    fit = calibrate(ErrorModel(mechanism, ()), poses)
-    turn = _rotation_error(fit, poses)
-    if turn > COARSE_ROTATION:
+    far = away > outlier_limit(away[again])
+    if far.any():
         yield (
-            f"rx, ry, rz miss the mechanism's rotations by {np.degrees(turn):.3g} deg; expected rotation vectors "
-            f"(axis times angle) in the axes of x, y, z"
+            f"rows {_some(data.row[far].tolist())} repeat a pose but lie up to {1e3 * away.max():.3g} mm from its "
+            f"other rows where {1e3 * np.median(away[again]):.3g} mm is usual"
         )
 
 
@@ -62,7 +93,7 @@ def _rotation_error(fit: Calibration, poses: Poses) -> float:
 def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
     for i, joint in enumerate(mechanism.joints):
         span = float(np.ptp(data.q[:, i]))
-        if span < SAME_POSE:
+        if span <= SAME_JOINT:
             yield f"{joint.name} does not move; errors of it and of its neighbours cannot be told apart"
         elif joint.kind == "revolute" and span < SMALL_RANGE:
             yield f"{joint.name} moves only {np.degrees(span):.3g} deg; effects that depend on it look like constants"
@@ -70,18 +101,14 @@ def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 def _repeats(data: Dataset) -> Iterator[str]:
     _, pose = distinct_poses(data)
-    labelled = (data.label("repeat") != "").any()
     measured = np.column_stack([data.position, data.rotation, *data.distances.values()])
     copies: list[str] = []
-    repeats: list[str] = []
     for index in np.flatnonzero(np.bincount(pose) > 1):
         rows = np.flatnonzero(pose == index)
-        same = np.array_equal(measured[rows[0]], measured[rows[1]], equal_nan=True)
-        (copies if same else repeats).append(f"{data.row[rows[0]]} and {data.row[rows[1]]}")
+        if np.array_equal(measured[rows[0]], measured[rows[1]], equal_nan=True):
+            copies.append(f"{data.row[rows[0]]} and {data.row[rows[1]]}")
     if copies:
         yield f"rows {_some(copies)} hold the same measurement twice; copied rows make errors look smaller"
-    if repeats and not labelled:
-        yield f"rows {_some(repeats)} repeat a pose; a column 'repeat' would make them the noise floor"
 
 
 def _some(items: Sequence[object], most: int = 8) -> str:
@@ -96,26 +123,4 @@ def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
         yield (
             f"rows {_some(data.row[fit.outliers].tolist())} are outliers: up to {worst:.3g} mm off where "
             f"{usual:.3g} mm is usual with complete geometry; they will not be fitted"
-        )
-
-
-def _jumps(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """Largest standardised cumulative sum of the residuals along the rows, per component (Ploberger, Krämer 1992)."""
-    data = poses.dataset
-    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), data)
-    best: tuple[float, int, float] | None = None
-    for values in residual[:, [0, 1, 2, *range(6, residual.shape[1])]].T:
-        use = np.isfinite(values) & ~np.isin(np.arange(len(data)), fit.outliers)
-        rows, series = data.row[use], values[use]
-        if len(series) < JUMP_ROWS:
-            continue
-        series = series - series.mean()
-        walk = np.abs(np.cumsum(series)) / (series.std() * np.sqrt(len(series)) or 1.0)
-        at = int(np.argmax(walk[:-1]))
-        if best is None or walk[at] > best[0]:
-            best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()))
-    if best and best[0] > JUMP_STATISTIC:
-        yield (
-            f"residuals change along the rows, most clearly after row {best[1]} (by {1e3 * abs(best[2]):.3g} mm); "
-            f"drift, or something moved: a column 'setup' would fit each part its own registration"
         )

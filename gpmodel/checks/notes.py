@@ -1,0 +1,70 @@
+"""What a table holds and how well it fits, in notes; and what to measure next."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.calibration.comparison import summarise
+from gpmodel.calibration.result import Calibration
+from gpmodel.checks.counting import measured_values
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import joint_range
+from gpmodel.table.bundles import bundles, noise_floor
+from gpmodel.table.dataset import Dataset
+
+ENOUGH_VALUES = 5.0
+"""Measured values an unknown: with 5 the errors of new poses are within a tenth of what more would give, √(1 + 1/5)."""
+
+NARROW = 0.3
+"""Share of a joint's range below which a wider one would tell more."""
+
+
+def notes(mechanism: Mechanism, data: Dataset, bare: Calibration, fit: Calibration) -> Iterator[str]:
+    """One sentence each: residuals of registration and standard model, values an unknown, loads, what was left out,
+    the noise floor, and what to measure next. bare: fit of registration and tool. fit: of the standard model."""
+    yield (
+        f"registration and tool alone leave {1e3 * summarise(bare.error).rms:.4g} mm RMS, the standard model "
+        f"{1e3 * summarise(fit.error).rms:.4g} mm, on the poses it is fitted to"
+    )
+    poses, values = int(bundles(data).max()) + 1, measured_values(data)
+    yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
+    yield _loads(mechanism, data)
+    if data.ignored:
+        yield f"columns of text that are not used: {', '.join(data.ignored)}"
+    if data.empty_rows:
+        yield f"{data.empty_rows} rows without a single cell are left out"
+    cut = np.isfinite(data.position).any() & ~np.isfinite(data.position).all(axis=1)
+    if cut.any():
+        rows = ", ".join(map(str, data.row[cut][:8].tolist()))
+        yield f"{int(cut.sum())} rows lack some of x, y, z: {rows}{' ...' if cut.sum() > 8 else ''}"
+    floor = noise_floor(data)
+    known = (
+        "no repeated poses: the noise floor is unknown" if floor is None else f"noise floor {1e3 * floor:.4f} mm RMS"
+    )
+    yield known
+    if wanted := list(_wanted(mechanism, data, values / fit.rank, fit.rank)):
+        yield f"to measure next: {'; '.join(wanted)}"
+
+
+def _loads(mechanism: Mechanism, data: Dataset) -> str:
+    """Which masses are known, and what is carried."""
+    lightest, heaviest = float(data.payload.min()), float(data.payload.max())
+    carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
+    known = bool(mechanism.loads(data.q[:1], np.zeros(1)))
+    masses = "masses of the links are known" if known else "no masses of the links are known"
+    return f"{masses}; the tool carries {carried}"
+
+
+def _wanted(mechanism: Mechanism, data: Dataset, each: float, unknowns: int) -> Iterator[str]:
+    if noise_floor(data) is None:
+        yield "a few poses three times each, spread over the session, for the noise floor"
+    if each < ENOUGH_VALUES:
+        more = int(np.ceil((ENOUGH_VALUES - each) * unknowns / max(measured_values(data) / len(data), 1.0)))
+        yield f"about {more} more poses"
+    narrow = [
+        joint.name
+        for joint, span in zip(mechanism.joints, np.ptp(data.q, axis=0), strict=True)
+        if span < NARROW * (joint_range(joint)[1] - joint_range(joint)[0])
+    ]
+    if narrow:
+        yield f"poses over more of the range of {', '.join(narrow)}"

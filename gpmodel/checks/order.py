@@ -1,0 +1,79 @@
+"""Whether the order of the rows matters: jumps and drifts of the residual along them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.table.bundles import bundles
+
+JUMP_STATISTIC = 2.3
+"""Of the largest standardised cumulative sum: by chance less than once in 10⁴ tables."""
+
+JUMP_ROWS = 20
+"""Fewer rows show no order."""
+
+SERIAL_SIGMAS = 4.0
+"""Standard deviations of the correlation of neighbouring rows: by chance once in 3·10⁴ tables."""
+
+
+def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """One sentence where residuals jump or drift along the rows, else where each row resembles the one before."""
+    residual = _lengths(fit, poses)
+    jump = _jump(residual, poses)
+    if jump is not None:
+        yield jump
+    elif (serial := _serial(residual, poses)) is not None:
+        yield serial
+
+
+def _lengths(fit: Calibration, poses: Poses) -> Array:
+    """Residuals (N, m) of the length components, m; NaN where unmeasured or an outlier."""
+    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    out = measured_minus(observed, poses.dataset)[:, ~observed.turns]
+    out[fit.outliers] = np.nan
+    return out[:, np.isfinite(out).any(axis=0)]
+
+
+def _jump(residual: Array, poses: Poses) -> str | None:
+    """Largest standardised cumulative sum along the rows, per component. Source: Ploberger and Krämer (1992)."""
+    best: tuple[float, int, float] | None = None
+    for values in residual.T:
+        use = np.isfinite(values)
+        rows, series = poses.dataset.row[use], values[use]
+        if len(series) < JUMP_ROWS:
+            continue
+        series = series - series.mean()
+        walk = np.abs(np.cumsum(series)) / (series.std() * np.sqrt(len(series)) or 1.0)
+        at = int(np.argmax(walk[:-1]))
+        if best is None or walk[at] > best[0]:
+            best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()))
+    if best is None or best[0] <= JUMP_STATISTIC:
+        return None
+    return (
+        f"residuals change along the rows, most clearly after row {best[1]} (by {1e3 * abs(best[2]):.3g} mm); "
+        f"drift, or something moved: a column 'setup' would fit each part its own registration"
+    )
+
+
+def _serial(residual: Array, poses: Poses) -> str | None:
+    """Correlation ρ of neighbouring rows that are no repeats of one another; σ(ρ) = 1 / √pairs, Durbin-Watson 2 - 2 ρ.
+
+    Source: Durbin and Watson (1950).
+    """
+    code = bundles(poses.dataset)
+    apart = code[1:] != code[:-1]
+    scaled = residual - np.nanmean(residual, axis=0) if len(residual) >= JUMP_ROWS else residual[:0]
+    products = (scaled[1:] * scaled[:-1])[apart] if len(scaled) else scaled
+    pairs = int(np.isfinite(products).sum())
+    if pairs < JUMP_ROWS:
+        return None
+    correlation = float(np.nanmean(products) / np.nanmean(scaled**2))
+    if correlation * np.sqrt(pairs) <= SERIAL_SIGMAS:
+        return None
+    return (
+        f"residuals of neighbouring rows are alike (correlation {correlation:.2f}, Durbin-Watson "
+        f"{2 - 2 * correlation:.2f}): the order of the rows matters, by drift or because neighbours are near in space"
+    )
