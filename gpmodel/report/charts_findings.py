@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, MUTED, PAPER, Picture, log_axis, numbers
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, log_axis, numbers
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, minus, pretty_unit, shortened
@@ -59,11 +59,11 @@ def _shape(figure: Any, shape: ShapeRecord, x_name: str) -> None:
     axes = figure.subplots()
     x, y = numbers(shape.x), numbers(shape.partial)
     held = np.array(shape.heldout or np.zeros(len(x)), dtype=bool)
-    size = float(np.clip(1800 / len(x), 3, 18))
+    size, many = float(np.clip(1800 / len(x), 3, 18)), len(x) > MOST_VECTORS
     axes.axhline(0, color=AXIS, lw=0.8)
-    axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train")
+    axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train", rasterized=many)
     if held.any():
-        axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3)
+        axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3, rasterized=many)
     curve_x, curve_y = numbers(shape.curve_x), numbers(shape.curve_y)
     if len(curve_x):
         axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)

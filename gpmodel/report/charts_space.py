@@ -1,13 +1,26 @@
 """Pictures of where the residual is: arrows in the workspace from three sides, and its course along the rows."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, CLIP, INK, MUTED, RULE, Picture, nice_length, numbers, rms
+from gpmodel.report.picture import (
+    AFTER,
+    AXIS,
+    BEFORE,
+    CLIP,
+    INK,
+    MOST_VECTORS,
+    MUTED,
+    RULE,
+    Picture,
+    nice_length,
+    numbers,
+    rms,
+)
 from gpmodel.report.schema import Report
 from gpmodel.wording import millimetres, minus
 
@@ -50,21 +63,20 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
     models = "standard model (grey) and of the final model (blue)" if report.effects else "standard model"
     colours = "Grey before, blue after. " if report.effects else ""
+    shown = [(before, BEFORE), (after, AFTER)] if report.effects else [(after, AFTER)]
     for name, i, j in VIEWS:
         yield Picture(
             f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
             f"Residual of the {models} as arrows at the nominal positions: {'xyz'[i]} and {'xyz'[j]}.",
             f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
-            partial(_arrows, points=points, before=before if report.effects else None, after=after, plane=(i, j),
-                    magnification=magnification, key=key),
+            partial(_arrows, points=points, residuals=shown, plane=(i, j), magnification=magnification, key=key),
         )  # fmt: skip
 
 
 def _arrows(
     figure: Any,
     points: Array,
-    before: Array | None,
-    after: Array,
+    residuals: Sequence[tuple[Array, str]],
     plane: tuple[int, int],
     magnification: float,
     key: float,
@@ -73,11 +85,10 @@ def _arrows(
     i, j = plane
     span = float(np.ptp(points, axis=0).max()) or 1.0
     axes.scatter(points[:, i], points[:, j], s=3, color=AXIS, lw=0)
-    for residual, colour in ((before, BEFORE), (after, AFTER)):
-        if residual is not None:
-            axes.quiver(points[:, i], points[:, j], residual[:, i], residual[:, j], color=colour, angles="xy",
-                        scale_units="xy", scale=1.0 / magnification, width=0.006, headwidth=3.6, headlength=4.0,
-                        headaxislength=3.6)  # fmt: skip
+    for residual, colour in residuals:
+        axes.quiver(points[:, i], points[:, j], residual[:, i], residual[:, j], color=colour, angles="xy",
+                    scale_units="xy", scale=1.0 / magnification, width=0.006, headwidth=3.6, headlength=4.0,
+                    headaxislength=3.6)  # fmt: skip
     middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
     half = 0.62 * span
     axes.set_xlim(middle[i] - half, middle[i] + half)
@@ -104,15 +115,15 @@ def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
     if not len(everything):
         return
     reach = 1.08 * min(everything.max(), CLIP * np.percentile(everything, 98)) or 1.0
-    size = float(np.clip(900 / len(row), 2, 16))
+    size, many = float(np.clip(900 / len(row), 2, 16)), len(row) > MOST_VECTORS
     series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]
     for axis, axes in enumerate(panels):
         axes.axhline(0, color=AXIS, lw=0.8)
         for values, colour, _ in series:
             if len(values) == len(row):
                 clipped = np.clip(values[:, axis], -reach, reach)
-                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9)
-                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9)
+                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9, rasterized=many)
+                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9, rasterized=many)
         for outlier in outliers:
             axes.axvline(outlier, color=RULE, lw=3, zorder=0)
         axes.set_ylabel(f"{'xyz'[axis]}, mm")

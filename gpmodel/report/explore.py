@@ -15,6 +15,8 @@ from gpmodel.wording import millimetres
 PAGE = "explore.html"
 LONGEST = 0.12
 """The 90th percentile of the residuals before is drawn this share of the span of the poses long."""
+MOST = 3000
+"""At most this many poses are shown, evenly chosen along the rows: the file stays under 6 MB."""
 COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#d07f1f", "slot": "#868d98"}
 """Each has a contrast of at least 3 with the light and with the dark paper."""
 
@@ -32,7 +34,7 @@ def html(report: Report) -> str:
     figure, magnification = figure_of(report)
     return render(
         "explore.html.j2", report=report, figure=figure, plotly=get_plotlyjs(), magnification=magnification,
-        steps=_titles(report),
+        steps=_titles(report), every=every_so_many(report),
     )  # fmt: skip
 
 
@@ -44,14 +46,15 @@ def _titles(report: Report) -> tuple[str, str]:
 def figure_of(report: Report) -> tuple[dict[str, Any], float]:
     """Traces and layout as the library reads them, and how many times residuals are enlarged."""
     plots = report.plots
-    points, after = numbers(plots.points_mm), numbers(plots.residual_mm["final"])
+    every = every_so_many(report)
+    points, after = numbers(plots.points_mm)[::every], numbers(plots.residual_mm["final"])[::every]
     step = STANDARD if report.before_and_after()[0] == STANDARD else REGISTRATION
-    before = numbers(plots.residual_mm.get(step, plots.residual_mm["final"]))
+    before = numbers(plots.residual_mm.get(step, plots.residual_mm["final"]))[::every]
     size = np.linalg.norm(before, axis=1)
     typical = float(np.nanpercentile(size, 90)) if np.isfinite(size).any() else 1.0
     span = float(np.ptp(points, axis=0).max()) or 1.0
     magnification = nice_length(LONGEST * span / (typical or 1.0))
-    said = _hover(report)
+    said = _hover(report)[::every]
     titles = _titles(report)
     traces = [
         _arrows(points, before, magnification, titles[0], COLOURS["before"]),
@@ -71,6 +74,11 @@ def figure_of(report: Report) -> tuple[dict[str, Any], float]:
         "paper_bgcolor": "rgba(0,0,0,0)", "legend": {"x": 0, "y": 1, "bgcolor": "rgba(0,0,0,0)"},
     }  # fmt: skip
     return {"data": traces, "layout": layout, "arms": arms}, magnification
+
+
+def every_so_many(report: Report) -> int:
+    """Every how many poses one is shown."""
+    return max(1, -(-len(report.plots.points_mm) // MOST))
 
 
 def _hover(report: Report) -> list[tuple[int, str]]:

@@ -8,9 +8,9 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
-from gpmodel.numerics.se3 import chain, rotation_vector
+from gpmodel.numerics.se3 import chain
 from gpmodel.report.quantity import translate
-from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, PlacementRecord, RankRecord
+from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
 
@@ -72,14 +72,10 @@ def rank_curve(calibration: Calibration) -> tuple[RankRecord, ...]:
     return tuple(RankRecord(c.condition_limit, c.rank, optional(1e3 * c.cv_rms)) for c in calibration.rank_curve)
 
 
-def placements(transforms: Mapping[str, Array], turned: bool) -> tuple[PlacementRecord, ...]:
-    """Registrations or tools by label; with their rotation where it was fitted."""
-    out = []
-    for label, transform in transforms.items():
-        x, y, z = (1e3 * transform[:3, 3]).tolist()
-        a, b, c = np.degrees(rotation_vector(transform[None, :3, :3])[0]).tolist()
-        out.append(PlacementRecord(label, (x, y, z), (a, b, c) if turned else None))
-    return tuple(out)
+def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
+    """Tool and registration of a fit, number by number, the tool first."""
+    ordered = sorted(final.placed, key=lambda p: not p.name.startswith("tool"))
+    return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
 
 def tool_displacement(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> Array:

@@ -16,6 +16,9 @@ BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
 CLIP = 3.0
 """An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
 
+MOST_VECTORS = 1500
+"""Above this many poses dots are drawn as pixels inside the vector picture, which would be megabytes of text."""
+
 
 @dataclass(frozen=True)
 class Picture:

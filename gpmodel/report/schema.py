@@ -114,18 +114,6 @@ class Confirmation:
 
 
 @dataclass(frozen=True)
-class PlacementRecord:
-    """label: of the set-up or tool, empty where there is one only. point_mm: (3,); rotation_deg: (3,) rotation vector.
-
-    A set-up gives the mechanism's root in the instrument's frame; a tool the measured point in the flange.
-    """
-
-    label: str
-    point_mm: tuple[float, float, float]
-    rotation_deg: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
 class Repeatability:
     """ISO 9283 pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses."""
 
@@ -141,7 +129,8 @@ class Report:
     """The whole of report.json.
 
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
-    the search ended. absorbed: effects hidden by joint values solved at every pose. sigma_mm: of one component.
+    the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
+    rotations as vectors. absorbed: effects hidden by joint values solved at every pose. sigma_mm: of one component.
     """
 
     command: str = ""
@@ -157,8 +146,7 @@ class Report:
     rounds: tuple[RoundRecord, ...] = ()
     runs: tuple[ProgramRecord, ...] = ()
     parameters: tuple[ParameterRecord, ...] = ()
-    registration: tuple[PlacementRecord, ...] = ()
-    tool: tuple[PlacementRecord, ...] = ()
+    placement: tuple[ParameterRecord, ...] = ()
     rank_curve: tuple[RankRecord, ...] = ()
     condition_limit: NotNegative | None = None
     status: str = ""
@@ -194,6 +182,11 @@ class Report:
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]
+
+    def geometry(self) -> tuple[ParameterRecord, ...]:
+        """The parameters kept that belong to none of the effects."""
+        effects = tuple(e.name for e in self.effects)
+        return tuple(p for p in self.parameters if p.kept and not p.name.startswith(effects or ("\0",)))
 
     def dropped(self) -> tuple[str, ...]:
         """What these poses cannot tell apart and the final model therefore leaves out."""

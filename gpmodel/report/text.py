@@ -22,7 +22,7 @@ def summary(report: Report) -> str:
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Inputs beyond chance", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
-        ("Tool point", list(_tool(report))),
+        ("Tool in the flange, root in the instrument's frame", list(_placement(report))),
         ("To distrust", list(_doubts(report))),
     )
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
@@ -87,10 +87,7 @@ def _inputs(report: Report) -> Iterator[str]:
 
 
 def _parameters(report: Report) -> Iterator[str]:
-    shown = {effect.name for effect in report.effects}
-    for parameter in report.parameters:
-        if not parameter.kept or parameter.name in shown:
-            continue
+    for parameter in report.geometry():
         value = wording.measured(parameter.value, parameter.stderr, parameter.unit)
         near = "".join(f"{c.name} {c.correlation:+.2f}" for c in parameter.correlated_with[:1])
         name = wording.shortened(parameter.name, NAME - 5)
@@ -99,11 +96,11 @@ def _parameters(report: Report) -> Iterator[str]:
         yield wording.shortened(f"    {name:<{NAME - 4}}{size}{share:>12}  {near}".rstrip(), WIDTH)
 
 
-def _tool(report: Report) -> Iterator[str]:
-    for tool in report.tool:
-        label = f"{tool.label}: " if tool.label else ""
-        point = ", ".join(wording.minus(f"{v:.3f}") for v in tool.point_mm)
-        yield f"    {label}{point} mm in the flange"
+def _placement(report: Report) -> Iterator[str]:
+    for number in report.placement:
+        value = wording.measured(number.value, number.stderr, number.unit)
+        name = wording.shortened(number.name, NAME - 5)
+        yield f"    {name:<{NAME - 4}}{value.value:>10} ± {value.deviation:<10}{value.unit}"
 
 
 def _doubts(report: Report) -> Iterator[str]:

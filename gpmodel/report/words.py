@@ -65,7 +65,7 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
         yield (
             f"{histogram.inputs[k]} {stands}: {use[k]} of {histogram.runs} programs refer to it, "
             f"{histogram.shuffled[k]} of {histogram.shuffled_runs} on shuffled residuals "
-            f"(p {wording.chance(by_count)}); the best of them saves what shuffled ones reach with "
+            f"(p {wording.chance(by_count)}); shuffled ones save as much as the best of them with "
             f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
         )
 

@@ -111,7 +111,7 @@ def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() 
     assert "Confirmed on the held-out poses" in head
     assert "something alike" in head
     doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 2.0, False))).text
-    assert "Not confirmed on the held-out poses: gain of 0.4 standard deviations" in doubted
+    assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard deviations" in doubted
     known = page(quickly()).text
     assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known
 
@@ -204,8 +204,9 @@ def test_record_parameters_and_tool_point_are_listed() -> None:
     text = page(report).text
     kept = sum(p.kept for p in report.parameters)
     assert f"{kept} parameters kept, {len(report.dropped())} dropped" in text
-    (tool,) = report.tool
-    assert wording.minus(f"tool point {tool.point_mm[0]:.3f}") in text
+    tool = report.placement[0]
+    assert tool.name == "tool x"
+    assert f"tool x {wording.measured(tool.value, tool.stderr, tool.unit).value}" in text
     for known in (report.command, report.data.sha256, f"numpy {report.versions['numpy']}", "seed 0", "1.5 s"):
         assert known in text
 

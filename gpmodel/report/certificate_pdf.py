@@ -1,0 +1,109 @@
+"""The certificate as PDF: sides of A4, drawn line by line."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gpmodel import wording
+from gpmodel.report.certificate import SMALL_PRINT, Certificate, Parameter
+from gpmodel.report.figures import STYLE
+from gpmodel.report.picture import INK, MUTED, RULE
+
+WIDTH, HEIGHT = 8.27, 11.69
+LEFT, RIGHT, TOP, BOTTOM = 0.08, 0.92, 0.945, 0.06
+STEP = 0.0145
+"""Height of a line of 8 points as a share of the side."""
+PER_COLUMN = 2
+"""Parameters stand in this many columns."""
+
+LOOK: dict[str, Any] = {"fontsize": 8, "color": INK, "va": "baseline"}
+
+Cell = tuple[float, str, dict[str, Any]]
+Row = tuple[float, list[Cell], bool]
+
+
+def write_pdf(found: Certificate, path: Path) -> None:
+    """Write the certificate to `path`, as many sides as it needs."""
+    with rc_context(STYLE | {"pdf.fonttype": 42}), PdfPages(path, metadata={"Title": found.title}) as pdf:
+        rows = list(_rows(found))
+        number = 1
+        while rows:
+            figure = Figure(figsize=(WIDTH, HEIGHT))
+            y = TOP
+            while rows and y - sum(height for height, _, _ in _together(rows)) * STEP >= BOTTOM:
+                height, cells, ruled = rows.pop(0)
+                y -= height * STEP
+                for x, text, look in cells:
+                    figure.text(x, y, text, **(LOOK | look))
+                if ruled:
+                    _rule(figure, y - 0.35 * STEP)
+            figure.text(RIGHT, 0.035, f"{number}", fontsize=7, color=MUTED, ha="right")
+            figure.text(LEFT, 0.035, found.title, fontsize=7, color=MUTED)
+            pdf.savefig(figure)
+            number += 1
+
+
+def _together(rows: Sequence[Row]) -> Sequence[Row]:
+    """The first row; with it the next one where it is a heading."""
+    return rows[: 1 if rows[0][2] else 2]
+
+
+def _rule(figure: Figure, y: float) -> None:
+    figure.add_artist(Line2D([LEFT, RIGHT], [y, y], color=RULE, lw=0.6, transform=figure.transFigure))
+
+
+def _rows(found: Certificate) -> Iterator[Row]:
+    """Height in lines, cells and whether a rule follows, from the top of the first side."""
+    yield 1.2, [(LEFT, found.title, {"fontsize": 14, "weight": "bold"})], False
+    for title, lines in (("", found.particulars), ("Scope", found.scope)):
+        yield from _block(title, lines)
+    if found.statistics:
+        right = {"ha": "right"}
+        heads: list[Cell] = [(0.62, "before, mm", right), (0.82, "after, mm", right)]
+        yield 2.2, [(LEFT, f"Accuracy over {found.poses}", {"fontsize": 10, "weight": "bold"})], False
+        yield 1.3, heads, True
+        for name, before, after in found.statistics:
+            yield 1.3, [(LEFT, name, {}), (0.62, before, right), (0.82, after, right | {"weight": "bold"})], True
+    yield from _block("Repeatability", found.repeatability)
+    yield from _parameters("Tool in the flange, root in the instrument's frame, ± σ", found.placement)
+    yield from _block("Effects", [(name, f"{v} ± {s} {unit}") for name, v, s, unit in found.effects])
+    yield from _parameters("Parameters ± σ", found.parameters)
+    yield from _block("Record", found.record)
+    yield 1.0, [], False
+    for line in wrap(SMALL_PRINT, 132):
+        yield 0.95, [(LEFT, line, {"fontsize": 6.5, "color": MUTED})], False
+    yield 4.0, [(LEFT, "Date, signature: ____________________________", {})], False
+
+
+def _block(title: str, lines: Sequence[tuple[str, str]]) -> Iterator[Row]:
+    if lines and title:
+        yield 2.2, [(LEFT, title, {"fontsize": 10, "weight": "bold"})], False
+    for name, value in lines:
+        parts = wrap(value, 84) or [""]
+        for k, part in enumerate(parts):
+            heading: list[Cell] = [(LEFT, name, {"color": MUTED})] if k == 0 else []
+            yield 1.3, [*heading, (0.34, part, {})], k == len(parts) - 1
+
+
+def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
+    if not entries:
+        return
+    yield 2.2, [(LEFT, title, {"fontsize": 10, "weight": "bold"})], False
+    width = (RIGHT - LEFT) / PER_COLUMN
+    rows = -(-len(entries) // PER_COLUMN)
+    for k in range(rows):
+        cells: list[Cell] = []
+        for column, (name, value, deviation, unit) in enumerate(entries[k::rows]):
+            x = LEFT + column * width
+            short = wording.shortened(name, 22)
+            cells += [
+                (x, short, {}), (x + 0.235, value, {"ha": "right", "weight": "bold"}),
+                (x + 0.24, f"± {deviation} {unit}", {"color": MUTED}),
+            ]  # fmt: skip
+        yield 1.2, cells, True

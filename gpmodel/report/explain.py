@@ -1,0 +1,141 @@
+"""One finding in words: where it sits, how large it is at the tool, what would cause it, what to measure to be sure."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from textwrap import fill
+
+from gpmodel import wording
+from gpmodel.errors import InputError
+from gpmodel.report import words
+from gpmodel.report.page import render, sentence
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord
+
+LOW_SHARE = 0.3
+"""Below this unique share σ is more than three times what it would be without the other unknowns (1 / share)."""
+WIDTH = 80
+
+MEASURES = (
+    (("row", "time"), "measure the first poses once more at the end, and once after a night: an event of the session "
+     "does not come back"),
+    (("temperature",), "measure the same dozen poses cold and warm, the temperature in its own column"),
+    (("payload",), "measure the same dozen poses with two payloads at least"),
+    (("torque_", "moment_", "force_"), "measure the same dozen poses with and without payload: a load's part grows "
+     "with it, an angle's does not"),
+    (("approach", "last_", "play", "lag"), "approach the same dozen poses from either side of the joint, the direction "
+     "in a column approach_J"),
+    (("speed", "velocity"), "approach the same poses slowly and fast"),
+)  # fmt: skip
+"""By the beginning of an input's name: what would tell its effect from everything else."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """number: of the finding, from 1. chain: the slots with the place marked. facts, advice: sentences."""
+
+    number: int
+    name: str
+    value: str
+    chain: str
+    where: str
+    size: str
+    cause: str
+    facts: tuple[str, ...]
+    advice: tuple[str, ...]
+
+
+def explain(report: Report, number: int) -> Explanation:
+    """Finding `number`, from 1, of a report. Raises InputError where it has none of that number."""
+    if not 1 <= number <= len(report.effects):
+        have = f"it has {len(report.effects)}" if report.effects else "it has none"
+        raise InputError(f"finding {number}: no such finding in the report; {have}")
+    effect = report.effects[number - 1]
+    value = wording.measured(effect.value, effect.stderr, effect.unit)
+    return Explanation(
+        number=number,
+        name=effect.name,
+        value=f"{value} × {wording.shortened(wording.expression(effect.basis), 160)}",
+        chain=_chain(report, effect),
+        where=sentence(words.place(effect.slot, effect.axis) or f"{effect.slot} {effect.axis}"),
+        size=_size(effect),
+        cause=sentence(effect.explanation) or "It was named by the user, not found.",
+        facts=tuple(map(sentence, _facts(report, effect))),
+        advice=tuple(map(sentence, _advice(report, effect))),
+    )
+
+
+def text(found: Explanation) -> str:
+    """The explanation in 80 columns."""
+    blocks = (
+        ("", (found.value,)),
+        ("where", (found.chain, found.where)),
+        ("size at the tool", (found.size,)),
+        ("what would cause it", (found.cause,)),
+        ("what speaks for it", found.facts),
+        ("what to measure to be sure", found.advice),
+    )
+    lines = [f"{found.number}  {found.name}"]
+    for heading, sentences in blocks:
+        lines += [f"   {heading}"] if heading else []
+        lines += [fill(s, WIDTH, initial_indent=" " * 5, subsequent_indent=" " * 5) for s in sentences if s]
+    return "\n".join(lines)
+
+
+def html(report: Report, number: int) -> str:
+    """The explanation as a page."""
+    return render("explain.html.j2", report=report, found=explain(report, number))
+
+
+def _chain(report: Report, effect: EffectRecord) -> str:
+    """base ─ J1 ─ [J2] ─ ... ─ tool, with every place of the effect in brackets."""
+    slots = [t.slot for t in effect.terms] or effect.slot.split(",")
+    places = {slot.strip().partition(".")[0] for slot in slots}
+    nodes = ("base", *report.mechanism.joints, "tool")
+    return " ─ ".join(f"[{n}]" if n in places else n for n in nodes)
+
+
+def _size(effect: EffectRecord) -> str:
+    if effect.tool_rms_mm is None:
+        return "Not known: the report is of an earlier version; make it again."
+    return (
+        f"Moves the measured point by {wording.length(effect.tool_rms_mm)} RMS and "
+        f"{wording.length(effect.tool_max_mm)} at most over the measured poses."
+    )
+
+
+def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
+    if effect.cv_rms_mm is not None and effect.cv_before_mm is not None:
+        yield (
+            f"the cross-validated error falls from {wording.length(effect.cv_before_mm)} to "
+            f"{wording.length(effect.cv_rms_mm)} RMS with it"
+        )
+    if effect.p_value is not None:
+        yield f"chance of its score on shuffled residuals: {wording.chance(effect.p_value, effect.shuffles)}"
+    if pointed := words.beforehand(report, effect):
+        yield f"the histogram of referenced inputs {pointed}"
+    for r in effect.ranges:
+        unit = f" {wording.pretty_unit(r.unit)}".rstrip()
+        yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")
+    if effect.unique_share is not None:
+        yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
+    if said := words.rivals(effect):
+        yield said
+    if said := words.confirmed(report):
+        yield f"all findings together are {said}"
+
+
+def _advice(report: Report, effect: EffectRecord) -> Iterator[str]:
+    close = effect.close_rivals()
+    if close:
+        yield f"take poses at which it and {close[0].name} differ: `gpmodel poses --after` chooses them"
+    for beginnings, advice in MEASURES:
+        if any(name.startswith(beginnings) for name in effect.inputs):
+            yield advice
+    angles = [name for name in effect.inputs if name in report.mechanism.joints]
+    if angles:
+        yield f"sweep {' and '.join(angles)} alone through the whole range, all other joints still, in both directions"
+    if effect.unique_share is not None and effect.unique_share < LOW_SHARE:
+        near = ", ".join(c.name for c in effect.correlated_with[:3]) or "the standard model"
+        yield f"widen the range of the joints: on these poses it is hard to tell from {near}"
+    if report.noise_floor_mm is None:
+        yield "repeat some poses: without a noise floor nobody knows how much is left to find"

@@ -1,0 +1,52 @@
+"""What a certificate says beside the numbers: machine, instrument, operator; from options or a TOML file."""
+
+import dataclasses
+import datetime
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from gpmodel.errors import InputError
+
+
+@dataclass(frozen=True)
+class Particulars:
+    """Free text, each line left out of the certificate where it is empty."""
+
+    machine: str = ""
+    serial: str = ""
+    controller: str = ""
+    location: str = ""
+    instrument: str = ""
+    instrument_serial: str = ""
+    instrument_calibrated: str = ""
+    operator: str = ""
+    date: str = ""
+    temperature: str = ""
+    payload: str = ""
+    remarks: str = ""
+
+    def lines(self) -> tuple[tuple[str, str], ...]:
+        """What is given, as heading and text."""
+        fields = (f.name for f in dataclasses.fields(self))
+        return tuple((name.replace("_", " "), getattr(self, name)) for name in fields if getattr(self, name))
+
+
+def read_particulars(path: Path) -> Particulars:
+    """The particulars of a TOML file with keys of the same names.
+
+    Raises InputError: no such file, no TOML, an unknown key, or a value that is no text, number or date.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is no TOML ({error}); expected lines as in serial = '64-10291'") from None
+    known = [f.name for f in dataclasses.fields(Particulars)]
+    for key, value in content.items():
+        if key not in known:
+            raise InputError(f"{path}: key '{key}' is unknown; available: {', '.join(known)}")
+        if not isinstance(value, str | int | float | datetime.date) or isinstance(value, bool):
+            raise InputError(f"{path}: {key} = {value!r}; expected text")
+    return Particulars(**{key: str(value) for key, value in content.items()})

@@ -1,0 +1,119 @@
+"""The certificate: statistics against known distributions, every given particular, and sides of A4."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from report_runs import calibrated, discovered
+
+from gpmodel import wording
+from gpmodel.errors import InputError
+from gpmodel.report import certificate
+from gpmodel.report.accuracy import accuracy, before_and_after
+from gpmodel.report.certificate_pdf import write_pdf
+from gpmodel.report.particulars import Particulars, read_particulars
+from gpmodel.report.schema import Report
+
+GIVEN = Particulars(machine="IRB 6400R", serial="64-10291", instrument="tracker", operator="A. N. <Other>")
+
+
+def test_statistics_are_those_of_the_errors() -> None:
+    errors = np.arange(1.0, 101.0)
+    found = accuracy(errors)
+    assert (found.poses, found.mean, found.largest) == (100, 50.5, 100.0)
+    assert found.mean_3sd == pytest.approx(50.5 + 3 * errors.std(ddof=1))
+    assert found.within_95 == pytest.approx(np.percentile(errors, 95))
+    assert found.rms == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert found.low < found.rms < found.high
+
+
+def test_the_interval_of_the_rms_covers_the_truth_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(400):
+        found = accuracy(np.linalg.norm(rng.normal(size=(30, 3)), axis=1))
+        inside += found.low < np.sqrt(3) < found.high
+    assert inside / 400 == pytest.approx(0.95, abs=0.03)
+
+
+def test_before_is_registration_and_after_the_last_step_on_held_out_poses() -> None:
+    for report in (discovered(), calibrated(), calibrated(0.0)):
+        found = before_and_after(report)
+        assert found is not None
+        for one, rung in zip(found, (report.ladder[0], report.ladder[-1]), strict=True):
+            assert one.poses == (report.data.heldout or report.data.train)
+            assert one.rms == pytest.approx(rung.errors.rms_mm, rel=1e-5)
+            assert one.largest == pytest.approx(rung.errors.max_mm, rel=1e-5)
+
+
+@pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
+def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record(report: type[Report]) -> None:
+    made = report()
+    text = certificate.html(made, GIVEN)
+    words = " ".join(re.sub(r"<[^>]+>", " ", text).split())
+    found = before_and_after(made)
+    assert found is not None
+    effect = made.effects[0]
+    for said in (
+        "IRB 6400R", "64-10291", "tracker", "A. N. &lt;Other&gt;", made.data.sha256, made.command,
+        f"RMS {wording.millimetres(found[0].rms)} {wording.millimetres(found[1].rms)}",
+        "held out: no step of the calibration saw them", effect.name,
+        wording.measured(effect.value, effect.stderr, effect.unit).value, "not measured: no pose was measured",
+        wording.measured(made.placement[0].value, made.placement[0].stderr, "m").value, "tool x", "J1",
+        "workspace covered",
+    ):  # fmt: skip
+        assert said in words
+    assert "https://" not in text
+
+
+def test_poses_the_model_was_fitted_to_are_called_that() -> None:
+    assert "the poses the model was fitted to" in certificate.html(calibrated(0.0), Particulars())
+
+
+def test_the_pdf_has_one_or_two_sides(tmp_path: Path) -> None:
+    write_pdf(certificate.certificate(discovered(), GIVEN), tmp_path / "c.pdf")
+    content = (tmp_path / "c.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert 1 <= len(re.findall(rb"/Type /Page\b", content)) <= 2
+
+
+def test_particulars_are_read_from_toml(tmp_path: Path) -> None:
+    path = tmp_path / "machine.toml"
+    path.write_text('machine = "R1"\nserial = 4711\ndate = 2026-11-20\ntemperature = "21 °C"\n', encoding="utf-8")
+    found = read_particulars(path)
+    assert found == Particulars(machine="R1", serial="4711", date="2026-11-20", temperature="21 °C")
+    assert found.lines()[:2] == (("machine", "R1"), ("serial", "4711"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("machine = ", "is no TOML"),
+        ('colour = "red"', "key 'colour' is unknown; available: machine, serial"),
+        ("operator = [1]", "operator = [1]; expected text"),
+        ("operator = true", "expected text"),
+    ],
+)
+def test_bad_particulars_are_refused_in_one_line(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "machine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(said)):
+        read_particulars(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_particulars(tmp_path / "nowhere.toml")
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.text(max_size=60).map(lambda text: f"machine = {text}"))
+def test_any_text_is_particulars_or_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "machine.toml"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    said = ""
+    try:
+        assert isinstance(read_particulars(path), Particulars)
+    except InputError as error:
+        said = str(error)
+    assert "\n" not in said

@@ -1,0 +1,70 @@
+"""A finding in words: its place on the chain, its size, and advice that follows from what it reads."""
+
+import dataclasses
+
+import pytest
+from report_runs import calibrated, discovered
+
+from gpmodel import wording
+from gpmodel.errors import InputError
+from gpmodel.report.explain import explain, html, text
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import Correlation, Rival
+
+
+def altered(**parts: object) -> Report:
+    report = discovered()
+    return dataclasses.replace(report, effects=(dataclasses.replace(report.effects[0], **parts),))
+
+
+def test_it_says_where_how_large_and_why() -> None:
+    report = discovered()
+    effect = report.effects[0]
+    found = explain(report, 1)
+    assert found.chain == "base ─ J1 ─ J2 ─ J3 ─ [J4] ─ J5 ─ J6 ─ tool"
+    assert found.where == "Turn about x of the frame just after the motion of J4."
+    assert wording.length(effect.tool_rms_mm) in found.size
+    assert effect.explanation[1:] in found.cause
+    assert str(wording.measured(effect.value, effect.stderr, effect.unit)) in found.value
+    said = text(found)
+    assert max(map(len, said.splitlines())) <= 80
+    assert "Sweep J4 alone through the whole range" in " ".join(said.split())
+    assert found.chain in html(report, 1)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "said"),
+    [
+        (("row",), "Measure the first poses once more"),
+        (("temperature",), "cold and warm"),
+        (("payload", "torque_J2"), "two payloads"),
+        (("torque_J2",), "with and without payload"),
+        (("approach_J3",), "from either side"),
+    ],
+)
+def test_the_advice_follows_from_what_it_reads(inputs: tuple[str, ...], said: str) -> None:
+    assert any(said in sentence for sentence in explain(altered(inputs=inputs), 1).advice)
+
+
+def test_rivals_and_a_small_share_have_their_advice() -> None:
+    effect = discovered().effects[0]
+    rival = Rival("something alike", effect.cv_rms_mm)
+    assert "it and something alike differ" in explain(altered(rivals=(rival,)), 1).advice[0]
+    near = (Correlation("J2 Rz", 0.97),)
+    weak = altered(unique_share=0.05, correlated_with=near)
+    assert any("hard to tell from J2 Rz" in s for s in explain(weak, 1).advice)
+    assert not any("hard to tell" in s for s in explain(altered(unique_share=0.9), 1).advice)
+
+
+def test_an_effect_that_was_named_is_explained_too() -> None:
+    found = explain(calibrated(), 1)
+    assert "It was named by the user" in found.cause
+    assert found.chain.startswith("[base]")
+
+
+@pytest.mark.parametrize("number", [0, 2, -1])
+def test_a_number_that_is_not_there_is_refused(number: int) -> None:
+    with pytest.raises(InputError, match=f"finding {number}: no such finding in the report; it has 1"):
+        explain(discovered(), number)
+    with pytest.raises(InputError, match="it has none"):
+        explain(discovered("nothing"), 1)
