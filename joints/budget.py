@@ -81,11 +81,16 @@ class Budget:
 def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Settings]:
     """Sources and settings of the TOML table at `path` laid over the default one. Raises InputError, one line."""
     s = load_settings("budget", path)
+    return sources_of(s), s
+
+
+def sources_of(s: Settings) -> tuple[ErrorSource, ...]:
+    """The sources that settings list. Raises InputError for an index that is no translation, or no rotation."""
     entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
     for e, want in entries:
         if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):
             raise InputError(f"error budget: [[{want}]] index {e['index']} is {parameter(e['index']).name}")
-    return tuple(ErrorSource(e["index"], e["range"], e["kind"], e["distribution"], e["source"]) for e, _ in entries), s
+    return tuple(ErrorSource(e["index"], e["range"], e["kind"], e["distribution"], e["source"]) for e, _ in entries)
 
 
 def error_budget(

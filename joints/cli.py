@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,7 @@ from gpmodel.errors import InputError
 from joints.studies.study import Study, Table, plain
 
 _HELP = {
+    "design": "One page for a joint: every limit, and the one that governs.",
     "preload": "Magnetic preload, its limits over the joint angle, and the choice of socket, ring and magnet.",
     "contact": "Hertz contact of the ball on a support: deformation, stress against yield, stiffness.",
     "thermal": "Thermal growth of the socket, the measuring loop and the gap.",
@@ -70,19 +72,38 @@ for _name in _HELP:
     joint.add_command(_command(_name))
 
 
+@joint.command("mechanism", help="The joint of a TOML file as --mechanism takes it: what it is, or why it is none.")
+@click.argument("toml", required=False, type=click.Path(path_type=Path))
+@click.option("--defaults", is_flag=True, help="Print the TOML file of the built-in joint and stop.")
+def _mechanism(toml: Path | None, defaults: bool) -> None:
+    from joints.description import read_joint, spherical_joint
+    from joints.settings import DATA
+
+    if defaults:
+        click.echo((DATA / "spherical_joint.toml").read_text(encoding="utf-8"), nl=False)
+        return
+    found = read_joint(toml) if toml else spherical_joint()
+    lever = ", ".join(f"{1e3 * v:g}" for v in found.tooling_ball)
+    click.echo(f"{found.name}: tooling ball at ({lever}) mm in the frame after {found.rotations[-1].name}")
+    for r in found.rotations:
+        said = "measured" if r.measured else "approximate, solved at every pose"
+        click.echo(f"  {r.name} about {r.axis}, {math.degrees(r.lower):g} to {math.degrees(r.upper):g} deg, {said}")
+
+
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
     record = {"schema": 1, "command": f"joint {name}", "seed": seed, **plain(study.data)}
-    text = (json.dumps(record, indent=1) + "\n").encode()
+    numbers = (json.dumps(record, indent=1) + "\n").encode()
     files: dict[Path, bytes] = {}
     if json_file is not None:
-        files[json_file] = text
+        files[json_file] = numbers
     if out is not None:
-        files[out / f"joint_{name}.json"] = text
+        files[out / f"joint_{name}.json"] = numbers
         for figure_name, figure in study.figures.items():
             image = io.BytesIO()
             figure.savefig(image, format="png", dpi=110, metadata={"Software": None})
             files[out / "figures" / figure_name] = image.getvalue()
+        files |= {out / page_name: text.encode() for page_name, text in study.pages.items()}
     return files
 
 

@@ -188,6 +188,17 @@ def stiffness_regimes(displacement: Array, force: Array, curve: RegimeCurve, sou
     return figure
 
 
+def design_lift(inlets: Array, lift: Array, supply: float, wanted: float) -> Figure:
+    """Lift over inlet pressure, with the air that is there and the lift that is wanted."""
+    figure, (ax,) = _axes(1, 5.5)
+    ax.plot(inlets / ATMOSPHERE, lift * 1e6, label="flat film")
+    ax.axvline(supply / ATMOSPHERE, color="k", linestyle="--", linewidth=0.8, label="supply")
+    ax.axhline(wanted * 1e6, color="0.5", linestyle=":", label="wanted")
+    ax.set(xlabel="inlet pressure [atm]", ylabel="lift [um]", title="Lift on the air film")
+    ax.legend()
+    return figure
+
+
 def dynamics(
     frequency: Array,
     responses: Mapping[str, NDArray[np.complex128]],

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.optimize import brentq
 
 from joints.film_design import design_film
+from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.reynolds import spherical_film
 from joints.settings import load_settings
 from joints.studies import STUDIES
-from joints.studies.study import film_geometry, orifice_law, plain
+from joints.studies.study import plain
 
 HERE = Path(__file__).parent
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from joints.studies.budget import budget_study
 from joints.studies.contact import contact_study
 from joints.studies.contact_types import contact_types_study
+from joints.studies.design import design_study
 from joints.studies.dynamics import dynamics_study
 from joints.studies.film import film_study
 from joints.studies.preload import preload_study
@@ -15,6 +16,7 @@ from joints.studies.study import Study, Table
 from joints.studies.thermal import thermal_study
 
 STUDIES: Mapping[str, Callable[[Path | None, int], Study]] = {
+    "design": design_study,
     "preload": preload_study,
     "contact": contact_study,
     "thermal": thermal_study,

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from joints import figures
 from joints.dynamics import SpringMassDamper, ball_mass, film_receptance, fit_response
 from joints.film_design import design_film
+from joints.film_settings import film_geometry, orifice_law
 from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
 from joints.limits import not_negative, positive, require
 from joints.measured import read_curve
 from joints.reynolds import spherical_film
 from joints.settings import Settings, load_settings
 from joints.squeeze import squeeze_damping, squeeze_impedance, squeeze_number
-from joints.studies.study import MICRO, N_PER_UM, Study, Table, film_geometry, orifice_law
+from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:

@@ -12,10 +12,11 @@ from joints.film import (
     supporting_pressure,
 )
 from joints.film_design import FilmDesign, design_film, displacement_at_inlet
+from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
 from joints.settings import load_settings
-from joints.studies.study import MICRO, N_PER_UM, Study, Table, film_geometry, orifice_law
+from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 
 def film_study(path: Path | None = None, seed: int = 0) -> Study:

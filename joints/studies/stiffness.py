@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joints import figures
+from joints.film_settings import film_geometry, orifice_law
 from joints.limits import not_negative, require
 from joints.measured import read_curve
 from joints.regime_fit import fit_regimes
 from joints.settings import Settings, load_settings
 from joints.stiffness import RegimeCurve, equilibrium_curve, layer_stiffness, magnet_force, rest_displacement
-from joints.studies.study import MICRO, N_PER_UM, Study, Table, film_geometry, orifice_law
+from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _UNITS = {
     "contact_stiffness": ("N/um", N_PER_UM),

@@ -6,11 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.errors import InputError
 from joints.figures import Figure
-from joints.film import FilmGeometry
-from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
-from joints.settings import Settings
 
 MICRO = 1e6
 N_PER_UM = 1e-6
@@ -28,32 +24,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """Tables to print, `data` for JSON (units in the key names), figures by file name."""
+    """Tables to print, `data` for JSON (units in the key names), figures and HTML pages by file name."""
 
     tables: Sequence[Table]
     data: Mapping[str, Any]
     figures: Mapping[str, Figure] = field(default_factory=dict)
-
-
-def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
-    """The film's geometry from the keys of a TOML table."""
-    return FilmGeometry(
-        settings["ball_radius"] if ball_radius is None else ball_radius,
-        settings["socket_angle"],
-        settings["orifice_angle"],
-        settings["clearance"],
-        settings["orifices"],
-        settings["viscosity"],
-    )
-
-
-def orifice_law(settings: Settings) -> Orifice:
-    """The orifice an [orifice] table describes."""
-    if settings["law"] == "linear":
-        return LinearOrifice(settings["slope"], settings["offset"])
-    if settings["law"] == "nozzle":
-        return NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"])
-    raise InputError(f"orifice.law = '{settings['law']}', expected 'linear' or 'nozzle'")
+    pages: Mapping[str, str] = field(default_factory=dict)
 
 
 def plain(value: Any) -> Any:

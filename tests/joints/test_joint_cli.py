@@ -13,7 +13,18 @@ from joints.cli import joint
 from joints.settings import DATA
 from joints.stiffness import RegimeCurve
 
-COMMANDS = ["preload", "contact", "thermal", "film", "stiffness", "dynamics", "pugh", "budget", "contact_types"]
+COMMANDS = [
+    "design",
+    "preload",
+    "contact",
+    "thermal",
+    "film",
+    "stiffness",
+    "dynamics",
+    "pugh",
+    "budget",
+    "contact_types",
+]
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -120,6 +131,15 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("stiffness", '[measured]\nfile = "none.csv"', "none.csv: cannot be read"),
         ("dynamics", 'ball_radius = "0 mm"', "ball radius = 0"),
         ("dynamics", '[response]\nhighest = "0.5 Hz"', "response.highest = 0.5, expected above 1 Hz"),
+        (
+            "design",
+            '[demand]\ncontact = "glue"',
+            "demand.contact = 'glue', expected one of point, rolling, sliding, fluid",
+        ),
+        ("design", '[demand]\npull = "0 N"', "demand.pull = 0, expected above 0"),
+        ("design", 'kind = "universal"', "a design is of a ball in a socket, expected rotations about x, y and z"),
+        ("design", "[magic]\na = 1", "unknown key 'magic', expected kind or one of preload, contact"),
+        ("design", '[film]\npreload = "5 mm"', r"\[film\]: preload: '5 mm', expected a quantity with its unit"),
         ("pugh", "chart = []", r"no \[\[chart\]\]"),
         ("pugh", '[[chart]]\nconcepts = ["a"]\nmarks = {x = ["?"]}', r"mark '\?', expected 0"),
         ("pugh", '[[chart]]\nconcepts = "a"', "concepts = 'a', expected a list of names"),

@@ -1,0 +1,211 @@
+"""A whole joint against what is asked of it: preload, contact, growth, film, stiffness, budget; which one governs."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from joints.budget import KINDS, error_budget, sources_of
+from joints.contact import Body, first_yield_pressure, hertz
+from joints.description import SECTIONS, read_joint, spherical_joint
+from joints.film import edge_gap
+from joints.film_design import design_film
+from joints.film_settings import film_geometry, orifice_law
+from joints.friction import magnet_stiffness
+from joints.kinematics import JOINTS
+from joints.limits import positive
+from joints.orifice import ATMOSPHERE
+from joints.passive_joint import PassiveJoint
+from joints.preload import (
+    MagnetRing,
+    contact_directions,
+    contact_forces,
+    projected_area,
+    socket_fixed_limit,
+    three_contact_limit,
+    total_preload,
+)
+from joints.reynolds import spherical_film
+from joints.settings import Settings, laid_over, read_toml
+from joints.stiffness import layer_stiffness
+from joints.thermal import LoopPart, gap_growth, loop_growth
+
+CONTACTS = ("point", "rolling", "sliding", "fluid")
+BUDGET_POSES, BUDGET_DRAWS = 40, 200
+"""Enough for two digits of the mean plus three standard deviations."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One thing that may fail: what is used of what is there, in one unit."""
+
+    topic: str
+    quantity: str
+    used: float
+    there: float
+    unit: str
+
+    @property
+    def share(self) -> float:
+        """Used over what is there; above 1 it fails."""
+        return self.used / self.there
+
+
+@dataclass(frozen=True)
+class JointDesign:
+    """A joint, the settings of every model, and its limits."""
+
+    joint: PassiveJoint
+    settings: dict[str, Settings]
+    limits: tuple[Limit, ...]
+
+    @property
+    def governing(self) -> Limit:
+        """The limit of which the largest share is used."""
+        return max(self.limits, key=lambda limit: limit.share)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        g = self.governing
+        said = f"{g.topic} governs: {g.quantity}, {g.used:.3g} of {g.there:.3g} {g.unit}, {100 * g.share:.0f} %"
+        missed = [limit.topic for limit in self.limits if limit.share > 1]
+        return f"{said}; {'not met: ' + ', '.join(missed) if missed else 'every demand is met'}"
+
+
+def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
+    """The joint of a TOML file and the settings of its sections laid over the thesis' joint.
+
+    A [ball] gives its radius to the sections that do not state one. Raises InputError in one line for a bad file, an
+    unknown section or key, or a contact that is none of the four.
+    """
+    given = read_toml(path) if path else {}
+    file = path.name if path else "design.toml"
+    joint = read_joint(path) if path and "kind" in given else spherical_joint()
+    if [r.axis for r in joint.rotations] != ["x", "y", "z"]:
+        raise InputError(f"{file}: a design is of a ball in a socket, expected rotations about x, y and z")
+    if "kind" not in given and (unknown := [key for key in given if key not in SECTIONS]):
+        raise InputError(f"{file}: unknown key '{unknown[0]}', expected kind or one of {', '.join(SECTIONS)}")
+    sections = {name: dict(given.get(name, {})) for name in SECTIONS}
+    if "ball" in given and "diameter" in given["ball"]:
+        radius = laid_over("spherical_joint", {"ball": given["ball"]}, file)["ball"]["diameter"] / 2
+        sections["film"].setdefault("ball_radius", f"{radius!r} m")
+        own = {"major_radius": f"{radius!r} m", "minor_radius": f"{radius!r} m"}
+        sections["contact"]["ball"] = own | sections["contact"].get("ball", {})
+    settings = {name: laid_over(name, sections[name], f"{file} [{name}]") for name in SECTIONS if name != "demand"}
+    demand = laid_over("design", {"demand": sections["demand"]}, file)["demand"]
+    if demand["contact"] not in CONTACTS:
+        raise InputError(f"{file}: demand.contact = '{demand['contact']}', expected one of {', '.join(CONTACTS)}")
+    for key, value in demand.items():
+        if key != "contact":
+            positive(f"{file}: demand.{key}", value, "")
+    return joint, settings | {"demand": demand}
+
+
+def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
+    """Every limit of the joint of a TOML file, the thesis' without one. seed: of the error budget."""
+    joint, s = read_design(path)
+    demand = s["demand"]
+    bare = demand["contact"] in ("point", "rolling")
+    limits = [*(_supports(s) if bare else _surface(s)), *_growth(s)]
+    if demand["contact"] == "fluid":
+        limits += _film(s)
+    deflection = demand["load_change"] / _stiffness(s)
+    limits.append(
+        Limit("stiffness", "deflection by the load's change", 1e6 * deflection, 1e6 * demand["deflection"], "um")
+    )
+    error = sum(_budget(joint, s["budget"], kind, seed) ** 2 for kind in KINDS) ** 0.5
+    limits.append(Limit("budget", "geometric error, mean + 3 SD", 1e6 * error, 1e6 * demand["accuracy"], "um"))
+    growth = _loop_growth(s["thermal"])
+    total = float(np.sqrt(error**2 + growth**2 + deflection**2))
+    limits.append(
+        Limit("accuracy", "budget, growth and deflection together", 1e6 * total, 1e6 * demand["accuracy"], "um")
+    )
+    return JointDesign(joint, s, tuple(limits))
+
+
+def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
+    """Three supports: when the first one unloads, and the pressure under the most loaded one."""
+    pull, preload, angle = s["demand"]["pull"], _preload(s), s["preload"]["contact_angle"]
+    tilt, turn = np.radians(np.linspace(0, 90, 91))[:, None], np.radians(np.arange(0, 360, 3.0))
+    least = float(three_contact_limit(preload, tilt, turn, angle).min())
+    yield Limit("preload", "pull before a support unloads", pull, least, "N")
+    towards, away = (contact_forces(p, pull, tilt, turn, contact_directions(angle)) for p in (preload, preload + pull))
+    most = float(max(towards.max(), away.max()))
+    contact = s["contact"]
+    ball, support = Body(**contact["ball"]), Body(**contact["support"])
+    onset = float(first_yield_pressure(contact["yield_stress"], min(ball.poisson, support.poisson)))
+    peak = float(hertz(most, ball, support, contact["plane_angle"]).pressure)
+    yield Limit("contact", "Hertz pressure against first yield", 1e-9 * peak, 1e-9 * onset, "GPa")
+
+
+def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
+    """A whole socket: when the ball leaves it, and what the replicated layer bears."""
+    pull, preload, own = s["demand"]["pull"], _preload(s), s["preload"]
+    least = float(socket_fixed_limit(preload, np.radians(np.linspace(0, 90, 181)), own["reaction_angle"]).min())
+    yield Limit("preload", "pull before the ball leaves the socket", pull, least, "N")
+    area = float(projected_area(s["film"]["ball_radius"], own["socket_angle"]))
+    yield Limit(
+        "contact", "pressure on the layer", 1e-6 * (preload + pull) / area, 1e-6 * s["demand"]["layer_strength"], "MPa"
+    )
+
+
+def _growth(s: dict[str, Settings]) -> Iterator[Limit]:
+    yield Limit(
+        "thermal", "growth of the loop", 1e6 * _loop_growth(s["thermal"]), 1e6 * s["thermal"]["tolerance"], "um"
+    )
+
+
+def _film(s: dict[str, Settings]) -> Iterator[Limit]:
+    """The air that the lift takes, and what growth leaves of the gap."""
+    demand, geometry = s["demand"], film_geometry(s["film"])
+    guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
+    yield Limit(
+        "film",
+        "inlet pressure for the lift",
+        float(guide.inlet_pressure) / ATMOSPHERE,
+        demand["supply"] / ATMOSPHERE,
+        "atm",
+    )
+    change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
+    yield Limit(
+        "film",
+        "gap that growth takes or adds",
+        1e6 * abs(change),
+        1e6 * float(edge_gap(geometry, demand["lift"])),
+        "um",
+    )
+
+
+def _stiffness(s: dict[str, Settings]) -> float:
+    """Along the axis at rest, N/m: film and magnets, replicated layer, or three Hertz contacts."""
+    demand, preload = s["demand"], _preload(s)
+    if demand["contact"] == "fluid":
+        film = spherical_film(film_geometry(s["film"]), preload, orifice_law(s["film"]["orifice"]), demand["lift"])
+        return float(film.stiffness_constant_inlet) + magnet_stiffness(preload, s["stiffness"]["stand_off"])
+    if demand["contact"] == "sliding":
+        return float(layer_stiffness(**s["stiffness"]["replica"]))
+    contact, cosine = s["contact"], float(np.cos(s["preload"]["contact_angle"]))
+    each = preload / (3 * cosine)
+    return 3 * cosine**2 * float(hertz(each, Body(**contact["ball"]), Body(**contact["support"])).stiffness)
+
+
+def _preload(s: dict[str, Settings]) -> float:
+    rings = "contact_ring" if s["demand"]["contact"] in ("point", "rolling") else "ring"
+    return total_preload([MagnetRing(**ring) for ring in s["preload"][rings]])
+
+
+def _loop_growth(thermal: Settings) -> float:
+    return abs(float(loop_growth([LoopPart(**part) for part in thermal["part"]], thermal["temperature_change"])))
+
+
+def _budget(joint: PassiveJoint, settings: Settings, kind: str, seed: int) -> float:
+    """Mean plus three standard deviations of one kind of error, m; 0 without a source of it."""
+    sources = sources_of(settings)
+    if not any(source.kind == kind for source in sources):
+        return 0.0
+    own = tuple(replace(r, name=name) for r, name in zip(joint.rotations, JOINTS, strict=True))
+    rng = np.random.default_rng(seed)
+    return error_budget(replace(joint, rotations=own), sources, kind, rng, BUDGET_POSES, BUDGET_DRAWS).worst_case

@@ -1,0 +1,27 @@
+"""The film and its orifices from the keys of a TOML table."""
+
+from gpmodel.errors import InputError
+from joints.film import FilmGeometry
+from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
+from joints.settings import Settings
+
+
+def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
+    """The film's geometry from the keys of a TOML table."""
+    return FilmGeometry(
+        settings["ball_radius"] if ball_radius is None else ball_radius,
+        settings["socket_angle"],
+        settings["orifice_angle"],
+        settings["clearance"],
+        settings["orifices"],
+        settings["viscosity"],
+    )
+
+
+def orifice_law(settings: Settings) -> Orifice:
+    """The orifice an [orifice] table describes."""
+    if settings["law"] == "linear":
+        return LinearOrifice(settings["slope"], settings["offset"])
+    if settings["law"] == "nozzle":
+        return NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"])
+    raise InputError(f"orifice.law = '{settings['law']}', expected 'linear' or 'nozzle'")

@@ -1,0 +1,155 @@
+"""`gpmodel joint design`: one page for a joint, with the limit that governs."""
+
+import base64
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from gpmodel._version import __version__
+from joints import figures
+from joints.design import JointDesign, joint_design
+from joints.figures import Figure
+from joints.film_design import design_film, displacement_at_inlet
+from joints.film_settings import film_geometry, orifice_law
+from joints.orifice import ATMOSPHERE, SCCM
+from joints.preload import MagnetRing, socket_fixed_limit, total_preload
+from joints.studies.study import MICRO, N_PER_UM, Study, Table
+from joints.thermal import LoopPart, allowed_temperature_change
+
+DPI = 110
+
+
+def design_study(path: Path | None = None, seed: int = 0) -> Study:
+    """Every limit of a joint, the one that governs, and where the numbers come from; as tables and as a page."""
+    design = joint_design(path, seed)
+    limits = Table(
+        "What is used of what is there",
+        ("Limit", "Quantity", "Used", "There", "Unit", "Share [%]"),
+        [(x.topic, x.quantity, x.used, x.there, x.unit, 100 * x.share) for x in design.limits],
+        design.verdict,
+    )
+    parts = _parts(design)
+    drawn = _figures(design)
+    data = {
+        "joint": design.joint.name,
+        "contact": design.settings["demand"]["contact"],
+        "verdict": design.verdict,
+        "governing": design.governing.topic,
+        "limits": [
+            {
+                "topic": x.topic,
+                "quantity": x.quantity,
+                "used": x.used,
+                "there": x.there,
+                "unit": x.unit,
+                "share": x.share,
+            }
+            for x in design.limits
+        ],
+    }
+    return Study((limits, *parts), data, drawn, {"joint_design.html": _page(design, parts, drawn)})
+
+
+def _parts(design: JointDesign) -> tuple[Table, ...]:
+    """What the thermal loop is made of, and the film guide of a fluid joint."""
+    thermal = design.settings["thermal"]
+    loop = [LoopPart(**part) for part in thermal["part"]]
+    rows = [
+        (
+            p.name,
+            p.growth_per_kelvin * MICRO,
+            float(allowed_temperature_change(thermal["tolerance"], p.growth_per_kelvin)),
+        )
+        for p in loop
+    ]
+    tables = [Table("Thermal loop", ("Part", "Growth [um/K]", "Allowed change [K]"), rows)]
+    if design.settings["demand"]["contact"] == "fluid":
+        s, lifts = design.settings["film"], np.array(design.settings["film"]["displacements"])
+        preload = total_preload([MagnetRing(**ring) for ring in design.settings["preload"]["ring"]])
+        guide = design_film(film_geometry(s), preload, orifice_law(s["orifice"]), lifts)
+        columns = (
+            lifts * MICRO,
+            guide.gap * MICRO,
+            guide.flow / SCCM,
+            guide.inlet_pressure / ATMOSPHERE,
+            guide.stiffness_constant_inlet * N_PER_UM,
+        )
+        heads = ("Lift [um]", "Gap [um]", "Flow [sccm]", "Inlet [atm]", "Stiffness [N/um]")
+        note = f"flat plate, {preload:.4g} N of preload"
+        tables.append(Table("Air film", heads, list(zip(*(c.tolist() for c in columns), strict=True)), note))
+    return tuple(tables)
+
+
+def _figures(design: JointDesign) -> dict[str, Figure]:
+    s = design.settings
+    drawn = {}
+    angles = np.radians(np.linspace(0, 90, 181))
+    if s["demand"]["contact"] in ("sliding", "fluid"):
+        preload = total_preload([MagnetRing(**ring) for ring in s["preload"]["ring"]])
+        limit = socket_fixed_limit(preload, angles, s["preload"]["reaction_angle"])
+        drawn["design_preload.png"] = figures.preload_sliding(angles, preload, limit)
+    thermal = s["thermal"]
+    per_kelvin = {part["name"]: LoopPart(**part).growth_per_kelvin for part in thermal["part"]}
+    drawn["design_thermal.png"] = figures.thermal(per_kelvin, thermal["temperature_change"], thermal["tolerance"])
+    if s["demand"]["contact"] == "fluid":
+        geometry, orifice = film_geometry(s["film"]), orifice_law(s["film"]["orifice"])
+        inlets = np.linspace(1.0, 1.2 * s["demand"]["supply"] / ATMOSPHERE, 120) * ATMOSPHERE
+        lift = displacement_at_inlet(geometry, preload, orifice, inlets)
+        drawn["design_lift.png"] = figures.design_lift(inlets, lift, s["demand"]["supply"], s["demand"]["lift"])
+    return drawn
+
+
+def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure]) -> str:
+    loader = PackageLoader("joints")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    limits = [
+        {
+            "topic": x.topic,
+            "quantity": x.quantity,
+            "used": f"{x.used:.3g}",
+            "there": f"{x.there:.3g}",
+            "unit": _micro(x.unit),
+            "percent": f"{100 * x.share:.0f}" if x.share >= 0.01 else "< 1",
+            "over": x.share > 1,
+            "width": f"{100 * min(x.share, 1):.1f}",
+            "governs": x is design.governing,
+        }
+        for x in design.limits
+    ]
+    return environment.get_template("design.html.j2").render(
+        name=design.joint.name,
+        contact=design.settings["demand"]["contact"],
+        lever=f"{1e3 * np.linalg.norm(design.joint.tooling_ball):.4g}",
+        verdict=_micro(f"{design.verdict[0].upper()}{design.verdict[1:]}."),
+        limits=limits,
+        tables=[
+            {
+                "title": t.title,
+                "columns": [_micro(c) for c in t.columns],
+                "rows": [[_text(c) for c in r] for r in t.rows],
+                "note": t.note,
+            }
+            for t in parts
+        ],
+        figures=[{"name": name, "data": _png(figure)} for name, figure in drawn.items()],
+        version=__version__,
+    )
+
+
+def _micro(text: str) -> str:
+    """As print sets it: µm for the um of terminals and JSON keys."""
+    return re.sub(r"\bum\b", "µm", text)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _png(figure: Figure) -> str:
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=DPI, metadata={"Software": None})
+    return base64.b64encode(image.getvalue()).decode()
