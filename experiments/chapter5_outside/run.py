@@ -1,11 +1,13 @@
 """Chapter 5 with a truth from outside: elastic robots, handed to `discover` and `calibrate` as measured tables.
 
-From the root of the repository: python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--runs 1]
+    python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--runs 1] [--processes 2]
 """
 
 import argparse
 import io
 import json
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -79,26 +81,28 @@ def median_mean(robots: list[dict[str, Any]], model: str, step: int) -> float:
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(prog="python -m experiments.chapter5_outside.run", description=__doc__)
-    for name, kind, default in (("robots", int, 20), ("rigid", int, 5), ("runs", int, 1), ("out", Path, HERE)):
-        parser.add_argument(f"--{name}", type=kind, default=default)
+    sizes = {"robots": 20, "rigid": 5, "runs": 1}
+    for name, default in (*sizes.items(), ("processes", 2)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--out", type=Path, default=HERE)
     chosen = parser.parse_args(arguments)
     search = gp.Search(runs=chosen.runs, strategies=(Linear(),), workers=1)
-    robots: list[dict[str, Any]] = []
-    results: dict[str, Any] = {}
-    for seed, planted in [*((s, True) for s in range(chosen.robots)), *((s, False) for s in range(chosen.rigid))]:
-        robots.append(one_robot(seed, planted, search))
-        print(seed, planted, robots[-1]["named"], robots[-1]["loop"][-1]["mean_mm"], flush=True)
-        results = {
-            "command": f"{parser.prog} --robots {chosen.robots} --rigid {chosen.rigid} --runs {chosen.runs}",
-            "conclusions": conclusions(robots),
-            "median_heldout_mean_mm": {
-                "standard": median_mean(robots, "loop", 1),
-                "hand-made": median_mean(robots, "hand_made", -1),
-                "loop": median_mean(robots, "loop", -1),
-            },
-            "robots": robots,
-        }
-        (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    seeds = [*range(chosen.robots), *range(chosen.rigid)]
+    planted = [True] * chosen.robots + [False] * chosen.rigid
+    with ProcessPoolExecutor(chosen.processes) as pool:
+        robots = list(pool.map(one_robot, seeds, planted, repeat(search)))
+    results = {
+        "command": " ".join([parser.prog, *(f"--{name} {getattr(chosen, name)}" for name in sizes)]),
+        "conclusions": conclusions(robots),
+        "median_heldout_mean_mm": {
+            "standard": median_mean(robots, "loop", 1),
+            "hand-made": median_mean(robots, "hand_made", -1),
+            "loop": median_mean(robots, "loop", -1),
+        },
+        "robots": robots,
+    }
+    (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(results["conclusions"], indent=1))
     return results
 
 
