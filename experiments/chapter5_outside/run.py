@@ -1,6 +1,6 @@
 """Chapter 5 with a truth from outside: elastic robots, handed to `discover` and `calibrate` as measured tables.
 
-    python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--runs 1] [--processes 2]
+python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--runs 1] [--processes 2]
 """
 
 import argparse

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.calibration.result import resolved
+from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Criteria
@@ -66,7 +67,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         plots=_plots(discovery, names),
         seconds=origin.seconds,
     )
-    sentences = (verdict.of_discovery(report), absorbed_in_words(final, absorbed))
+    sentences = (verdict.of_discovery(report), absorbed_in_words(final, absorbed), rivals_in_words(final, poses))
     return replace(report, verdict=" ".join(filter(None, sentences)))
 
 
