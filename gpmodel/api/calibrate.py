@@ -51,7 +51,7 @@ class CalibrationResult:
     @property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        return Model(saved_model(self.calibrated.final, self.calibrated.poses.dataset))
+        return Model(saved_model(self.calibrated.final, self.calibrated.poses))
 
     @property
     def verdict(self) -> str:

@@ -50,7 +50,7 @@ class DiscoveryResult:
     @property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        return Model(saved_model(self.found.final, self.found.poses.dataset))
+        return Model(saved_model(self.found.final, self.found.poses))
 
     @property
     def findings(self) -> tuple[EffectRecord, ...]:

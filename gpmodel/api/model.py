@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import whole
+from gpmodel.api.arguments import limit, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensate_frame
 from gpmodel.application.model_file import SavedModel, save_model
 from gpmodel.application.model_file import load_model as read_saved
-from gpmodel.application.predict import beside, misses, predicted_columns, reads_rows
+from gpmodel.application.predict import beside, misses, predicted_columns
+from gpmodel.application.usable import of_the_session, usable
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.read import dataset_from
@@ -30,11 +31,15 @@ class Model:
     def mechanism(self) -> Mechanism:
         return self.saved.mechanism
 
-    def predict(self, poses: TableLike) -> pd.DataFrame:
+    def predict(self, poses: TableLike, *, session: bool = False) -> pd.DataFrame:
         """`poses` with what the instrument would read: x, y, z [mm] in its frame, rx, ry, rz [deg] where rotations
-        were fitted, and the distances the model knows. A column that is there already is added as `predicted_x`.
+        were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
+        inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
+        `predicted_x`.
 
-        poses: joint values and the further columns the model reads, as in a measured table.
+        poses: joint values and the further columns the model reads, as in a measured table. session: whether they
+        belong to the session the model was fitted to; effects that read its rows or time (`left_out`) are kept only
+        then. Outside its ranges a law that nobody named keeps its value at the edge.
         Raises InputError where a column, a set-up or a tool does not fit the model.
         """
         frame, text, path = frame_to_extend(poses, self.mechanism)
@@ -43,28 +48,35 @@ class Model:
             if text is frame
             else dataset_from(text, path, self.mechanism, need_measurement=False)
         )
-        return beside(frame, predicted_columns(self.saved, dataset))
+        return beside(frame, predicted_columns(usable(self.saved, session=session), dataset))
 
-    def compensate(self, targets: TableLike, *, seed: int = 0) -> pd.DataFrame:
+    def compensate(
+        self, targets: TableLike, *, max_move: float = 2.0, session: bool = False, seed: int = 0
+    ) -> pd.DataFrame:
         """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
-        and what is left of it [mm], and a status a row; a row that is not ok has no joint values.
+        and what is left of it [mm] and [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
+        singular`, the position is reached and not all of the orientation; `outside the measured range`; and without
+        joint values `large move`, `joint limit`, `not reached`.
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
-        frame, with rx, ry, rz for its whole pose. seed: of the starts from which Cartesian targets are solved.
+        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. session: as in
+        `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
+        degrees = limit(max_move, "max_move", 0.0) or 0.0
         frame, text, path = frame_to_extend(targets, self.mechanism)
-        return compensate_frame(self.saved, frame, text, path, np.random.default_rng(whole(seed, "seed")))
+        saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
+        return compensate_frame(saved, frame, text, path, float(np.radians(degrees)), rng)
 
-    def misses(self, poses: TableLike) -> Array:
+    def misses(self, poses: TableLike, *, session: bool = False) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
         dataset = dataset_of(poses, self.mechanism, need_measurement=False)
-        return misses(dataset, predicted_columns(self.saved, dataset))
+        return misses(dataset, predicted_columns(usable(self.saved, session=session), dataset))
 
     @property
-    def reads_rows(self) -> bool:
-        """Whether any effect reads the row number, which means nothing in another session."""
-        return reads_rows(self.saved)
+    def left_out(self) -> tuple[str, ...]:
+        """Effects that read the rows or the time of the session they were fitted to, and nothing else of another."""
+        return tuple(effect.name for effect in of_the_session(self.saved))
 
     def save(self, file: str | Path, **more: Any) -> None:
         """Write model.json. Raises InputError: not writable, or a basis that has no text (a Python function)."""

@@ -12,7 +12,7 @@ from gpmodel.api.arguments import quantity, whole
 from gpmodel.api.display import notebook
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, dataset_of
-from gpmodel.application.model_file import SavedModel
+from gpmodel.application.model_file import SavedModel, unfitted
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -107,7 +107,7 @@ def _truth(made: Simulation) -> SavedModel:
         model=made.model,
         theta=made.theta,
         stderr=np.full(count, np.nan),
-        covariance=np.zeros((count, count)),
+        covariance=unfitted(count),
         placement=made.placement,
         rotation_weight=1.0,
         sigma=made.noise,

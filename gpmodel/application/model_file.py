@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.arrays import Array
-from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
-from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
@@ -32,41 +32,51 @@ TIP_TOLERANCE = 1e-7
 class SavedModel:
     """A fitted model read from text.
 
-    theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: (E, E), zero where
-    not fitted. rotation_weight: m a radian is worth. sigma: m, one component. pose: whether rotations were measured.
-    input_units: units of the extra columns the effects read.
+    theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: of registration, tool
+    and effects together. rotation_weight: m a radian is worth. sigma: m, one component. pose: whether rotations were
+    measured. input_units: units of the extra columns the effects read. ranges: lowest and highest value, SI or the
+    table's unit, of the joints and of every column the effects read, over the poses it was fitted to; empty where
+    nobody fitted it.
     """
 
     model: ErrorModel
     theta: Array
     stderr: Array
-    covariance: Array
+    covariance: Covariance
     placement: Placement
     rotation_weight: float
     sigma: float
     pose: bool
     input_units: Mapping[str, str]
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def mechanism(self) -> Mechanism:
         return self.model.mechanism
 
 
-def saved_model(fit: Calibration, dataset: Dataset) -> SavedModel:
-    """What of a calibration on `dataset` is worth keeping."""
+def saved_model(fit: Calibration, poses: Poses) -> SavedModel:
+    """What of a calibration on `poses` is worth keeping."""
+    dataset = poses.dataset
     read = needed(fit.model, dataset)
-    deviation = np.nan_to_num(fit.stderr)
+    columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}
     return SavedModel(
         model=fit.model,
         theta=fit.theta,
         stderr=fit.stderr,
-        covariance=fit.correlation * np.outer(deviation, deviation),
+        covariance=fit.covariance,
         placement=fit.placement,
         rotation_weight=fit.rotation_weight,
         sigma=fit.sigma,
         pose=dataset.has_rotation,
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
+        ranges={c: (float(poses.states[c].min()), float(poses.states[c].max())) for c in sorted(columns)},
     )
+
+
+def unfitted(effects: int) -> Covariance:
+    """The covariance of a model whose numbers nobody fitted, such as a simulation's truth."""
+    return Covariance(np.zeros((effects, effects)), (), np.zeros(3))
 
 
 def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
@@ -117,7 +127,10 @@ def model_text(saved: SavedModel, **more: Any) -> str:
             }
             for effect, value, stderr in zip(saved.model.effects, saved.theta, saved.stderr, strict=True)
         ],
-        "covariance": saved.covariance,
+        "covariance": saved.covariance.values,
+        "unknowns": saved.covariance.placement,
+        "centre_m": saved.covariance.centre,
+        "ranges": {name: list(limits) for name, limits in saved.ranges.items()},
         "registration": dict(saved.placement.registration),
         "tool": dict(saved.placement.tool),
         "anchors_m": dict(saved.placement.anchors),
@@ -195,18 +208,24 @@ def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> Saved
         {k: _array(v, (4, 4)) for k, v in content["tool"].items()},
         {k: _array(v, (3,)) for k, v in content["anchors_m"].items()},
     )
-    n = len(effects)
+    n, unknowns = len(effects), tuple(content.get("unknowns", ()))
+    size = n + len(unknowns)
     stderr = [np.nan if e["stderr"] is None else float(e["stderr"]) for e in content["effects"]]
     return SavedModel(
         model=ErrorModel(mechanism, effects),
         theta=_array([e["value"] for e in content["effects"]], (n,)),
         stderr=np.array(stderr, dtype=float),
-        covariance=_array(content["covariance"], (n, n)) if n else np.zeros((0, 0)),
+        covariance=Covariance(
+            _array(content["covariance"], (size, size)) if size else np.zeros((0, 0)),
+            unknowns,
+            _array(content.get("centre_m", np.zeros(3)), (3,)),
+        ),
         placement=placement,
         rotation_weight=float(content["lever_m"]),
         sigma=float(content["sigma_m"]),
         pose=bool(content["pose"]),
         input_units=dict(content["input_units"]),
+        ranges={name: (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
     )
 
 

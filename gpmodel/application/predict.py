@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.application.model_file import SavedModel, matched
+from gpmodel.application.uncertainty import point_deviation
+from gpmodel.application.usable import outside
 from gpmodel.arrays import Array
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
 from gpmodel.model.error_model import observe, prepare
@@ -16,13 +18,15 @@ from gpmodel.table.write import joint_column
 def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
     """Columns by header, each (N,): x y z [mm] and, where the model was fitted to poses, rx ry rz [deg], both in
     the instrument's frame; and the distances [mm] the model knows anchors for. Approximate joint values are solved
-    against what the row measured first, and added with the residual [um] they leave.
+    against what the row measured first, and added with the residual [um] they leave. Then the standard deviation
+    sigma [mm] of the predicted point, and the inputs that are `outside` the ranges the model was fitted in.
 
     Raises InputError as `matched`.
     """
     fitting = matched(saved, dataset)
     poses = solve_joints(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement)
-    tip = observe(saved.model, poses, saved.theta, saved.placement).tip
+    observed = observe(saved.model, poses, saved.theta, saved.placement)
+    tip = observed.tip
     columns = {f"{a} [mm]": 1e3 * tip[:, i, 3] for i, a in enumerate("xyz")}
     if saved.pose:
         turns = np.degrees(rotation_vector(tip[:, :3, :3]))
@@ -37,6 +41,8 @@ def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
             header, values = joint_column(f"solved_{joint.name}", joint.kind, poses.dataset.q[:, i])
             columns[header] = values
         columns["residual [um]"] = 1e6 * np.linalg.norm(fitting.position - tip[:, :3, 3], axis=1)
+    columns["sigma [mm]"] = 1e3 * point_deviation(saved, poses, observed)
+    columns["outside"] = np.array(outside(saved, poses.states), dtype=object)
     return columns
 
 
@@ -53,8 +59,3 @@ def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
     error = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
     return error[np.isfinite(error)]
-
-
-def reads_rows(saved: SavedModel) -> bool:
-    """Whether any effect reads the row number, which means nothing in another session."""
-    return any("row" in effect.inputs for effect in saved.model.effects)

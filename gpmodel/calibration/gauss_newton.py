@@ -163,6 +163,7 @@ def _calibration(fitting: Fitting, fitted: Fitted, choices: _Choices, iterations
         stderr=known.stderr,
         kept=choices.kept,
         correlation=known.correlation,
+        covariance=known.covariance,
         unique_share=known.unique_share,
         placed=known.placed,
         sigma=known.sigma,

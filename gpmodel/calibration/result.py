@@ -23,13 +23,27 @@ class Placed:
 
 
 @dataclass(frozen=True)
+class Covariance:
+    """Of registration, tool and effects together: values (P + E, P + E), SI, zero where not fitted.
+
+    placement: names of the P unknowns before the effects. centre: (3,) m in the instrument's frame, about which a
+    twist of the registration turns.
+    """
+
+    values: Array
+    placement: tuple[str, ...]
+    centre: Array
+
+
+@dataclass(frozen=True)
 class Calibration:
     """The fitted numbers and what is needed to distrust them.
 
     theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
-    correlation: (E, E). unique_share: (E,). placed: registration and tool, number by number. sigma: m, one component.
-    error: (N,) 3-D error of each pose, m. outliers: indices of poses left out of the fit. rotation_weight: m that a
-    radian of measured rotation counts. status: converged, stalled, diverged or kept previous; reason says why.
+    correlation: (E, E). covariance: of everything fitted. unique_share: (E,). placed: registration and tool, number by
+    number. sigma: m, one component. error: (N,) 3-D error of each pose, m. outliers: indices of poses left out of the
+    fit. rotation_weight: m that a radian of measured rotation counts. status: converged, stalled, diverged or kept
+    previous; reason says why.
     """
 
     model: ErrorModel
@@ -38,6 +52,7 @@ class Calibration:
     stderr: Array
     kept: Mask
     correlation: Array
+    covariance: Covariance
     unique_share: Array
     placed: tuple[Placed, ...]
     sigma: float

@@ -8,7 +8,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import prior_rows, tool_rows
-from gpmodel.calibration.result import Placed
+from gpmodel.calibration.result import Covariance, Placed
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
@@ -17,11 +17,12 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """stderr, unique_share: (E,), NaN and zero for what is not held. correlation: (E, E). sigma: m, one component.
-    placed: registration and tool. rank: unknowns the measurements determine."""
+    """stderr, unique_share: (E,), NaN and zero for what is not held. correlation: (E, E). covariance: of everything.
+    sigma: m, one component. placed: registration and tool. rank: unknowns the measurements determine."""
 
     stderr: Array
     correlation: Array
+    covariance: Covariance
     unique_share: Array
     placed: tuple[Placed, ...]
     sigma: float
@@ -54,8 +55,11 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
         fixed = ident.orthonormal(believed[:, : problem.placement])
         share[at] = ident.unique_shares(np.hstack([fixed, believed[:, effects]]))[fixed.shape[1] :]
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
+    whole = np.zeros((len(free), len(free)))
+    whole[np.ix_(free, free)] = covariance
+    everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
-    return Uncertainty(stderr, correlation, share, placed, sigma, rank)
+    return Uncertainty(stderr, correlation, everything, share, placed, sigma, rank)
 
 
 def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:

@@ -40,6 +40,13 @@ def command_line() -> str:
     return " ".join(["gpmodel", *sys.argv[1:]])
 
 
+def session_note(names: tuple[str, ...], session: bool) -> str:
+    """What becomes of effects that belong to the session a model was fitted to."""
+    if session:
+        return f"row k is taken for row k of the session the model was fitted to: {', '.join(names)}"
+    return f"left out, as of the session the model was fitted to: {', '.join(names)}; --session keeps them"
+
+
 def what_next(folder: Path, record: Report) -> str:
     """The files of a calibration or a discovery, and the commands that use them."""
     lines = [

@@ -85,7 +85,7 @@ def test_a_saved_model_predicts_and_compensates_frames(tmp_path: Path) -> None:
     model = gp.load_model(tmp_path / "model.json")
     joints = FRAME[[f"J{i} [deg]" for i in range(1, 7)]].astype(float)
     predicted = model.predict(joints)
-    assert predicted.columns.tolist()[-3:] == ["x [mm]", "y [mm]", "z [mm]"]
+    assert predicted.columns.tolist()[-5:] == ["x [mm]", "y [mm]", "z [mm]", "sigma [mm]", "outside"]
     miss = predicted[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() - FRAME[["x [mm]", "y [mm]", "z [mm]"]].astype(float)
     assert np.linalg.norm(miss, axis=1).mean() < 0.1
     assert model.misses(FRAME).mean() < 0.1

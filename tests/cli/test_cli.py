@@ -189,12 +189,15 @@ def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     assert report["parameters"] == []
 
 
-def test_predict_says_that_a_model_reads_the_rows(tmp_path: Path) -> None:
-    path = write(table(60), tmp_path / "t.csv")
-    for effect, said in (("drift", 1), ("gear_ratio J3", 0)):
-        out = tmp_path / effect.replace(" ", "_")
-        run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out)
-        assert run("predict", out / "model.json", path).stderr.count("the model reads row") == said
+def test_predict_leaves_out_what_belongs_to_another_session_and_says_so(tmp_path: Path) -> None:
+    path = write(table(60, effects=("J1.moving:Rz:row=3e-5",)), tmp_path / "t.csv")
+    for effect, said in (("J1.moving:Rz:row", 1), ("gear_ratio J3", 0)):
+        out = tmp_path / str(said)
+        assert run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out).exit_code == 0
+        other, same = (run("predict", out / "model.json", path, *more) for more in ((), ("--session",)))
+        assert other.stderr.count("left out") == said
+        assert same.stderr.count("row k is taken for row k") == said
+        assert (other.stdout != same.stdout) == bool(said)
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""
 
 
@@ -205,8 +208,10 @@ def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None
     joints = write(frame[[f"J{i} [deg]" for i in range(1, 7)]].assign(who="me"), tmp_path / "poses.csv")
     result = run("predict", tmp_path / "o" / "model.json", joints)
     header, first, *_ = result.stdout.splitlines()
-    assert header == ",".join([*(f"J{i} [deg]" for i in range(1, 7)), "who", "x [mm]", "y [mm]", "z [mm]"])
-    predicted = np.array(first.split(",")[-3:], dtype=float)
+    added = ["x [mm]", "y [mm]", "z [mm]", "sigma [mm]", "outside"]
+    assert header == ",".join([*(f"J{i} [deg]" for i in range(1, 7)), "who", *added])
+    predicted = np.array(first.split(",")[-5:-2], dtype=float)
+    assert 0.0 < float(first.split(",")[-2]) < 0.3
     measured = frame[["x [mm]", "y [mm]", "z [mm]"]].astype(float).to_numpy()[0]
     assert np.linalg.norm(predicted - measured) < 0.3
     beside = run("predict", tmp_path / "o" / "model.json", path, "--out", tmp_path / "o")
@@ -215,7 +220,7 @@ def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None
         (tmp_path / "o" / "predicted.csv")
         .read_text()
         .splitlines()[0]
-        .endswith("note,predicted_x [mm],predicted_y [mm],predicted_z [mm]")
+        .endswith("note,predicted_x [mm],predicted_y [mm],predicted_z [mm],sigma [mm],outside")
     )
 
 

@@ -1,0 +1,138 @@
+"""Where the tool is in the mechanism's root frame, and joint values that bring it somewhere."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array, IntArray
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.observed import Observed
+from gpmodel.model.states import States
+from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
+
+LENGTH = 0.3
+"""Metres that a radian of the tool's orientation counts: the lever of a tool of ordinary size."""
+REACHED = 1e-7
+"""Metres within which a target is reached: a tenth of the micrometre that is promised."""
+ITERATIONS = 60
+DAMPING = 1e-12
+LONGEST_STEP = 0.3
+POOL = 4096
+NEAREST = 6
+SEEDS = 24
+
+
+@dataclass(frozen=True)
+class Look:
+    """At joint values: what is missing to the target (N, 6), m and rad, and its change (N, 6, n) per joint value."""
+
+    miss: Array
+    jacobian: Array
+
+
+def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
+    """Tool poses in the root frame, nominal or real, and what moves them."""
+    root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
+    bare = replace(dataset, distances={}, observations=())
+    if nominal:
+        poses = Poses(bare, saved.mechanism.transforms(bare.q), States({"row": bare.row.astype(float)}, {"row": "1"}))
+        return poses, observe(ErrorModel(saved.mechanism, ()), poses, np.zeros(0), root)
+    poses = prepare(saved.mechanism, bare)
+    return poses, observe(saved.model, poses, saved.theta, root)
+
+
+def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> Look:
+    """What is missing to targets (N, 4, 4) in the root frame; exact for the nominal mechanism, and off by the size of
+    the errors for the real one, whose joints are taken to move it as they would the nominal one."""
+    observed = tips(saved, dataset, nominal=nominal)[1]
+    turn = target[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2)
+    miss = np.hstack([target[:, :3, 3] - observed.tip[:, :3, 3], se3.rotation_vector(turn)])
+    return Look(miss, _jacobian(saved.mechanism, observed))
+
+
+def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
+    columns = []
+    for joint in mechanism.joints:
+        parts = [w * observed.sensitivity(mechanism.slots.index(s))[:, :6, AXES.index(a)] for s, a, w in joint.drive]
+        columns.append(np.sum(parts, axis=0))
+    return np.stack(columns, axis=2)
+
+
+def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
+    """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by LENGTH.
+
+    Levenberg-Marquardt for every row by itself. Source: Moré (1978). whole: position and orientation, or position.
+    """
+    weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
+
+    def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
+        found = look_at(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal=nominal)
+        return found.miss * weight, found.jacobian * weight[:, None]
+
+    return _levenberg(look, np.array(dataset.q))
+
+
+def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array) -> tuple[Array, Array]:
+    miss, jacobian = look(q, np.arange(len(q)))
+    damping = np.full(len(q), DAMPING)
+    for _ in range(ITERATIONS):
+        active = np.flatnonzero((np.linalg.norm(miss, axis=1) > REACHED / 100) & (damping < 1e3))
+        if len(active) == 0:
+            break
+        columns = jacobian[active]
+        square = columns @ np.swapaxes(columns, 1, 2) + damping[active, None, None] * np.eye(6)
+        step = (np.swapaxes(columns, 1, 2) @ np.linalg.solve(square, miss[active][:, :, None]))[:, :, 0]
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
+        tried, slopes = look(q[active] + step, active)
+        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(miss[active], axis=1)
+        good = active[better]
+        q[good], miss[good], jacobian[good] = (q[active] + step)[better], tried[better], slopes[better]
+        damping[active] = np.where(better, np.maximum(damping[active] / 10, DAMPING), damping[active] * 5)
+    return q, np.linalg.norm(miss, axis=1)
+
+
+def inverse(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator) -> Array:
+    """Nominal joint values (N, n) for targets (N, 4, 4): of the solutions from several starts, the one nearest the
+    middle of the ranges. The starts are the poses of a random pool whose tools are nearest; where they lead nowhere,
+    random ones."""
+    pool = random_poses(saved.mechanism, POOL, rng)
+    many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)
+    near = cKDTree(_place(tips(saved, many, nominal=True)[1].tip, whole))
+    starts = pool[near.query(_place(target, whole), k=NEAREST)[1]]
+    q, cost = _best(saved, dataset, target, whole, starts)
+    lost = np.flatnonzero(cost >= 1e3)
+    if len(lost):
+        starts = random_poses(saved.mechanism, len(lost) * SEEDS, rng).reshape(len(lost), SEEDS, -1)
+        again, other = _best(saved, dataset.subset(lost), target[lost], whole, starts)
+        q[lost] = np.where((other < cost[lost])[:, None], again, q[lost])
+    return q
+
+
+def _place(frames: Array, whole: bool) -> Array:
+    """Points whose distances are those of tool poses: position, and the axes times LENGTH."""
+    axes = LENGTH * frames[:, :3, :3].reshape(len(frames), 9)
+    return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
+
+
+def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
+    """Of the solutions from starts (N, k, n), the best (N, n) and its cost (N,): 1000 and more where there is none."""
+    mechanism = saved.mechanism
+    count, tries, joints = starts.shape
+    each = np.repeat(np.arange(count), tries)
+    many = replace(dataset.subset(each), q=starts.reshape(-1, joints))
+    q, left = solve(saved, many, target[each], whole, nominal=True)
+    turning = np.array([j.kind == "revolute" for j in mechanism.joints])
+    q = np.where(turning, (q + np.pi) % (2 * np.pi) - np.pi, q)
+    lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
+    middle = np.where(np.isfinite(lower + upper), (lower + upper) / 2, 0.0)
+    width = np.where(np.isfinite(upper - lower), upper - lower, 2 * np.pi)
+    cost = np.linalg.norm((q - middle) / width, axis=1) + 10.0 * ((q < lower) | (q > upper)).any(axis=1)
+    cost = (cost + np.where(left < REACHED * 10, 0.0, 1e3 + left)).reshape(count, tries)
+    chosen = cost.argmin(axis=1)
+    return q[chosen + tries * np.arange(count)], cost[np.arange(count), chosen]

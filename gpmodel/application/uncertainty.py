@@ -1,0 +1,48 @@
+"""How well a model knows where the tool is."""
+
+import numpy as np
+
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.error_model import Poses
+from gpmodel.model.observed import Observed
+
+
+def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
+    """Standard deviation (N,), m, of the predicted point: √ trace(J Σ Jᵀ) over everything fitted.
+
+    It says how well the parameters are known, not what the instrument adds. placed: whether registration and tool are
+    in it, as in the instrument's frame. NaN where nobody fitted the model.
+    """
+    if len(saved.stderr) and not np.isfinite(saved.stderr).any():
+        return np.full(len(poses), np.nan)
+    first = len(saved.covariance.placement)
+    columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
+    if placed:
+        columns = np.concatenate([_placement_columns(saved, poses, observed), columns], axis=2)
+    values = saved.covariance.values if placed else saved.covariance.values[first:, first:]
+    if not values.size:
+        return np.zeros(len(poses))
+    size, axes = np.linalg.eigh(values)
+    return np.linalg.norm(columns @ (axes * np.sqrt(np.maximum(size, 0.0))), axis=(1, 2))
+
+
+def _placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
+    """Change (N, 3, P) of the point per unknown of registration and tool, in the instrument's axes."""
+    tip, labels = observed.tip, poses.dataset
+    out = np.zeros((len(tip), 3, len(saved.covariance.placement)))
+    arm = tip[:, :3, 3] - saved.covariance.centre
+    for k, name in enumerate(saved.covariance.placement):
+        what, axis = name.split(" ", 1)[0], name.rsplit(" ", 1)[1]
+        if what not in ("registration", "tool"):
+            continue
+        label = name.removeprefix(what).removesuffix(axis).strip()
+        here = labels.label("setup" if what == "registration" else "tool") == label
+        unit = np.eye(3)[AXES.index(axis) % 3]
+        if what == "registration":
+            out[here, :, k] = unit if axis.startswith("T") else np.cross(unit, arm[here])
+        elif axis.startswith("T"):
+            out[here, :, k] = tip[here, :3, :3] @ unit
+    return out

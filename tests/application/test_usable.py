@@ -1,0 +1,76 @@
+"""What a model says of poses nobody measured: how well, within which ranges, and without another session's effects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli_cases import robot, table
+
+import gpmodel as gp
+from gpmodel.application.predict import predicted_columns
+from gpmodel.application.usable import usable
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.error_model import prepare
+from gpmodel.table.dataset import Dataset
+
+LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
+
+
+def model(seed: int, *effects: str | gp.Effect) -> gp.Model:
+    return gp.calibrate(gp.load_mechanism("irb6400r"), table(50, seed=seed), effects).model
+
+
+def test_the_deviation_covers_where_the_instrument_sees_the_true_point() -> None:
+    """Over repetitions of one robot's measurement, misses over their stated deviations have a mean square of one."""
+    mechanism, truth = robot(50, seed=2, noise=0.0)
+    rng, found = np.random.default_rng(5), []
+    clean = truth.dataset.position
+    fresh = replace(truth.dataset, q=random_poses(mechanism, 50, rng))
+    for _ in range(8):
+        noisy = replace(truth.dataset, position=clean + rng.normal(0.0, 3e-5, clean.shape))
+        fitted = gp.calibrate(mechanism, noisy, holdout=0.0, condition_limit=1e4).model
+        found.append(fitted.predict(fresh))
+    spread = np.std([frame[[f"predicted_{c}" for c in LENGTHS]].to_numpy() for frame in found], axis=0, ddof=1)
+    stated = np.mean([frame["sigma [mm]"].to_numpy() for frame in found], axis=0)
+    assert np.mean(np.linalg.norm(spread, axis=1) ** 2) == pytest.approx(np.mean(stated**2), rel=0.35)
+
+
+def test_beyond_its_ranges_an_unnamed_law_keeps_its_edge_and_a_named_one_goes_on() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    measured = table(60, effects=("J3.moving:Ry:J3**3=1 mrad",))
+    for family, clamped in (("", True), ("hardening_stiffness", False)):
+        law = Effect("law", (Term("J3.moving", "Ry", gp.Expression("J3**3")),), "rad", family)
+        saved = gp.calibrate(arm, measured, [law], standard=("none",)).model.saved
+        low, high = saved.ranges["J3"]
+        q = np.zeros((3, 6))
+        q[:, 2] = high, high + 0.1, high + 0.3
+        blank = np.full((3, 3), np.nan)
+        poses = Dataset(tuple(j.name for j in arm.joints), q, blank, blank.copy(), np.arange(1, 4), np.zeros(3))
+        out = predicted_columns(usable(saved), poses)
+        assert out["outside"].tolist() == ["", "J3", "J3"]
+        twist = usable(saved).model.effects[0].terms[0].basis(prepare(arm, poses).states)
+        assert (np.ptp(twist[:2]) == 0.0) == clamped
+        assert low < high
+
+
+def test_within_its_ranges_nothing_changes() -> None:
+    fitted = model(1, gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("sin(2*J4)*J2")))
+    frame = table(50, seed=1)
+    poses = gp.read_table(frame, fitted.mechanism)
+    whole, used = (predicted_columns(saved, poses) for saved in (fitted.saved, usable(fitted.saved)))
+    np.testing.assert_array_equal(whole["x [mm]"], used["x [mm]"])
+    assert set(used["outside"]) == {""}
+
+
+def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
+    frame = table(60, effects=("J1.moving:Rz:clock=1e-6",), inputs={"clock": np.linspace(0.0, 600.0, 60)},
+                  input_units={"clock": "s"})  # fmt: skip
+    arm = gp.load_mechanism("irb6400r")
+    fitted = gp.calibrate(arm, frame, ["J1.moving:Rz:clock"]).model
+    assert fitted.left_out == ("J1.moving:Rz:clock",)
+    bare = frame.drop(columns="clock [s]")
+    assert len(fitted.predict(bare)) == 60
+    with pytest.raises(gp.InputError, match="column 'clock \\[s\\]' is missing"):
+        fitted.predict(bare, session=True)
+    assert fitted.misses(frame, session=True).mean() < fitted.misses(frame).mean()
