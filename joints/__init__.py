@@ -1,12 +1,16 @@
 """Precision spherical joints: the joint as a mechanism, and the models it is designed with."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gpmodel.errors import InputError
-from joints.description import describes_joint, read_joint, spherical_joint
-from joints.passive_joint import PassiveJoint, vector
+
+if TYPE_CHECKING:
+    from joints.passive_joint import PassiveJoint
 
 SPHERICAL_JOINT = "spherical-joint"
 
@@ -14,6 +18,13 @@ SPHERICAL_JOINT = "spherical-joint"
 def mechanism_names() -> tuple[str, ...]:
     """Names that load_mechanism knows."""
     return (SPHERICAL_JOINT,)
+
+
+def spherical_joint() -> PassiveJoint:
+    """The thesis' joint on its test rig."""
+    from joints.description import spherical_joint as described
+
+    return described()
 
 
 def load_mechanism(
@@ -24,6 +35,9 @@ def load_mechanism(
     frame: only `TCP`, the centre of the tooling ball. payload_com: (3,) m from there, in the frame after the last
     rotation. Raises InputError for another frame or a bad file.
     """
+    from joints.description import describes_joint, read_joint
+    from joints.passive_joint import vector
+
     if name == SPHERICAL_JOINT:
         joint = spherical_joint()
     elif Path(name).suffix.lower() == ".toml" and describes_joint(Path(name)):

@@ -1,5 +1,7 @@
 """`gpmodel joint`: the spherical joint's engineering models from the command line."""
 
+from __future__ import annotations
+
 import io
 import json
 import math
@@ -8,14 +10,16 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 from rich.table import Table as RichTable
 
 from gpmodel.errors import InputError
-from joints.studies.study import Study, Table, plain
+
+if TYPE_CHECKING:
+    from joints.studies.study import Study, Table
 
 _HELP = {
     "design": "One page for a joint: every limit, and the one that governs.",
@@ -92,6 +96,8 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
+    from joints.studies.study import plain
+
     record = {"schema": 1, "command": f"joint {name}", "seed": seed, **plain(study.data)}
     numbers = (json.dumps(record, indent=1) + "\n").encode()
     files: dict[Path, bytes] = {}

@@ -98,7 +98,7 @@ def test_command_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(EntryPoint, "load", lambda self: extra)
     monkeypatch.setattr(cli, "entry_points", lambda group, name="extra": [plugin] if name == "extra" else [])
-    assert "extra " in run("--help").stdout
+    assert "\n  extra" in run("--help").stdout
     assert run("extra").stdout == "from outside\n"
 
 
