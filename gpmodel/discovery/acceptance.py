@@ -9,11 +9,13 @@ from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.discovery.criteria import Criteria, Test, Verdict
 from gpmodel.discovery.cross_validation import Predicted, better_by, cross_validated, paired_t
+from gpmodel.discovery.dependence import inflation
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import Score
+from gpmodel.discovery.score import Score, fit_nats
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
@@ -22,14 +24,13 @@ from gpmodel.numerics import rank as ident
 class Hypothesis:
     """A candidate with what speaks for and against it, all from training poses.
 
-    p_value: of its score among `shuffles` shuffled residuals. cv_rms: m, cross-validated 3-D RMS with it; cv_before:
-    without. rivals: names and cv_rms of what else it could be.
+    chance: of its score on shuffled residuals. cv_rms: m, cross-validated 3-D RMS with it; cv_before: without.
+    rivals: names and cv_rms of what else it could be.
     """
 
     candidate: Candidate
     score: Score
-    p_value: float
-    shuffles: int
+    chance: Chance
     cv_rms: float
     cv_before: float
     rivals: tuple[tuple[str, float], ...]
@@ -38,6 +39,15 @@ class Hypothesis:
     @property
     def accepted(self) -> bool:
         return self.verdict.accepted
+
+    @property
+    def p_value(self) -> float:
+        return self.chance.p
+
+    @property
+    def shuffles(self) -> int:
+        """How many shuffled residuals its chance was told from."""
+        return self.chance.shuffles
 
     @property
     def why(self) -> str:
@@ -125,24 +135,30 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
     """The verdict on a group of alike candidates, its leader first; before: predictions without any of them."""
     criteria = residual.criteria
     chosen, candidate = named(criteria, pool, group)
-    score, p_value = pool.scores[chosen], pool.p_value(group[0])
-    shuffles = len(pool.nulls[pool.candidates[group[0]].found_by])
+    score, chance = pool.scores[chosen], pool.chance(group[0])
     after = cross_validated(residual, candidate.effects)
-    cv_t = paired_t(before.per_pose - after.per_pose)
+    cv_t = paired_t(before.per_unit - after.per_unit)
+    inflated = inflation(residual, candidate)
     tests = [
-        Test("chance", p_value, criteria.significance, p_value < criteria.significance),
+        Test("chance", chance.p, criteria.significance, chance.p < criteria.significance),
         Test("nats", score.nats, criteria.minimum_nats, score.nats > criteria.minimum_nats),
         Test("cross-validation", cv_t, criteria.minimum_cv_t, cv_t > criteria.minimum_cv_t),
     ]
+    for name, factor in inflated.items():
+        if factor > 1.0:
+            nats = score.nats - float(fit_nats(residual, score.gain)) * (1.0 - 1.0 / factor)
+            tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
     if not candidate.has_priors:
-        sigmas, sign = _sigmas(residual, candidate), _sign_is_stable(after.coefficients)
+        plain = _sigmas(residual, candidate)
+        sigmas = plain / np.sqrt(max(inflated.values(), default=1.0))
+        sign = _sign_is_stable(after.coefficients)
         tests += [
             Test("coefficient", sigmas, criteria.minimum_sigmas, sigmas > criteria.minimum_sigmas),
             Test("sign", float(sign), 1.0, sign),
             Test("unique share", score.share, criteria.minimum_share, score.share > criteria.minimum_share),
         ]
     others = rivals(residual, pool, candidate, group, search.rivals)
-    return Hypothesis(candidate, score, p_value, shuffles, after.rms, before.rms, others, Verdict(tuple(tests)))
+    return Hypothesis(candidate, score, chance, after.rms, before.rms, others, Verdict(tuple(tests)))
 
 
 def _sigmas(residual: Residual, candidate: Candidate) -> float:

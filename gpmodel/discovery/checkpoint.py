@@ -15,13 +15,14 @@ from gpmodel.discovery.explore import Exploration, Histogram
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.score import Score
 from gpmodel.errors import InputError
+from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate, Inner
 from gpmodel.files import write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 
 NAME = "progress.json"
-SCHEMA = 2
+SCHEMA = 3
 _TYPES = {
     t.__name__: t
     for t in (
@@ -30,6 +31,7 @@ _TYPES = {
         Hypothesis,
         Verdict,
         Test,
+        Chance,
         Candidate,
         Inner,
         Effect,

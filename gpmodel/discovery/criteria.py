@@ -24,6 +24,12 @@ class Criteria:
     them, that every part of an unnamed expression must speak for: fewer is a spike at the worst poses.
     largest_between: how many times larger than at the measured poses a basis may be between them; more is a pole.
 
+    fewest_bundles: groups of poses below which too few orders of whole groups differ to tell chance, and only repeats
+    of a pose are kept together. blocks: stretches of rows, and regions of space, in which poses are
+    allowed to depend on one another; ten leave each long enough to hold what drifts through a session.
+    confirmation: one-sided chance, on the held-out poses, that what was found predicts no better than the standard
+    model; above it the standard model is shipped.
+
     outlier_sigmas: robust standard deviations beyond which a pose's residual is winsorised; beyond six a Gaussian has
     one pose in 5e8. folds: of cross-validation, the usual ten (Kohavi 1995). shuffles: permutations of the residual
     the catalogue is scored on. input_significance: of an input in the histogram, after correction for their number.
@@ -43,6 +49,9 @@ class Criteria:
     fewest_share: float = 0.05
     largest_between: float = 4.0
     outlier_sigmas: float = 6.0
+    fewest_bundles: int = 20
+    blocks: int = 10
+    confirmation: float = 0.1
     folds: int = 10
     shuffles: int = 199
     input_significance: float = 0.05
@@ -66,6 +75,10 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",
+    "repeats": lambda t: f"repeats counted once, it saves {t.value:.1f} nats, limit {t.limit}",
+    "rows": lambda t: f"what drifts along the rows taken off, it saves {t.value:.1f} nats, limit {t.limit}",
+    "space": lambda t: f"what varies over the space taken off, it saves {t.value:.1f} nats, limit {t.limit}",
+    "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
     "preference": lambda t: "passes, but another was preferred: judged again in the next round",
 }
 

@@ -14,10 +14,11 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class Predicted:
-    """3-D RMS of the predictions, m; squared error (N,) of each pose, m²; coefficients (folds, E) of the effects."""
+    """3-D RMS of the predictions, m; squared error (U,) summed over each independent unit of poses, m²; coefficients
+    (folds, E) of the effects."""
 
     rms: float
-    per_pose: Array
+    per_unit: Array
     coefficients: Array
 
 
@@ -36,7 +37,8 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
         miss = target[test] - system[test] @ old - extra[test] @ new
         np.add.at(per_pose, residual.problem.pose_of_row[test], miss**2)
         coefficients.append(new / scale)
-    return Predicted(float(np.sqrt(per_pose.mean())), per_pose, np.array(coefficients))
+    per_unit = np.bincount(residual.unit_of_pose, per_pose).astype(float)
+    return Predicted(float(np.sqrt(per_pose.mean())), per_unit, np.array(coefficients))
 
 
 def paired_t(gain: Array) -> float:
@@ -46,8 +48,8 @@ def paired_t(gain: Array) -> float:
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """The paired t by which effects predict better than others, pose by pose."""
-    return paired_t(cross_validated(residual, others).per_pose - cross_validated(residual, effects).per_pose)
+    """The paired t by which effects predict better than others, unit by unit of independent poses."""
+    return paired_t(cross_validated(residual, others).per_unit - cross_validated(residual, effects).per_unit)
 
 
 def _refitted(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:

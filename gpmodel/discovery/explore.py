@@ -17,6 +17,7 @@ from gpmodel.discovery.score import saved
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
 from gpmodel.errors import InputError
+from gpmodel.evolution.chance import chance
 from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.representation import label
@@ -31,7 +32,6 @@ from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 from gpmodel.numerics.least_squares import MANY_COLUMNS
-from gpmodel.numerics.null_distribution import chance
 from gpmodel.progress import Teller
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
@@ -270,7 +270,7 @@ def referenced(
         table = [[yes, len(real) - yes], [chance_yes, len(by_chance) - chance_yes]]
         best = max((saved(run) for run in real if name in run.best.program.inputs), default=-np.inf)
         by_count.append(min(1.0, len(inputs) * float(stats.fisher_exact(table, "greater").pvalue)))
-        by_strength.append(min(1.0, len(inputs) * chance(best, null)))
+        by_strength.append(min(1.0, len(inputs) * chance(best, null).p))
     p_values = tuple(map(max, by_count, by_strength))
     return Histogram(
         inputs=inputs,

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, judge
+from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Turn, explore
 from gpmodel.discovery.null import shuffled
@@ -19,6 +21,7 @@ from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.result import Discovery, Finding, Round, Step
 from gpmodel.discovery.score import best_nats, scores
 from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
@@ -68,6 +71,10 @@ class _Loop:
         again = without_outlier_marks(start) if start else None
         return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
 
+    def refitted(self, fit: Calibration) -> Calibration:
+        """The same model fitted to all poses, with the condition limit that the training poses chose."""
+        return calibrate(fit.model, self.poses, condition_limit=fit.condition_limit, start=fit, seed=self.seed)
+
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         heldout = errors_on(calibration, self.poses.subset(self.heldout))
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
@@ -92,14 +99,21 @@ def discover(
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
+    After it they decide one thing: whether what was found is shipped, or the standard model.
+
     train, heldout: rows of `poses`. candidates: what may be missing, beside what GP evolves. standard: the effects of
     the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
     condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
     tried. keep: called after every round with all that is finished. resume: findings and rounds of an interrupted
-    run that was asked the same; it goes on to the same numbers.
+    run that was asked the same; it goes on to the same numbers. Raises InputError where no held-out pose is of a
+    set-up and tool trained on.
     """
     started = time.monotonic()
     search = search or Search()
+    given = len(poses)
+    poses, train, heldout = _of_known_places(poses, train, heldout)
+    if len(poses) < given:
+        progress(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
     loop = _Loop(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
         distinct(candidates), search, criteria or Criteria(), condition_limit, seed, Teller(progress),
@@ -122,12 +136,30 @@ def discover(
         keep(loop.findings, loop.rounds)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
-    limit = calibration.condition_limit
-    final = calibrate(loop.model(loop.findings), poses, condition_limit=limit, start=calibration, seed=seed)
+    found = loop.refitted(calibration)
+    doubt = None
+    if loop.findings:
+        doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)
+    final = found if doubt is None or doubt.confirmed else loop.refitted(standard_fit)
     return Discovery(
-        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), final,
-        loop.standard, time.monotonic() - started, stopped,
+        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), found, final,
+        doubt, loop.standard, time.monotonic() - started, stopped,
     )  # fmt: skip
+
+
+def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
+    """The poses without the held-out ones of set-ups and tools that no training pose is of, and the rows again."""
+    data = poses.dataset
+    known = heldout[known_rows(data.subset(train), data.subset(heldout))]
+    if len(heldout) and not len(known):
+        raise InputError(
+            f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
+            "of poses that lie within set-ups and tools, or another seed or share to hold out"
+        )
+    if len(known) == len(heldout):
+        return poses, train, heldout
+    kept = np.sort(np.concatenate([train, known]))
+    return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, known)
 
 
 def _ladder(loop: _Loop, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:

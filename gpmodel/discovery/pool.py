@@ -1,13 +1,13 @@
 """The candidates of one round with what each saves, and what chance saves."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import Score, scores
+from gpmodel.evolution.chance import Chance, chance
 from gpmodel.families.candidate import Candidate
-from gpmodel.numerics.null_distribution import chance
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Pool:
     scores: tuple[Score, ...]
     nulls: Mapping[str, Array]
 
-    def p_value(self, i: int) -> float:
+    def chance(self, i: int) -> Chance:
         """Chance of the score among shuffled residuals, times the number of searches that competed."""
-        null = self.nulls[self.candidates[i].found_by]
-        return min(1.0, len(self.nulls) * chance(self.scores[i].nats, null))
+        found = chance(self.scores[i].nats, self.nulls[self.candidates[i].found_by])
+        return replace(found, p=min(1.0, len(self.nulls) * found.p))
 
 
 def pool_of(residual: Residual, candidates: Sequence[Candidate], nulls: Mapping[str, Array]) -> Pool:

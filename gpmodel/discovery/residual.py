@@ -12,6 +12,7 @@ from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.priors import prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.units import independent_units
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
@@ -30,7 +31,8 @@ class Residual:
     Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
     far as their priors let them, no further. enabled: (M + B, K) orthonormal columns of the model. values: (M + B,).
     system, target: the columns (M + B, K') and right side these came from. fold_of_row: (M,).
-    winsorised: (N,) poses whose residual was shortened. criteria: the limits everything about it is held to.
+    unit_of_pose: (N,) which poses count as one observation. winsorised: (N,) poses whose residual was shortened.
+    criteria: the limits everything about it is held to.
     """
 
     calibration: Calibration
@@ -41,6 +43,7 @@ class Residual:
     enabled: Array
     values: Array
     fold_of_row: IntArray
+    unit_of_pose: IntArray
     winsorised: Mask
     criteria: Criteria
 
@@ -139,7 +142,8 @@ def residual_of(
     values = ident.remove(enabled, target)
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     return Residual(
-        calibration, problem.poses, problem, system, target, enabled, values, fold, shrink < 1.0, criteria
+        calibration, problem.poses, problem, system, target, enabled, values, fold,
+        independent_units(poses.dataset, criteria), shrink < 1.0, criteria,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.confirmation import Confirmation
 from gpmodel.discovery.explore import Exploration
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism
@@ -47,7 +48,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything the loop found, in order."""
+    """Everything the loop found, in order.
+
+    found: the model with all findings, fitted to all poses. confirmation: of it on the held-out poses, None without
+    findings. final: the model to ship, `found` where it is confirmed, else the standard model, fitted to all poses.
+    """
 
     mechanism: Mechanism
     poses: Poses
@@ -56,7 +61,14 @@ class Discovery:
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
     rounds: tuple[Round, ...]
+    found: Calibration
     final: Calibration
+    confirmation: Confirmation | None
     standard_model: tuple[Effect, ...]
     seconds: float
     stopped: str
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the held-out poses bear out all that was added; nothing added is nothing to doubt."""
+        return self.confirmation is None or self.confirmation.confirmed

@@ -26,10 +26,14 @@ class Score:
     share: float
 
 
+def fit_nats(residual: Residual, gain: float | Array) -> float | Array:
+    """What a gain is worth before anything is paid for it, nats: dof/2 · (-ln(1 - gain))."""
+    return -0.5 * residual.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
+
+
 def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float) -> float | Array:
     """Description length, nats: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
-    fit = -0.5 * residual.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
-    return fit - 0.5 * unknowns * np.log(residual.measured) - cost
+    return fit_nats(residual, gain) - 0.5 * unknowns * np.log(residual.measured) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
+from gpmodel.evolution.chance import chance
 from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.05
-_EULER = 0.5772156649015329
 
 
 @dataclass(frozen=True)
@@ -92,23 +92,17 @@ def corrected_p_values(real: Sequence[RunRecord], null: Sequence[RunRecord], inp
 
     Count: Fisher's exact test of runs that reference it against shuffled runs that do, times the number of
     inputs. Strength: the chance that the best shuffled program, whatever it references, reaches the best that
-    references this input, by a Gumbel distribution fitted to the shuffled runs (Gumbel 1958); being a maximum
-    over inputs it needs no further correction. Without at least three shuffled runs nothing is claimed: 1.
+    references this input (``gpmodel.evolution.chance``); being a maximum over inputs it needs no further correction.
     """
-    if len(null) < 3 or not real:
+    if not real:
         return np.ones(len(inputs))
     from scipy.stats import hypergeom
 
     by_chance = np.array([record.strength for record in null])
-    scale = max(float(by_chance.std(ddof=1)) * np.sqrt(6.0) / np.pi, 1e-12)
-    mode = float(by_chance.mean()) - _EULER * scale
     total = len(real) + len(null)
     found = []
     for name, here, there in zip(inputs, referencing(real, inputs), referencing(null, inputs), strict=True):
         count = float(hypergeom.sf(here - 1, total, here + there, len(real)))
         best = max((r.strength for r in real if name in r.program.inputs), default=-np.inf)
-        strength = 1.0
-        if best > mode - 20.0 * scale:
-            strength = float(-np.expm1(-np.exp(-(best - mode) / scale)))
-        found.append(min(1.0, max(count * len(inputs), strength)))
+        found.append(min(1.0, max(count * len(inputs), chance(best, by_chance).p)))
     return np.array(found)

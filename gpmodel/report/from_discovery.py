@@ -9,8 +9,6 @@ from gpmodel.calibration.result import resolved
 from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.cross_validation import paired_t
 from gpmodel.discovery.explore import Histogram
 from gpmodel.discovery.result import Discovery, Round, Step
 from gpmodel.report import fitted, verdict
@@ -84,16 +82,12 @@ def _step(step: Step) -> StepRecord:
 
 def _confirmation(discovery: Discovery) -> Confirmation | None:
     """Whether what was added predicts held-out poses better than the standard model; None where nothing was added."""
-    before, after = discovery.steps[1].heldout_error, discovery.steps[-1].heldout_error
-    if not discovery.findings or len(after) < 2:
-        return None
-    found = paired_t(before**2 - after**2)
-    limit = Criteria().minimum_cv_t
-    return Confirmation(float(found), limit, bool(found > limit))
+    found = discovery.confirmation
+    return None if found is None else Confirmation(found.t, found.p, found.limit, found.units, found.confirmed)
 
 
 def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:
-    finding, final, states = discovery.findings[i], discovery.final, discovery.poses.states
+    finding, final, states = discovery.findings[i], discovery.found, discovery.poses.states
     candidate, hypothesis = finding.candidate, finding.hypothesis
     number = quantity(final, candidate, states)
     first = candidate.effects[0].terms[0]

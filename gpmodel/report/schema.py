@@ -103,13 +103,16 @@ class RankRecord:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Paired test on the held-out poses of the last step against the standard model.
+    """Paired test on the held-out poses of the last step against the standard model, which is shipped where it fails.
 
-    deviations: mean of (squared error before - after) over the poses, in standard deviations of that mean.
+    deviations: mean of (squared error before - after) over `units` independent poses, in standard deviations of that
+    mean. p_value: one-sided chance of it between equally good models; limit: of the p-value.
     """
 
     deviations: float
+    p_value: float
     limit: float
+    units: int
     passed: bool
 
 

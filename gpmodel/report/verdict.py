@@ -16,10 +16,12 @@ def of_discovery(report: Report) -> str:
         size = wording.measured(e.value, e.stderr, e.unit)
         parts.append(f"{e.name}, {size.value} ± {size.deviation} {size.unit}")
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
-    doubt = "" if report.confirmation is None or report.confirmation.passed else "; not confirmed by them"
+    doubted = report.confirmation is not None and not report.confirmation.passed
+    doubt = "Not confirmed on held-out poses, so the standard model is kept. " if doubted else ""
+    added = "would have added" if doubted else "added"
     return (
-        f"Standard model {before} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
-        f"added {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{doubt}{tail}; "
+        f"{doubt}Standard model {before} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
+        f"{added} {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{tail}; "
         f"{report.stopped}."
     )
 

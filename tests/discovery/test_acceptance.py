@@ -131,8 +131,8 @@ def test_p_values_pay_for_the_number_of_searches() -> None:
     found = scores(there, candidates)
     best = int(np.argmax([s.nats for s in found]))
     null = found[best].nats + np.random.default_rng(0).normal(0.0, 1.0, 200)
-    one = Pool(candidates, found, {"catalogue": null}).p_value(best)
-    two = Pool(candidates, found, {"catalogue": null, "evolved": null}).p_value(best)
+    one = Pool(candidates, found, {"catalogue": null}).chance(best).p
+    two = Pool(candidates, found, {"catalogue": null, "evolved": null}).chance(best).p
     assert two == pytest.approx(min(1.0, 2 * one))
     assert 0.2 < one <= 1.0
 

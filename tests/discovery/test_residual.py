@@ -15,13 +15,13 @@ from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.score import best_nats, saved, scores
 from gpmodel.discovery.targets import targets
+from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
-from gpmodel.numerics.null_distribution import chance
 from gpmodel.numerics.rank import canonical_correlation, orthonormal
 
 
@@ -38,13 +38,13 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
     null = best_nats(there, candidates, shuffled(there, np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores(there, candidates)), null) < 0.01
+    assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
     null = best_nats(there, pool(), shuffled(there, np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores(there, pool())), null) > 0.05
+    assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
 
 
 def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None:
@@ -95,7 +95,7 @@ def test_cross_validation_is_a_refit_without_each_fold(name: str) -> None:
         test = there.fold_of_row == fold
         solved = np.linalg.lstsq(columns[~test], there.target[~test], rcond=None)[0]
         np.add.at(expected, there.problem.pose_of_row[test], (there.target[test] - columns[test] @ solved) ** 2)
-    np.testing.assert_allclose(found.per_pose, expected, rtol=1e-5, atol=1e-16)
+    np.testing.assert_allclose(found.per_unit, expected, rtol=1e-5, atol=1e-16)
     assert found.rms == pytest.approx(np.sqrt(expected.mean()))
     assert found.coefficients.shape == (len(np.unique(there.fold_of_row)), len(effects))
     assert found.rms < cross_validated(there, ()).rms
@@ -107,14 +107,14 @@ def test_folds_by_updates_agree_with_folds_by_refits(monkeypatch: pytest.MonkeyP
     refitted = cross_validated(there, effects)
     monkeypatch.setattr(cross_validation, "MANY_COLUMNS", 0)
     updated = cross_validated(there, effects)
-    np.testing.assert_allclose(refitted.per_pose, updated.per_pose, rtol=1e-4)
+    np.testing.assert_allclose(refitted.per_unit, updated.per_unit, rtol=1e-4)
     np.testing.assert_allclose(refitted.coefficients, updated.coefficients, rtol=1e-4)
 
 
 def test_better_by_is_the_paired_deviation_of_squared_errors() -> None:
     there = seen(NAMES[1])
     own, other = (next(c.effects for c in pool() if c.name == name) for name in (NAMES[1], NAMES[0]))
-    gain = cross_validated(there, other).per_pose - cross_validated(there, own).per_pose
+    gain = cross_validated(there, other).per_unit - cross_validated(there, own).per_unit
     expected = gain.mean() / (gain.std(ddof=1) / np.sqrt(len(gain)))
     assert better_by(there, own, other) == pytest.approx(expected)
     assert better_by(there, other, own) == pytest.approx(-expected)
@@ -191,14 +191,3 @@ def test_sites_are_the_base_every_axis_of_every_joint_and_the_tool(name: str) ->
     assert len({s.terms for s in sites}) == len(sites) == 6 + 6 * len(arm.joints) + 3
     for joint in arm.joints:
         assert joint.drive in [s.terms for s in sites]
-
-
-def test_chance_counts_and_extrapolates() -> None:
-    null = np.random.default_rng(0).gumbel(0.0, 1.0, 400)
-    values = [chance(v, null) for v in (-2.0, 0.0, 2.0, 5.0, 20.0)]
-    assert values == sorted(values, reverse=True)
-    assert values[1] == pytest.approx(1 - np.exp(-1), abs=0.1)
-    assert chance(5.0, null) == pytest.approx(1 - np.exp(-np.exp(-5.0)), abs=0.01)
-    assert chance(20.0, null) < 1e-6
-    assert chance(3.0, np.zeros(0)) == 1.0
-    assert chance(3.0, np.array([-np.inf, 1.0])) == 0.5

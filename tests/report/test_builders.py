@@ -142,7 +142,8 @@ def test_held_out_poses_confirm_what_was_planted() -> None:
     confirmation = report("gear").confirmation
     assert confirmation is not None
     assert confirmation.passed
-    assert confirmation.deviations > confirmation.limit
+    assert confirmation.p_value < confirmation.limit
+    assert confirmation.units == 20
     assert report("nothing").confirmation is None
 
 

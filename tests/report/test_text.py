@@ -60,7 +60,7 @@ def test_only_rivals_within_the_margin_are_offered() -> None:
 
 @pytest.mark.parametrize("passed", [True, False])
 def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> None:
-    report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 2.0, passed))
+    report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 0.12, 0.1, 20, passed))
     text = summary(report)
     assert ("NOT CONFIRMED" in text) is not passed
     assert "1.3 standard deviations, limit 2" in " ".join(text.split())

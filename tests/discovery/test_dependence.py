@@ -1,0 +1,45 @@
+"""What drifts along the rows or varies smoothly over the space is not many independent poses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import measure
+from loop_cases import ARM
+from residual_cases import NAMES, pool, seen
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.dependence import inflation
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.score import fit_nats, scores
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+
+
+@pytest.mark.parametrize("planted", NAMES)
+def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
+    own = next(c for c in pool() if c.name == planted)
+    assert max(inflation(seen(planted), own).values()) < 2.5
+
+
+def wandering(seed: int) -> Residual:
+    """An innocent robot whose instrument walks at random through the session."""
+    truth = measure(ARM, (), (), seed, count=120)
+    walk = np.cumsum(np.random.default_rng(seed).normal(0.0, 2e-5, (120, 3)), axis=0)
+    data = replace(truth.poses.dataset, position=truth.poses.dataset.position + walk)
+    poses = prepare(truth.model.mechanism, data)
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), poses)
+    return residual_of(fit, poses, Criteria(), 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_walk_costs_a_step_most_of_its_evidence(seed: int) -> None:
+    residual = wandering(seed)
+    steps = [c for c in pool() if c.family in ("set_up_step", "drift")]
+    found = scores(residual, steps)
+    best = int(np.argmax([s.nats for s in found]))
+    factor = inflation(residual, steps[best])["rows"]
+    assert found[best].nats > 5
+    assert factor > 2
+    assert float(fit_nats(residual, found[best].gain)) / factor < 0.5 * float(fit_nats(residual, found[best].gain))
