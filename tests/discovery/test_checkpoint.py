@@ -83,7 +83,7 @@ def test_a_damaged_file_is_one_clear_line(kind: str, tmp_path: Path) -> None:
 
 
 def test_another_schema_and_an_empty_folder_are_told_apart(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no progress.json there; expected the folder of an interrupted discover"):
+    with pytest.raises(InputError, match=r"has no progress.json; expected the folder of an interrupted discover"):
         checkpoint.load(tmp_path)
     (tmp_path / checkpoint.NAME).write_text('{"schema": 99}')
     with pytest.raises(InputError, match="schema 99; this version resumes schema"):
