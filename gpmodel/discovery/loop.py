@@ -110,13 +110,13 @@ def discover(
     """
     started = time.monotonic()
     search = search or Search()
-    given = len(poses)
+    given, say = len(poses), Teller(progress)
     poses, train, heldout = _of_known_places(poses, train, heldout)
     if len(poses) < given:
-        progress(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
+        say(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
     loop = _Loop(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, Teller(progress),
+        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say,
     )  # fmt: skip
     loop.say("standard model")
     base = loop.fit(ErrorModel(mechanism, ()))
