@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import MAD_SIGMAS
 from gpmodel.discovery.units import independent_units
 from gpmodel.model.error_model import Poses
+from gpmodel.numerics.outliers import outlier_limit
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ def confirmation(standard: Calibration, found: Calibration, heldout: Poses, crit
     proves nor disproves. A single unit of poses proves nothing: p is 1.
     """
     errors = errors_on(standard, heldout), errors_on(found, heldout)
-    limit = _limit(errors[0], criteria.outlier_sigmas)
+    limit = outlier_limit(errors[0], criteria.outlier_sigmas)
     squared = [np.minimum(e, limit) ** 2 for e in errors]
     unit = independent_units(heldout.dataset, criteria)
     gain = np.bincount(unit, squared[0] - squared[1])
@@ -50,8 +49,3 @@ def confirmation(standard: Calibration, found: Calibration, heldout: Poses, crit
     p = float(stats.t.sf(t, len(gain) - 1)) if spread > 0 else 1.0
     before, after = (float(np.sqrt(np.mean(e**2))) for e in errors)
     return Confirmation(before, after, t, p, criteria.confirmation, len(gain))
-
-
-def _limit(error: Array, sigmas: float) -> float:
-    middle = float(np.median(error))
-    return middle + sigmas * MAD_SIGMAS * float(np.median(np.abs(error - middle)))
