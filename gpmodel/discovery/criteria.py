@@ -78,7 +78,6 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "repeats": lambda t: f"repeats counted once, it saves {t.value:.1f} nats, limit {t.limit}",
     "rows": lambda t: f"what drifts along the rows taken off, it saves {t.value:.1f} nats, limit {t.limit}",
     "space": lambda t: f"what varies over the space taken off, it saves {t.value:.1f} nats, limit {t.limit}",
-    "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
     "preference": lambda t: "passes, but another was preferred: judged again in the next round",
 }
 

@@ -25,7 +25,10 @@ def confirmed(report: Report) -> str:
     if found is None:
         return ""
     said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
-    return f"{said}: gain of {found.deviations:.1f} standard deviations, limit {found.limit:g}"
+    return (
+        f"{said}: gain of {found.deviations:.1f} standard deviations over {found.units} independent poses, "
+        f"p {wording.chance(found.p_value)}, limit {found.limit:g}"
+    )
 
 
 def rivals(effect: EffectRecord) -> str:
