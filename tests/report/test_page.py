@@ -110,7 +110,7 @@ def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() 
     assert "noise floor unknown give repeats or --noise" in head
     assert "Confirmed on the held-out poses" in head
     assert "something alike" in head
-    doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 2.0, False))).text
+    doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 0.35, 0.1, 20, False))).text
     assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard deviations" in doubted
     known = page(quickly()).text
     assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known

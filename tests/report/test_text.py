@@ -63,7 +63,7 @@ def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> No
     report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 0.12, 0.1, 20, passed))
     text = summary(report)
     assert ("NOT CONFIRMED" in text) is not passed
-    assert "1.3 standard deviations, limit 2" in " ".join(text.split())
+    assert "1.3 standard deviations over 20 independent poses" in " ".join(text.split())
 
 
 def test_nothing_found_is_said() -> None:
