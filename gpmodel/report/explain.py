@@ -6,6 +6,7 @@ from textwrap import fill
 
 from gpmodel import wording
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report import words
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
@@ -90,7 +91,7 @@ def _chain(report: Report, effect: EffectRecord) -> str:
     """base ─ J1 ─ [J2] ─ ... ─ tool, with every place of the effect in brackets."""
     slots = [t.slot for t in effect.terms] or effect.slot.split(",")
     places = {slot.strip().partition(".")[0] for slot in slots}
-    nodes = ("base", *report.mechanism.joints, "tool")
+    nodes = ("base", *report.mechanism.joints, "tool", *places & {INSTRUMENT})
     return " ─ ".join(f"[{n}]" if n in places else n for n in nodes)
 
 

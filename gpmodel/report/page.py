@@ -53,7 +53,7 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         millimetres=wording.millimetres, distance=wording.length, percent=wording.percent, minus=wording.minus,
-        expression=wording.expression, sentence=sentence,
+        expression=wording.expression, unit=wording.pretty_unit, sentence=sentence,
     )  # fmt: skip
     environment.globals.update(
         words=words, measured=wording.measured, chance=wording.chance, script=script, script_hash=script_hash

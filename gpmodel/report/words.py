@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from gpmodel import wording
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
 
@@ -81,6 +82,7 @@ def place(slot: str, axis: str) -> str:
     where = {
         "base": "at the base, before the first joint",
         "tool": "at the flange, after the last joint",
+        INSTRUMENT: "of the instrument's readings, before they are registered",
     }.get(slot, f"just {'before' if side == 'fixed' else 'after'} the motion of {joint}")
     motion = {"T": "shift along", "R": "turn about"}.get(axis[:1], "")
     return f"{motion} {axis[1:]} of the frame {where}" if motion else where

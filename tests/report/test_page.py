@@ -156,6 +156,7 @@ def test_an_effect_is_shown_with_all_that_is_known_of_it() -> None:
         ("J2.fixed", "Tx", "shift along x of the frame just before the motion of J2"),
         ("base", "Rz", "turn about z of the frame at the base, before the first joint"),
         ("tool", "Tz", "shift along z of the frame at the flange, after the last joint"),
+        ("instrument", "Tx", "shift along x of the frame of the instrument's readings, before they are registered"),
         ("J2.moving, J3.moving", "Rz", ""),
     ],
 )
