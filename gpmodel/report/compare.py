@@ -106,12 +106,17 @@ def _changes(
 
 
 def verdict(found: Comparison) -> str:
-    """One sentence on what changed beyond chance."""
-    changed = [c.name for c in (*found.effects, *found.parameters) if c.significant]
-    parts = [f"{len(changed)} of {len(found.effects) + len(found.parameters)} quantities changed beyond chance"]
+    """One sentence on what changed beyond chance.
+
+    Where not the same parameters were fitted, the others took the missing ones up: their changes are then not counted.
+    """
+    compared = (*found.effects, *(() if found.incomparable else found.parameters))
+    changed = [c.name for c in compared if c.significant]
+    parts = [f"{len(changed)} of {len(compared)} quantities changed beyond chance"]
     parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
     parts += [f"new: {', '.join(e.name for e in found.only_after)}"] if found.only_after else []
     parts += [f"gone: {', '.join(e.name for e in found.only_before)}"] if found.only_before else []
+    parts += ["not the same parameters were fitted, so that none of them is compared"] if found.incomparable else []
     return "; ".join(parts) + "."
 
 
