@@ -1,4 +1,4 @@
-"""Programs and computer algebra: simplified forms, LaTeX, and NumPy source."""
+"""Programs and computer algebra: to sympy and back, and simplified forms."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -10,7 +10,9 @@ from gpmodel.formula.parse import raise_to
 from gpmodel.formula.program import Builder, Node, Program
 
 _LARGEST_POWER = 64
-_LARGEST_PIECE = 30
+LARGEST_PIECE = 30
+"""Operators and leaves of one expression; algebra on longer ones takes minutes."""
+
 _ONE_OPERATOR = 2
 
 logical_not = sympy.Function("not_")
@@ -42,10 +44,10 @@ _SYMPY: dict[str, Callable[..., Any]] = {
 
 def to_sympy(program: Program) -> list[sympy.Expr]:
     """One sympy expression an output, all of it written out; inputs are real symbols of the same names."""
-    return _in_pieces(program, None)[1]
+    return in_pieces(program, None)[1]
 
 
-def _in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
+def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
     """Expressions of the outputs over inputs and over symbols for their larger parts, with what these stand for.
 
     No expression has more than about `largest` operators and leaves, so that algebra on a long program with many shared
@@ -94,11 +96,11 @@ def simplify(program: Program) -> Program:
     best = program
     for largest, change in (
         (_ONE_OPERATOR, _unchanged),
-        (_LARGEST_PIECE, _unchanged),
-        (_LARGEST_PIECE, sympy.simplify),
+        (LARGEST_PIECE, _unchanged),
+        (LARGEST_PIECE, sympy.simplify),
     ):
         try:
-            pieces, outputs = _in_pieces(best, largest)
+            pieces, outputs = in_pieces(best, largest)
             changed = {symbol: change(expression) for symbol, expression in pieces.items()}
             candidate = from_sympy([change(expression) for expression in outputs], changed)
         except (ValueError, TypeError, RecursionError):
@@ -114,71 +116,6 @@ def _operators_then_size(program: Program) -> tuple[int, int]:
 def _unchanged(expression: Any) -> Any:
     return expression
 
-
-def latex(program: Program) -> str:
-    """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long.
-
-    Numbers are rounded to six digits.
-    """
-    written = {
-        sympy.Symbol(name, real=True): "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
-        for name in program.inputs
-        if not name.isalnum()
-    }
-
-    def line(expression: Any) -> str:
-        rounded = {number: sympy.Float(number, 6) for number in expression.atoms(sympy.Float)}
-        return str(sympy.latex(expression.xreplace(rounded), symbol_names=written))
-
-    pieces, outputs = _in_pieces(program, _LARGEST_PIECE)
-    parts = [f"{line(symbol)} = {line(expression)}" for symbol, expression in pieces.items()]
-    return ";\\; ".join([*parts, ", ".join(map(line, outputs))])
-
-
-def numpy_source(program: Program, name: str = "basis") -> str:
-    """Source of ``def name(inputs)``: from a mapping of input names to arrays to an array (outputs, N)."""
-    lines = [
-        "import numpy as np",
-        "",
-        "",
-        f"def {name}(inputs):",
-        "    length = max((np.size(column) for column in inputs.values()), default=1)",
-    ]
-    for index, node in enumerate(program.nodes):
-        arguments = [f"v{k}" for k in node.arguments]
-        if node.operator == "input":
-            text = f"np.asarray(inputs[{str(node.value)!r}], dtype=float)"
-        elif node.operator == "constant":
-            text = f"np.full(length, {float(node.value or 0.0)!r})"
-        else:
-            text = _NUMPY[node.operator].format(*arguments)
-        lines.append(f"    v{index} = {text}")
-    lines.append(f"    return np.stack([{', '.join(f'v{k}' for k in program.outputs)}])")
-    return "\n".join(lines) + "\n"
-
-
-_NUMPY: dict[str, str] = {
-    "add": "{0} + {1}",
-    "subtract": "{0} - {1}",
-    "multiply": "{0} * {1}",
-    "divide": "{0} / {1}",
-    "modulo": "{0} - {1} * np.floor({0} / {1})",
-    "min": "np.minimum({0}, {1})",
-    "max": "np.maximum({0}, {1})",
-    "abs": "np.abs({0})",
-    "square": "np.square({0})",
-    "sqrt": "np.sqrt(np.abs({0}))",
-    "not": "({0} == 0.0).astype(float)",
-    "sin": "np.sin({0})",
-    "cos": "np.cos({0})",
-    "tan": "np.tan({0})",
-    "atan": "np.arctan({0})",
-    "exp": "np.exp({0})",
-    "log": "np.log(np.abs({0}))",
-    "tanh": "np.tanh({0})",
-    "asin": "np.arcsin({0})",
-    "reciprocal": "1.0 / {0}",
-}
 
 _FROM_SYMPY: dict[Any, str] = {
     sympy.Mod: "modulo",

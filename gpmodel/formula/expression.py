@@ -62,6 +62,19 @@ class Expression:
         return tuple(dict.fromkeys(names))
 
     @cached_property
+    def nodes(self) -> int:
+        """Operators, functions, columns and numbers that it is written with, shift and scale of an input left out."""
+        pending: list[ast.AST] = [self._tree.body]
+        count = 0
+        while pending:
+            node = pending.pop()
+            count += 1
+            if not _scaled_input(node):
+                below = node.args if isinstance(node, ast.Call) else ast.iter_child_nodes(node)
+                pending += [n for n in below if isinstance(n, ast.expr)]
+        return count
+
+    @cached_property
     def operators(self) -> int:
         """How many operators and functions it is written with, besides shift and scale of an input."""
         found = [n for n in ast.walk(self._tree) if isinstance(n, ast.BinOp | ast.UnaryOp | ast.Call)]

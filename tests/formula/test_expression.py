@@ -86,3 +86,14 @@ def test_a_column_may_carry_the_name_of_no_function() -> None:
 )  # fmt: skip
 def test_operators_are_counted_besides_shift_and_scale_of_an_input(text: str, count: int) -> None:
     assert Expression(text).operators == count
+
+
+@pytest.mark.parametrize(
+    ("text", "nodes"),
+    [
+        ("J1", 1), ("sin(2*J4)", 4), ("(torque_J2 - 3.0)/12.0", 1), ("J1*cos(J5)", 4), ("-J1", 2),
+        ("tanh((temperature - 20.0)/2.5)*sin(J2)", 5), ("exp(-6*square(J2 - 0.6))", 6), ("1", 1),
+    ],
+)  # fmt: skip
+def test_the_nodes_of_a_law_are_counted_without_shift_and_scale_of_an_input(text: str, nodes: int) -> None:
+    assert Expression(text).nodes == nodes

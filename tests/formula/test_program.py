@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.formula.algebra import latex, numpy_source, simplify
+from gpmodel.formula.algebra import simplify
 from gpmodel.formula.operators import ARITHMETIC
 from gpmodel.formula.parse import parse
+from gpmodel.formula.printing import latex, numpy_source
 from gpmodel.formula.program import Builder, Program
 
 RNG = np.random.default_rng(5)
