@@ -13,6 +13,8 @@ from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.tree import Tree
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
@@ -20,9 +22,10 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"
-SMALL = Search(runs=2, workers=1, population=256, generations=20)
+BOTH = (Linear(), Tree())
+SMALL = Search(strategies=BOTH, runs=2, workers=1, population=256, generations=20)
 """Populations and generations just large enough for the cases here."""
-QUICK = Search(runs=1, workers=1, population=48, generations=4)
+QUICK = Search(strategies=BOTH, runs=1, workers=1, population=48, generations=4)
 """For what does not depend on how much is found."""
 
 

@@ -24,13 +24,14 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.tree import Tree
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.split import hold_out
 
 NONE = Search(max_effects=0)
-PROGRAM = Search(runs=4, workers=2)
+PROGRAM = Search(strategies=(Linear(), Tree()), runs=4, workers=2)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
