@@ -1,6 +1,6 @@
 """Chapter 5 with a truth from outside: elastic robots, handed to `discover` and `calibrate` as measured tables.
 
-python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--runs 1] [--processes 2]
+python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--processes 2]
 """
 
 import argparse
@@ -22,6 +22,8 @@ from gpmodel.evolution.linear import Linear
 HERE = Path(__file__).parent
 HAND_MADE = ("base_compliance", "joint_compliance J5")
 SPRINGS = ("base", "J5", "J4")
+SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15, climb=1)
+"""Small runs of evolution: what is planted is of the catalogue, and twenty robots take minutes."""
 
 
 def as_json(result: gp.DiscoveryResult | gp.CalibrationResult) -> dict[str, Any]:
@@ -79,31 +81,30 @@ def median_mean(robots: list[dict[str, Any]], model: str, step: int) -> float:
     return round(float(np.median([r[model][step]["mean_mm"] for r in robots if r["planted"]])), 4)
 
 
+def summary(robots: list[dict[str, Any]]) -> dict[str, Any]:
+    """What results.json says of all robots together."""
+    steps = {"standard": ("loop", 1), "hand-made": ("hand_made", -1), "loop": ("loop", -1)}
+    medians = {name: median_mean(robots, *step) for name, step in steps.items()}
+    return {"conclusions": conclusions(robots), "median_heldout_mean_mm": medians, "robots": robots}
+
+
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(prog="python -m experiments.chapter5_outside.run", description=__doc__)
-    sizes = {"robots": 20, "rigid": 5, "runs": 1}
-    for name, default in (*sizes.items(), ("processes", 2)):
+    for name, default in (("robots", 20), ("rigid", 5), ("processes", 2)):
         parser.add_argument(f"--{name}", type=int, default=default)
     parser.add_argument("--out", type=Path, default=HERE)
     chosen = parser.parse_args(arguments)
-    search = gp.Search(runs=chosen.runs, strategies=(Linear(),), workers=1)
+    command = f"{parser.prog} --robots {chosen.robots} --rigid {chosen.rigid}"
     seeds = [*range(chosen.robots), *range(chosen.rigid)]
     planted = [True] * chosen.robots + [False] * chosen.rigid
+    robots: list[dict[str, Any]] = []
     with ProcessPoolExecutor(chosen.processes) as pool:
-        robots = list(pool.map(one_robot, seeds, planted, repeat(search)))
-    results = {
-        "command": " ".join([parser.prog, *(f"--{name} {getattr(chosen, name)}" for name in sizes)]),
-        "conclusions": conclusions(robots),
-        "median_heldout_mean_mm": {
-            "standard": median_mean(robots, "loop", 1),
-            "hand-made": median_mean(robots, "hand_made", -1),
-            "loop": median_mean(robots, "loop", -1),
-        },
-        "robots": robots,
-    }
-    (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(results["conclusions"], indent=1))
-    return results
+        for robot in pool.map(one_robot, seeds, planted, repeat(SEARCH)):
+            robots.append(robot)
+            text = json.dumps({"command": command, **summary(robots)}, indent=1)
+            (chosen.out / "results.json").write_text(f"{text}\n", encoding="utf-8")
+            print(robot["seed"], robot["planted"], robot["named"], robot["loop"][-1]["mean_mm"], flush=True)
+    return summary(robots)
 
 
 if __name__ == "__main__":
