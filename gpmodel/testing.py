@@ -241,6 +241,7 @@ def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: 
         extras={name: np.asarray(inputs[h], dtype=float) for h, (name, _) in headers.items()},
         extra_units={name: str(unit) for name, unit in headers.values()},
         payload_given=True,
+        in_order=True,
     )
     tool = np.eye(4)
     tool[:3, 3] = 0.1, -0.05, 0.15

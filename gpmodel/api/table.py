@@ -1,7 +1,7 @@
 """Measured tables, from files or data frames."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -26,14 +26,17 @@ class Cells:
     sha256: str
 
 
-def read_table(source: TableLike, mechanism: Mechanism) -> Dataset:
+def read_table(source: TableLike, mechanism: Mechanism, *, in_order: bool = False) -> Dataset:
     """Measured poses of `mechanism` from a .csv or .xlsx file, or a data frame with the same headers.
 
     Units are in the headers, in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism is
-    carried in every row. Raises InputError: file missing or empty, a column without or with an unknown unit, joints
-    missing or in surplus, text among numbers, nothing measured, a payload column beside the mechanism's payload.
+    carried in every row. in_order: the rows are in the order of measurement, so that effects may depend on the poses
+    before; a column of times that never falls says so as well.
+    Raises InputError: file missing or empty, a column without or with an unknown unit, joints missing or in surplus,
+    text among numbers, nothing measured, a payload column beside the mechanism's payload.
     """
-    return dataset_of(source, mechanism, need_measurement=True)
+    dataset = dataset_of(source, mechanism, need_measurement=True)
+    return replace(dataset, in_order=True) if in_order else dataset
 
 
 def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool) -> Dataset:

@@ -5,9 +5,11 @@ from pathlib import Path
 import click
 
 from gpmodel.api.calibrate import calibrate as fit
+from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.options import (
     holdout_option,
+    in_order_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
@@ -25,20 +27,22 @@ from gpmodel.mechanism.source import LoadedMechanism
 @standard_option
 @click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
 @holdout_option
+@in_order_option
 @seed_option
 @out_folder_option
 @quiet_option
 def calibrate(
     table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], standard: tuple[str, ...],
-    condition_limit: float | None, holdout: float, seed: int, folder: Path | None, quiet: bool,
+    condition_limit: float | None, holdout: float, in_order: bool, seed: int, folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
 
     Errors are of poses held out of the fit; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
     """
+    dataset = read_table(table, mechanism, in_order=in_order)
     result = fit(
-        mechanism, table, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
+        mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
         command=command_line(),
     )  # fmt: skip
     if not quiet:

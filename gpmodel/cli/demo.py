@@ -31,7 +31,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
         request = {
             "table": str(table), "choice": dataclasses.asdict(MechanismChoice(MECHANISM)), "runs": Search().runs,
             "minutes": None, "holdout": 0.3, "noise": None, "condition_limit": None, "no_catalogue": False,
-            "seed": seed,
+            "in_order": False, "seed": seed,
         }  # fmt: skip
         found = discover_request(request, folder, say, workers)
     if not quiet:

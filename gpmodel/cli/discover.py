@@ -11,8 +11,17 @@ import click
 
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.api.discover import discover as look
+from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line, what_next
-from gpmodel.cli.options import Number, holdout_option, mechanism_options, quiet_option, seed_option, workers_option
+from gpmodel.cli.options import (
+    Number,
+    holdout_option,
+    in_order_option,
+    mechanism_options,
+    quiet_option,
+    seed_option,
+    workers_option,
+)
 from gpmodel.discovery import checkpoint
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Mapper, Search
@@ -33,6 +42,7 @@ Finished = tuple[Sequence[Finding], Sequence[Round]]
 @click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
 @holdout_option
+@in_order_option
 @click.option("--noise", default=None, metavar="LENGTH", help="Standard deviation of one coordinate, as in 0.03mm.")
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
 @click.option("--no-catalogue", is_flag=True, help="Offer no named family: what is found is what was evolved.")
@@ -78,9 +88,10 @@ def discover_request(
     request: table, choice (of the mechanism) and the options of `discover` that change its numbers.
     """
     minutes = request["minutes"]
+    mechanism = MechanismChoice(**request["choice"]).load()
     found = look(
-        MechanismChoice(**request["choice"]).load(),
-        Path(request["table"]),
+        mechanism,
+        read_table(request["table"], mechanism, in_order=request["in_order"]),
         holdout=request["holdout"],
         seed=request["seed"],
         search=Search(

@@ -8,10 +8,12 @@ import click
 
 from gpmodel.api.evolve import default_strategies
 from gpmodel.api.evolve import evolve as run
+from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
     Number,
     holdout_option,
+    in_order_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
@@ -38,6 +40,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
 @standard_option
 @holdout_option
+@in_order_option
 @click.option("--workers", "threads", type=click.IntRange(0), default=0,
               help="Threads; the numbers do not depend on it. [default: all cores]")  # fmt: skip
 @click.option("--checkpoint", type=click.Path(path_type=Path, dir_okay=False), default=None,
@@ -48,17 +51,18 @@ from gpmodel.mechanism.source import LoadedMechanism
 def evolve(
     table: Path, mechanism: LoadedMechanism, representation: str, space: Literal["cartesian", "slot"],
     population: int | None, generations: int | None, seconds: float | None, runs: int, operators: str | None,
-    norm: Literal["max", "rms"], standard: tuple[str, ...], holdout: float, threads: int, checkpoint: Path | None,
-    seed: int, folder: Path | None, quiet: bool,
+    norm: Literal["max", "rms"], standard: tuple[str, ...], holdout: float, in_order: bool, threads: int,
+    checkpoint: Path | None, seed: int, folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Evolve programs on what the standard model leaves of TABLE; count the inputs they refer to.
 
     Every run is done again on shuffled errors: an input counts only where it stands out of those.
     With --out: evolve.json, programs.txt, and report.html with what it is made of.
     """
+    dataset = read_table(table, mechanism, in_order=in_order)
     with progress_line(quiet) as say:
         result = run(
-            mechanism, table, strategies=strategies_named(representation, space, operators), space=space, runs=runs,
+            mechanism, dataset, strategies=strategies_named(representation, space, operators), space=space, runs=runs,
             population=population, generations=generations, seconds=seconds, norm=norm, standard=standard,
             holdout=holdout, threads=threads, seed=seed, checkpoint=checkpoint, progress=say, command=command_line(),
         )  # fmt: skip

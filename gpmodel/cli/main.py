@@ -27,8 +27,10 @@ COMMANDS = {
     "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),
     "simulate": ("simulate", "A measured table with known truth."),
     "poses": ("poses", "Measurement poses worth taking."),
+    "effects": ("effects", "The families of effects: source, inputs, an example."),
     "report": ("report", "Write the report's pages again from saved results."),
     "demo": ("demo", "The main job on a shipped table, to the opened report."),
+    "completion": ("completion", "What makes the shell complete commands and options."),
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

@@ -57,6 +57,9 @@ standard_option = click.option(
 holdout_option = click.option(
     "--holdout", default=0.3, show_default=True, type=float, help="Share of the poses nothing is chosen on."
 )
+in_order_option = click.option(
+    "--in-order", is_flag=True, help="The rows are in the order of measurement: effects may depend on those before."
+)
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted: keep what reads rows and time."
 )

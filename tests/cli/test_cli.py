@@ -14,6 +14,7 @@ from cli_cases import one_line, run, table, write
 
 from gpmodel.cli import main as cli
 from gpmodel.errors import GpModelError, InputError
+from gpmodel.families.catalogue import catalogue
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.mechanism import registry as plugins
 
@@ -45,6 +46,19 @@ def test_every_command_has_help_out_and_quiet_and_a_seed_where_anything_is_rando
     for option in ("--out", "--quiet"):
         assert option in result.stdout
     assert ("--seed" in result.stdout) == (name not in ("check", "predict"))
+
+
+def test_the_families_of_effects_are_listed_with_source_inputs_and_an_example() -> None:
+    shown = run("effects", "--mechanism", "irb6400r").stdout
+    for family in catalogue:
+        assert f"\n{family.name}\n" in f"\n{shown}"
+    assert "reading torque_J2; --effect 'joint compliance, J2'" in " ".join(shown.split())
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_is_told_how_to_complete(shell: str) -> None:
+    assert "_GPMODEL_COMPLETE" in run("completion", shell).stdout
 
 
 @pytest.mark.parametrize("name", OURS)

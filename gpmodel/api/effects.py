@@ -1,0 +1,53 @@
+"""The families of effects, and what they have on a mechanism."""
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.arrays import Array
+from gpmodel.families.catalogue import catalogue
+from gpmodel.families.offer import instances
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import prepare
+from gpmodel.table.dataset import Dataset
+
+POSES = 40
+
+
+def effects(mechanism: Mechanism) -> pd.DataFrame:
+    """One row a family: family, explanation, source, instances, the inputs of the first and its name as an example.
+
+    On random poses within the limits, with a payload that varies, a temperature and a time, rows in order.
+    """
+    rng = np.random.default_rng(0)
+    blank = np.full((POSES, 3), np.nan)
+    time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
+    warming: Array = 20.0 + time / 600.0
+    dataset = Dataset(
+        joints=tuple(joint.name for joint in mechanism.joints),
+        q=random_poses(mechanism, POSES, rng),
+        position=blank,
+        rotation=blank.copy(),
+        row=np.arange(1, POSES + 1),
+        payload=rng.uniform(0.0, 10.0, POSES),
+        extras={"temperature": warming, "time": time},
+        extra_units={"temperature": "degC", "time": "s"},
+        payload_given=True,
+        in_order=True,
+    )
+    states = prepare(mechanism, dataset).states
+    rows = []
+    for family in catalogue:
+        found = tuple(instances(family, mechanism, states))
+        reads = dict.fromkeys(name for effect in found[0].effects for name in effect.inputs) if found else {}
+        rows.append(
+            {
+                "family": family.name,
+                "explanation": family.explanation,
+                "source": family.source,
+                "instances": len(found),
+                "inputs": ", ".join(reads),
+                "example": found[0].name if found else "",
+            }
+        )
+    return pd.DataFrame(rows)

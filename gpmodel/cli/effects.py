@@ -1,0 +1,31 @@
+"""`gpmodel effects`: the families of effects."""
+
+import textwrap
+
+import click
+
+from gpmodel.api.effects import effects as families
+from gpmodel.cli.options import mechanism_options
+from gpmodel.mechanism.source import LoadedMechanism
+
+WIDTH = 80
+
+
+@click.command()
+@mechanism_options()
+def effects(mechanism: LoadedMechanism) -> None:
+    """List the families of effects: what each is, who described it, what it reads, and an example on MECHANISM."""
+    for row in families(mechanism).to_dict("records"):
+        click.echo(row["family"])
+        for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
+            click.echo(
+                textwrap.fill(line, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+            )
+
+
+def _instances(row: dict[object, object]) -> str:
+    if not row["instances"]:
+        return f"none on this mechanism: it would need {row['inputs'] or 'other joints'}"
+    first, *others = textwrap.wrap(str(row["inputs"] or "nothing"), WIDTH, break_on_hyphens=False)
+    reads = f"{first} ..." if others else first
+    return f"{row['instances']} here, reading {reads}; --effect '{row['example']}'"
