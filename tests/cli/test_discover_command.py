@@ -73,6 +73,19 @@ def test_it_leaves_the_results_and_nothing_else(done: Path) -> None:
     assert "gear error, 2 per turn, J4" in (done / "report.html").read_text()
 
 
+def test_its_results_are_explained_certified_and_compared(done: Path, tmp_path: Path) -> None:
+    said = run("explain", done, 1, "--out", tmp_path)
+    assert said.exit_code == 0, said.output
+    assert "gear error, 2 per turn, J4" in said.stdout
+    assert "it has 1" in one_line(run("explain", done, 2), 2)
+    assert run("certificate", done, "--machine", "cell 4", "--out", tmp_path).exit_code == 0
+    assert "cell 4" in (tmp_path / "certificate.html").read_text()
+    assert (tmp_path / "certificate.pdf").read_bytes().startswith(b"%PDF")
+    same = run("compare", done, done, "--out", tmp_path)
+    assert same.exit_code == 0, same.output
+    assert (tmp_path / "compare.html").exists()
+
+
 def test_the_saved_model_is_the_optimised_one(done: Path, measured: Path) -> None:
     """Read back from text and put to the table, it beats the last rung, which saw the training poses alone."""
     saved = load_model(done / "model.json")

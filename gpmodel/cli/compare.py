@@ -1,0 +1,25 @@
+"""`gpmodel compare`: what changed between two calibrations of a machine."""
+
+from pathlib import Path
+
+import click
+
+from gpmodel.cli.options import quiet_option
+from gpmodel.files import write_text
+from gpmodel.report.compare import compare as changes
+from gpmodel.report.compare import html, text
+from gpmodel.report.saved import read_report
+
+
+@click.command()
+@click.argument("before", metavar="A", type=click.Path(path_type=Path))
+@click.argument("after", metavar="B", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder for a page of it.")
+@quiet_option
+def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
+    """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
+    found = changes(read_report(before), read_report(after))
+    if not quiet:
+        click.echo(text(found))
+    if folder is not None:
+        write_text(folder / "compare.html", html(found))
