@@ -1,5 +1,7 @@
 """Which parameters a fit holds: of those that stand for one another the same ones on every table."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
@@ -30,6 +32,11 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
     return tuple(j.name for j, s in zip(mechanism.joints, still, strict=True) if s and j.measured)
 
 
+def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
+    """Whether all of the slots are beside joints that stand still, so that nothing of their own can show there."""
+    return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
+
+
 def preference(mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = ()) -> IntArray:
     """Indices of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
 
@@ -40,7 +47,7 @@ def preference(mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[s
     kinds = []
     for i, effect in enumerate(effects):
         places = {(t.slot, t.axis) for t in effect.terms}
-        if not {slot.rsplit(".", 1)[0] for slot in effect.slots} <= set(still):
+        if not stands_still(effect.slots, still):
             kinds.append((0 if places <= zeros else 1 if effect.unit == "m" else 2, i))
     return np.array([i for _, i in sorted(kinds)], dtype=np.int64)
 

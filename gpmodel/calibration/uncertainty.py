@@ -34,14 +34,14 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
-    believed = np.vstack([problem.columns, prior])[:, free]
-    columns = np.vstack([believed, tool_rows(problem, fitted.placement)[0][:, free]])
+    informed = np.vstack([problem.columns, prior])[:, free]
+    columns = np.vstack([informed, tool_rows(problem, fitted.placement)[0][:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     many = columns.shape[1] >= MANY_COLUMNS
     inverse = inverse_gram(columns / scale, many)
     rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
-    sigma = float(np.sqrt(np.sum(problem.residual**2) / max(len(believed) - rank, 1)))
+    sigma = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
     covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
@@ -52,8 +52,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     if many:
         share[at] = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))[effects]
     else:
-        fixed = ident.orthonormal(believed[:, : problem.placement])
-        share[at] = ident.unique_shares(np.hstack([fixed, believed[:, effects]]))[fixed.shape[1] :]
+        fixed = ident.orthonormal(informed[:, : problem.placement])
+        share[at] = ident.unique_shares(np.hstack([fixed, informed[:, effects]]))[fixed.shape[1] :]
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = covariance

@@ -8,6 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.comparison import known_rows
+from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, judge
@@ -183,7 +184,9 @@ def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> 
     residual = residual_of(calibration, train.subset(rows), loop.criteria, loop.seed)
     loop.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm, scoring the catalogue")
     known = loop.known
-    instances = instances_of(loop.mechanism, residual.poses.states, loop.offers)
+    still = still_joints(loop.mechanism, residual.poses.dataset)
+    offered = instances_of(loop.mechanism, residual.poses.states, loop.offers)
+    instances = tuple(c for c in offered if not all(stands_still(e.slots, still) for e in c.effects))
     named = tuple(c for c in instances if c.name not in known)
     hypotheses, exploration, nulls = _look(loop, residual, named, rng, number)
     if residual.winsorised.any():
@@ -217,7 +220,9 @@ def _look(
     known = loop.known
     null = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
     turn = Turn(number, Teller(loop.say.say, f"round {number}: "))
-    exploration = explore(residual, sites_of(loop.mechanism), loop.search, rng, turn)
+    still = still_joints(loop.mechanism, residual.poses.dataset)
+    sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
+    exploration = explore(residual, sites, loop.search, rng, turn)
     pool = (*named, *(c for c in exploration.candidates if c.name not in known))
     earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}

@@ -8,6 +8,7 @@ import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, true_tips
 
 from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, without_outlier_marks
 from gpmodel.formula.expression import Expression
@@ -119,3 +120,13 @@ def test_registration_and_tool_come_with_deviations_that_hold(see: tuple[str, ..
             for axis, value in zip("xyz", frame[:3, 3], strict=True):
                 scores.append((known[f"{what} {axis}"].value - value) / known[f"{what} {axis}"].stderr)
     assert np.std(scores) == pytest.approx(1.0, abs=0.2)
+
+
+def test_no_effect_is_looked_for_at_a_joint_that_stands_still() -> None:
+    truth = robot("irb6400r", (1, 4), 0.6, 0)
+    arm, data = truth.model.mechanism, truth.poses.dataset
+    still = still_joints(arm, data)
+    assert still == ("J1", "J3", "J4", "J6")
+    assert stands_still(("J3.moving",), still)
+    assert not stands_still(("J2.moving", "J3.moving"), still)
+    assert not stands_still(("base",), still)
