@@ -9,8 +9,9 @@ import pandas as pd
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
+from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
-from gpmodel.table.read import dataset_from, read_frame
+from gpmodel.table.read import dataset_from
 from gpmodel.table.write import frame_of
 
 TableLike = Dataset | pd.DataFrame | str | Path

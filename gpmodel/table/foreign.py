@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
+from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.dataset import LABELS
-from gpmodel.table.read import numbers, read_frame
 from gpmodel.table.units import factor, known_unit, split_header
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'

@@ -1,0 +1,112 @@
+"""Files as cells of text, and cells as numbers: separators and decimal commas found out."""
+
+import codecs
+import csv
+import hashlib
+import io
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+
+LARGEST = 1e20
+"""In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""
+
+_NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
+
+
+def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
+    """The file's cells as text, empty ones missing, decimal points throughout; and the SHA-256 of its bytes.
+
+    Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
+    """
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a measured table") from None
+    if not raw.strip():
+        raise InputError(f"{path.name}: the file is empty; expected a header line and one row per pose")
+    digest = hashlib.sha256(raw).hexdigest()
+    if path.suffix.lower() in (".xlsx", ".xls"):
+        try:
+            header = pd.read_excel(io.BytesIO(raw), header=None, nrows=1, dtype=str).iloc[0].dropna()
+            frame = pd.read_excel(io.BytesIO(raw), dtype=str, keep_default_na=False, na_values=[""])
+        except ImportError:
+            raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
+        except Exception as error:  # zip, xml and openpyxl errors of many kinds
+            raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
+        _check_names(header.tolist(), path)
+    else:
+        frame = _read_text(raw, path)
+    rows = len(frame)
+    frame = frame.dropna(how="all").dropna(axis="columns", how="all")
+    frame.attrs["empty_rows"] = rows - len(frame)
+    if frame.empty:
+        raise InputError(f"{path.name}: no rows below the header; expected one row per pose")
+    return frame.reset_index(drop=True), digest
+
+
+def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
+    encodings = ("utf-16",) if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ("utf-8-sig", "latin-1")
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
+    if "\0" in text:
+        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
+    header = text.lstrip().splitlines()[0]
+    counts = {s: header.count(s) for s in (";", "\t", ",")}
+    separator = max(counts, key=lambda s: counts[s])
+    _check_names(next(csv.reader([header], delimiter=separator, skipinitialspace=True)), path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                io.StringIO(text.lstrip()), sep=separator, dtype=str, skipinitialspace=True, index_col=False,
+                keep_default_na=False, na_values=[""],
+            )  # fmt: skip
+    except pd.errors.ParserWarning:
+        raise InputError(
+            f"{path.name}: rows have more cells than the header; expected one cell a column "
+            f"(with decimal commas, separate columns by ';')"
+        ) from None
+    except (pd.errors.ParserError, csv.Error) as error:
+        raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
+    if separator != ",":
+        frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
+    return frame
+
+
+def _check_names(header: list[str], path: Path) -> None:
+    """Raises InputError naming a header that appears twice, which pandas would rename."""
+    written = [name.strip() for name in header if name.strip()]
+    for name in written:
+        if written.count(name) > 1:
+            raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
+
+
+def numbers(column: pd.Series, where: str) -> Array:
+    """The cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for anything else."""
+    text = column.astype("string").str.strip()
+    text = text.mask(text == "")
+    values = pd.to_numeric(text, errors="coerce")
+    bad = values.isna() & text.notna()
+    if bad.any():
+        row = int(np.flatnonzero(bad.to_numpy())[0])
+        raise InputError(f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell")
+    out: Array = np.asarray(values.astype("float64").to_numpy(dtype=float, na_value=np.nan), dtype=np.float64)
+    if np.isinf(out).any():
+        raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")
+    if np.nanmax(np.abs(out), initial=0.0) > LARGEST:
+        row = int(np.nanargmax(np.abs(out)))
+        raise InputError(f"{where}, row {row + 1}: {out[row]:g} is no measured value; expected at most {LARGEST:g}")
+    return out
