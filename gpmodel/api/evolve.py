@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -14,20 +14,17 @@ from gpmodel._version import __version__
 from gpmodel.api.arguments import limit, share, whole
 from gpmodel.api.calibrate import sound_poses, split
 from gpmodel.api.display import aligned, notebook
+from gpmodel.api.evolve_settings import Space, default_strategies, settings_for
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import cartesian_task, slot_task
-from gpmodel.errors import InputError
 from gpmodel.evolution.input_histogram import Histogram, histogram
-from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.representation import Representation, label
+from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import Run, load_runs, run_all, save_runs
 from gpmodel.evolution.search import Generation
-from gpmodel.evolution.settings import Budget, Settings, thesis_settings
-from gpmodel.evolution.tree import Tree
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
@@ -38,11 +35,7 @@ from gpmodel.report.from_evolution import from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 
-Space = Literal["cartesian", "slot"]
 COMMAND = "gpmodel.evolve"
-POPULATIONS = {"cartesian": {"linear": 65536, "tree": 4096}, "slot": {"linear": 1024, "tree": 512}}
-GENERATIONS = 100
-UNLIMITED = 1_000_000
 
 
 @dataclass(frozen=True, repr=False)
@@ -217,35 +210,6 @@ def evolve(
     counted = histogram([run.record() for run in done], task.problem.inputs.names)
     origin = Origin(command, seed, time.perf_counter() - started)
     return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
-
-
-def default_strategies(space: Space) -> tuple[Representation, ...]:
-    """The thesis' own in Cartesian space, those that search a slot's shape else."""
-    return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
-
-
-def settings_for(
-    space: Space, strategies: Sequence[Representation], population: int | None, budget: Mapping[str, Any]
-) -> dict[str, Settings]:
-    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot.
-
-    budget: fields of Budget that were asked for. Raises InputError for a population too small to select from.
-    """
-    if space not in POPULATIONS:
-        raise InputError(f"{space!r}, expected {' or '.join(POPULATIONS)}", "space")
-    chosen = {}
-    for strategy in strategies:
-        name = label(strategy)
-        size = population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
-        settings = (
-            thesis_settings(strategy, size, GENERATIONS)
-            if space == "cartesian"
-            else Settings(strategy, budget=Budget(size, GENERATIONS, seconds=1e9))
-        )
-        if "seconds" in budget and "generations" not in budget:
-            settings = settings.with_budget(generations=UNLIMITED)
-        chosen[name] = replace(settings, budget=replace(settings.budget, **budget))
-    return chosen
 
 
 def _reporter(say: Say, runs: int) -> Any:

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
-from gpmodel.application.model_file import SavedModel, matched
+from gpmodel.application.matching import matched
+from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import of_the_mechanism, outside
 from gpmodel.arrays import Array, IntArray, Mask

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
-from gpmodel.table.dataset import Dataset, with_payload
+from gpmodel.table.dataset import Dataset
 
 SCHEMA = 1
 KIND = "gpmodel model"
@@ -240,30 +240,3 @@ def _probe(mechanism: Mechanism) -> Array:
     """Tip (3,) at one oblique pose: a fingerprint of the nominal geometry."""
     q = 0.1 * np.arange(1.0, len(mechanism.joints) + 1.0)[None]
     return chain(mechanism.transforms(q))[-1][0, :3, 3]
-
-
-def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """`dataset` made fit for the model: its payload, and labels that name the model's set-ups and tools.
-
-    Raises InputError: a set-up or tool the model does not know, an input missing or in another unit.
-    """
-    for name, unit in saved.input_units.items():
-        if name not in dataset.extras:
-            raise InputError(f"{dataset.source}: column '{name} [{unit}]' is missing; the model reads it")
-        if dataset.extra_units[name] != unit:
-            given = dataset.extra_units[name]
-            raise InputError(f"{dataset.source}: column '{name}' is in [{given}]; the model was made with [{unit}]")
-    if not dataset.payload_given:
-        dataset = with_payload(dataset, choice_of(saved.mechanism).payload)
-        read = {name for effect in saved.model.effects for name in effect.inputs}
-        if "payload" in read:
-            raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model reads it")
-    labels = dict(dataset.labels)
-    for column, known in (("setup", saved.placement.registration), ("tool", saved.placement.tool)):
-        labelled = set(dataset.label(column).tolist())
-        if labelled == {""} and len(known) == 1:
-            labels[column] = np.full(len(dataset), next(iter(known)))
-        elif surplus := sorted(labelled - set(known)):
-            expected = ", ".join(f"'{k}'" for k in known)
-            raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
-    return replace(dataset, labels=labels)

@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from gpmodel.application.model_file import SavedModel, matched
+from gpmodel.application.matching import matched
+from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import outside
 from gpmodel.arrays import Array

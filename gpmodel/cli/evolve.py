@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import click
 
-from gpmodel.api.evolve import default_strategies
 from gpmodel.api.evolve import evolve as run
+from gpmodel.api.evolve_settings import default_strategies
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (

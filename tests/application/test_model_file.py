@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from cli_cases import robot
 
-from gpmodel.application.model_file import SavedModel, load_model, matched, model_text, save_model, saved_model
+from gpmodel.application.matching import matched
+from gpmodel.application.model_file import SavedModel, load_model, model_text, save_model, saved_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import MechanismChoice

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from gpmodel.api.evolve import default_strategies, settings_for
+from gpmodel.api.evolve_settings import default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
 from gpmodel.errors import InputError

@@ -1,0 +1,110 @@
+"""What effects and their families must hold to."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.families.family import Family
+from gpmodel.families.offer import instances
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.states import States
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import known_unit, split_header
+
+PAYLOAD = 10.0
+
+
+def check_family(
+    family: Family,
+    mechanism: Mechanism,
+    *,
+    inputs: Mapping[str, Array] | None = None,
+    poses: int = 24,
+    seed: int = 0,
+) -> None:
+    """A family's candidates on a mechanism: named, finite, savable, and what the model does with them, signs included.
+
+    inputs: further columns by header, "temperature [degC]": values (poses,). Checked: at least one candidate; names
+    once; the family's own name on each; bases that read known inputs, are finite and survive being saved as text; a
+    column that is the derivative of the predicted point.
+    """
+    scene, placement = _scene(mechanism, inputs or {}, poses, seed)
+    found = tuple(instances(family, mechanism, scene.states))
+    assert found, f"family '{family.name}' has no instance on {mechanism.name} with these columns"
+    names = [candidate.name for candidate in found]
+    assert len(set(names)) == len(names), f"family '{family.name}': two candidates have one name"
+    assert len(family.source) > 5, f"family '{family.name}': has no source; the bar is a cited mechanism or a discovery"
+    for candidate in found:
+        assert candidate.effects, f"candidate '{candidate.name}' has no effect"
+        assert candidate.cost >= 0.0, f"candidate '{candidate.name}' has a negative cost"
+        for effect in candidate.effects:
+            _check_effect(effect, mechanism, scene, placement)
+
+
+def check_effect(
+    effect: Effect,
+    mechanism: Mechanism,
+    *,
+    inputs: Mapping[str, Array] | None = None,
+    poses: int = 24,
+    seed: int = 0,
+) -> None:
+    """A single effect: as `check_family` checks those of a family."""
+    _check_effect(effect, mechanism, *_scene(mechanism, inputs or {}, poses, seed))
+
+
+def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement: Placement) -> None:
+    where = f"effect '{effect.name}'"
+    unknown = set(effect.slots) - set(mechanism.slots)
+    assert not unknown, f"{where}: slot '{min(unknown)}' is none of {mechanism.name}"
+    assert effect.unit, f"{where}: has no unit"
+    for term in effect.terms:
+        missing = [name for name in term.basis.inputs if name not in poses.states.columns]
+        assert not missing, f"{where}: reads '{missing[0]}', which these poses do not have"
+        values = np.asarray(term.basis(poses.states), dtype=float)
+        assert values.shape in ((), (len(poses),)), f"{where}: its basis gives shape {values.shape}, not one a pose"
+        assert np.isfinite(values).all(), f"{where}: '{term.basis}' is infinite or undefined at some poses"
+        _check_text(where, str(term.basis), values, poses.states)
+    model = ErrorModel(mechanism, (effect,))
+    bare = ErrorModel(mechanism, ())
+    column = effect_columns((effect,), bare, poses, observe(bare, poses, np.zeros(0), placement))[:, :3, 0]
+    largest = max(float(np.abs(effect.twist(poses.states, slot)).max()) for slot in effect.slots)
+    assert largest > 0.0, f"{where}: is zero at every pose"
+    step = np.array([1e-6 / largest])
+    ahead, behind = (observe(model, poses, side * step, placement).tip[:, :3, 3] for side in (1, -1))
+    miss = np.abs(column - (ahead - behind) / (2 * step)).max()
+    assert miss < 1e-5 * np.abs(column).max() + 1e-9, f"{where}: its column is not the derivative of the prediction"
+
+
+def _check_text(where: str, text: str, values: Array, states: States) -> None:
+    again = np.asarray(Expression(text)(states), dtype=float)
+    assert np.allclose(again, values, rtol=1e-12, atol=0), f"{where}: '{text}' read back as text gives other values"
+
+
+def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: int) -> tuple[Poses, Placement]:
+    rng = np.random.default_rng(seed)
+    headers = {header: split_header(header) for header in inputs}
+    for header, (_, unit) in headers.items():
+        assert known_unit(unit or "nothing"), f"inputs '{header}': expected a unit, as in 'temperature [degC]'"
+    unmeasured = np.full((count, 3), np.nan)
+    dataset = Dataset(
+        joints=tuple(j.name for j in mechanism.joints),
+        q=random_poses(mechanism, count, rng),
+        position=unmeasured,
+        rotation=unmeasured.copy(),
+        row=np.arange(1, count + 1),
+        payload=rng.uniform(0.0, PAYLOAD, count),
+        extras={name: np.asarray(inputs[h], dtype=float) for h, (name, _) in headers.items()},
+        extra_units={name: str(unit) for name, unit in headers.values()},
+        payload_given=True,
+        in_order=True,
+    )
+    tool = np.eye(4)
+    tool[:3, 3] = 0.1, -0.05, 0.15
+    return prepare(mechanism, dataset), Placement({"": np.eye(4)}, {"": tool}, {})

@@ -1,0 +1,140 @@
+"""What a mechanism must hold to: slots, transforms, drives and loads."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.numerics.se3 import chain
+
+PAYLOAD = 10.0
+DOWN = (0.0, 0.0, -1.0)
+GRAVITY = (9.7, 9.9)
+"""Standard gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
+
+
+def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses: int = 12, seed: int = 0) -> None:
+    """A mechanism's slots, transforms, drives and loads, signs included.
+
+    down: the direction of gravity in the root frame. Checked: slots are base, both sides of each joint, tool;
+    transforms are rigid, each pose on its own; a drive is the derivative of the pose; what a payload adds to the loads
+    is its weight times its lever arms, and its torque about a coordinate minus the slope of its potential energy.
+    """
+    q = random_poses(mechanism, poses, np.random.default_rng(seed))
+    _check_slots(mechanism)
+    _check_transforms(mechanism, q)
+    _check_drives(mechanism, q)
+    _check_loads(mechanism, q, np.asarray(down, dtype=float) / np.linalg.norm(down))
+
+
+def _check_slots(mechanism: Mechanism) -> None:
+    slots = mechanism.slots
+    assert (slots[0], slots[-1]) == ("base", "tool"), f"slots {slots}: the first is 'base', the last is 'tool'"
+    assert len(set(slots)) == len(slots), f"slots {slots}: every name once"
+    for joint in mechanism.joints:
+        assert joint.kind in ("revolute", "prismatic"), f"{joint.name}: kind '{joint.kind}' is unknown"
+        assert joint.lower < joint.upper, f"{joint.name}: its lower limit is not below its upper one"
+        assert joint.drive, f"{joint.name}: has no drive, so that its value moves nothing"
+        for side in ("fixed", "moving"):
+            assert f"{joint.name}.{side}" in slots, f"{joint.name}: slot '{joint.name}.{side}' is missing"
+        for slot, axis, _ in joint.drive:
+            assert slot in slots, f"{joint.name}: its drive acts at '{slot}', which is no slot"
+            assert axis in AXES, f"{joint.name}: its drive acts along '{axis}', which is none of {AXES}"
+
+
+def _check_transforms(mechanism: Mechanism, q: Array) -> None:
+    transforms = mechanism.transforms(q)
+    expected = (len(mechanism.slots), len(q), 4, 4)
+    assert transforms.shape == expected, f"transforms have shape {transforms.shape}, expected {expected}"
+    turns = transforms[..., :3, :3]
+    orthogonal = np.allclose(turns @ np.swapaxes(turns, -1, -2), np.eye(3), atol=1e-9)
+    assert orthogonal, "transforms are not rigid: a rotation is not orthogonal"
+    assert np.allclose(np.linalg.det(turns), 1.0), "transforms are not rigid: a rotation is a mirror"
+    assert np.allclose(transforms[..., 3, :], (0, 0, 0, 1)), "transforms: the last row of each is (0, 0, 0, 1)"
+    alone = mechanism.transforms(q[1:2])
+    assert np.allclose(alone, transforms[:, 1:2], atol=1e-12), "transforms of a pose depend on the other poses"
+
+
+def _check_drives(mechanism: Mechanism, q: Array) -> None:
+    frames = chain(mechanism.transforms(q))
+    for column, joint in enumerate(mechanism.joints):
+        numeric = _slope(lambda at: chain(mechanism.transforms(at))[-1], q, column)
+        rates = (w * _rate(frames[mechanism.slots.index(s)], a) @ frames[-1] for s, a, w in joint.drive)
+        miss = np.abs(sum(rates) - numeric).max()
+        assert miss < 1e-6, (
+            f"{joint.name}: a small change of its value moves the tool otherwise than its drive says, by {miss:.2g} a "
+            "unit (a sign, an axis, or the side of the motion)"
+        )
+
+
+def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
+    added = _payload_loads(mechanism, q)
+    assert added, "loads are empty with a payload: a payload needs no masses of the links"
+    missing = {f"torque_{j.name}" for j in mechanism.joints} - set(added)
+    assert not missing, f"loads lack {sorted(missing)}"
+    base = chain(mechanism.transforms(q))[0]
+    force, moment = (
+        np.einsum("nij,nj->ni", base[:, :3, :3], np.column_stack([added[f"{kind}_base_{a}"] for a in "xyz"]))
+        for kind in ("force", "moment")
+    )
+    weight = force / PAYLOAD
+    size = np.linalg.norm(weight, axis=1)
+    assert ((size > GRAVITY[0]) & (size < GRAVITY[1])).all(), (
+        f"a payload of {PAYLOAD:g} kg adds {PAYLOAD * size.mean():.4g} N at the base, expected its weight"
+    )
+    assert np.allclose(weight / size[:, None], down, atol=1e-3), (
+        f"the force of a payload on the base points along {np.round(weight[0] / size[0], 3).tolist()} of the root, "
+        f"expected along gravity, {down.tolist()} (the sign of loads, or another mounting: argument `down`)"
+    )
+    centre = _payload_centre(mechanism, q, base, moment, weight)
+    for column, joint in enumerate(mechanism.joints):
+        height = _slope(lambda at: _payload_point(mechanism, at, centre), q, column)
+        work = PAYLOAD * np.einsum("ni,ni->n", height, weight)
+        miss = np.abs(added[f"torque_{joint.name}"] - work).max()
+        assert miss < 1e-4 * PAYLOAD * 10.0, (
+            f"torque_{joint.name} of a payload misses minus the slope of its potential energy by {miss:.3g} of "
+            f"{np.abs(work).max():.3g} (positive where gravity pushes the coordinate up)"
+        )
+
+
+def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
+    loaded = mechanism.loads(q, np.full(len(q), PAYLOAD))
+    bare = mechanism.loads(q, np.zeros(len(q)))
+    return {name: values - bare.get(name, np.zeros(len(q))) for name, values in loaded.items()}
+
+
+def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:
+    """Where a payload hangs in the tool frame (3,), m: (p + R c - o) × m g = moment, least squares over the poses."""
+    tool = chain(mechanism.transforms(q))[-1]
+    arm = tool[:, :3, 3] - base[:, :3, 3]
+    left = moment / PAYLOAD - np.cross(arm, weight)
+    columns = np.cross(np.swapaxes(tool[:, :3, :3], 1, 2), weight[:, None, :]).swapaxes(1, 2)
+    centre: Array = np.linalg.lstsq(columns.reshape(-1, 3), left.ravel(), rcond=None)[0].astype(np.float64)
+    miss = np.abs(columns.reshape(-1, 3) @ centre - left.ravel()).max()
+    assert miss < 1e-6, "moments of a payload at the base are no weight times a lever arm fixed to the tool"
+    return centre
+
+
+def _payload_point(mechanism: Mechanism, q: Array, centre: Array) -> Array:
+    tool = chain(mechanism.transforms(q))[-1]
+    return tool[:, :3, 3] + tool[:, :3, :3] @ centre
+
+
+def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
+    step = np.zeros(q.shape[1])
+    step[column] = 1e-6
+    return (function(q + step) - function(q - step)) / 2e-6
+
+
+def _rate(frame: Array, axis: str) -> Array:
+    """Change (N, 4, 4) in root coordinates of what follows a unit twist in `frame`."""
+    k = AXES.index(axis)
+    rate = np.zeros((4, 4))
+    if k < 3:
+        rate[k, 3] = 1.0
+    else:
+        i, j = (k - 2) % 3, (k - 1) % 3
+        rate[j, i], rate[i, j] = 1.0, -1.0
+    return frame @ rate @ np.linalg.inv(frame)
