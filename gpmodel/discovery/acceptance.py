@@ -133,9 +133,17 @@ def _preferred(residual: Residual, judged: Sequence[Hypothesis]) -> Hypothesis |
 
 def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int], before: Predicted) -> Hypothesis:
     """The verdict on a group of alike candidates, its leader first; before: predictions without any of them."""
+    chosen, candidate = named(residual.criteria, pool, group)
+    others = rivals(residual, pool, candidate, group, search.rivals)
+    return tested(residual, candidate, pool.scores[chosen], pool.chance(group[0]), before, others)
+
+
+def tested(
+    residual: Residual, candidate: Candidate, score: Score, chance: Chance, before: Predicted,
+    others: tuple[tuple[str, float], ...],
+) -> Hypothesis:  # fmt: skip
+    """A candidate with its verdict, every test of the criteria asked of it."""
     criteria = residual.criteria
-    chosen, candidate = named(criteria, pool, group)
-    score, chance = pool.scores[chosen], pool.chance(group[0])
     after = cross_validated(residual, candidate.effects)
     cv_t = paired_t(before.per_unit - after.per_unit)
     inflated = inflation(residual, candidate)
@@ -157,7 +165,6 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
             Test("sign", float(sign), 1.0, sign),
             Test("unique share", score.share, criteria.minimum_share, score.share > criteria.minimum_share),
         ]
-    others = rivals(residual, pool, candidate, group, search.rivals)
     return Hypothesis(candidate, score, chance, after.rms, before.rms, others, Verdict(tuple(tests)))
 
 

@@ -45,6 +45,7 @@ class Criteria:
     head_start: float = 5.0
     naming_margin: float = 8.0
     tie: float = 1.0
+    standard_errors: float = 1.0
     fewest_poses: float = 5.0
     fewest_share: float = 0.05
     largest_between: float = 4.0
@@ -100,6 +101,10 @@ class Verdict:
     def passed(self, name: str) -> bool:
         """Whether the test of that name passed, or was not asked of this candidate."""
         return all(test.passed for test in self.tests if test.name == name)
+
+    def passed_but_for(self, name: str) -> bool:
+        """Whether every test passed but perhaps the one of that name."""
+        return all(test.passed or test.name == name for test in self.tests)
 
     def deferred(self) -> "Verdict":
         """The verdict of a candidate that passed where another was preferred."""

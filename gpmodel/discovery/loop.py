@@ -6,25 +6,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.acceptance import Hypothesis, judge
+from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Turn, explore
-from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
-from gpmodel.discovery.replacement import better
-from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.result import Discovery, Finding, Round, Step
-from gpmodel.discovery.score import best_nats, scores
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
@@ -58,14 +55,22 @@ class _Loop:
     steps: list[Step] = field(default_factory=list)
 
     @property
-    def known(self) -> set[str]:
-        """Names of what is in the model already beside the standard model."""
-        return {f.candidate.name for f in self.findings} | {c.name for c in self.known_effects}
+    def found(self) -> tuple[Candidate, ...]:
+        return tuple(f.candidate for f in self.findings)
 
-    def model(self, findings: Sequence[Finding]) -> ErrorModel:
-        found = [e for f in findings for e in f.candidate.effects]
-        known = [e for c in self.known_effects for e in c.effects]
-        return ErrorModel(self.mechanism, (*self.standard, *known, *found))
+    @property
+    def evolved(self) -> tuple[Candidate, ...]:
+        """What GP found so far that is offered as groups."""
+        return tuple(c for r in self.rounds for c in r.evolved)
+
+    @property
+    def settled(self) -> bool:
+        """Whether another round would see what the last one saw."""
+        return bool(self.rounds) and not (self.rounds[-1].evolved or (len(self.rounds) == 1 and self.findings))
+
+    def model(self, found: Sequence[Candidate]) -> ErrorModel:
+        effects = [e for c in (*self.known_effects, *found) for e in c.effects]
+        return ErrorModel(self.mechanism, (*self.standard, *effects))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
         train = self.poses.subset(self.train)
@@ -124,16 +129,16 @@ def discover(
     standard_fit = loop.fit(loop.model(()))
     loop.findings.extend(resume[0])
     loop.rounds.extend(resume[1])
-    calibration = loop.fit(loop.model(loop.findings), standard_fit) if loop.findings else standard_fit
+    calibration = loop.fit(loop.model(loop.found), standard_fit) if loop.findings else standard_fit
     stopped = "nothing else stands out of chance"
-    while not (loop.rounds and not any(h.accepted for h in loop.rounds[-1].hypotheses)):
+    while not loop.settled:
         if len(loop.findings) >= search.max_effects:
             stopped = f"stopped at {search.max_effects} effects"
             break
         if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
             stopped = f"stopped after {search.stop_after:g} s; there may be more to find"
             break
-        calibration = _round(loop, calibration, standard_fit)
+        calibration = _round(loop, standard_fit, calibration)
         keep(loop.findings, loop.rounds)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
@@ -169,101 +174,62 @@ def _ladder(loop: _Loop, base: Calibration, standard_fit: Calibration, calibrati
     loop.climb("standard", standard_fit)
     for i in range(len(loop.findings)):
         last = i + 1 == len(loop.findings)
-        rung = calibration if last else loop.fit(loop.model(loop.findings[: i + 1]), standard_fit)
+        rung = calibration if last else loop.fit(loop.model(loop.found[: i + 1]), standard_fit)
         loop.climb(f"effect {i + 1}", rung, i)
 
 
-def _round(loop: _Loop, calibration: Calibration, standard_fit: Calibration) -> Calibration:
-    """One round; the fit after it depends on the findings alone, so that a resumed run repeats it."""
+def _round(loop: _Loop, standard_fit: Calibration, calibration: Calibration) -> Calibration:
+    """One round: what GP makes of the residual, then all groups chosen again with what it found among them."""
     number = len(loop.rounds) + 1
     rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
+    exploration, judged = _explored(loop, calibration, train, rng)
+    passed = tuple(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
+    new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
+    if loop.rounds and not new:
+        loop.rounds.append(Round(number, judged, exploration, (), loop.rounds[-1].null_nats))
+        return calibration
+    loop.say(f"round {number}: choosing groups of effects together")
+    choice = Choice(
+        standard_fit, lambda found: loop.fit(loop.model(found), standard_fit) if found else standard_fit, train,
+        loop.offers, loop.search, loop.criteria, loop.seed,
+    )  # fmt: skip
+    found = additive(choice, (*loop.evolved, *new))
+    before = {f.candidate.name: f for f in loop.findings}
+    pointing = set(exploration.histogram.significant)
+    accepted = [h for h in found.hypotheses if h.accepted]
+    loop.findings = [
+        Finding(h, before[h.candidate.name].round, before[h.candidate.name].pointed)
+        if h.candidate.name in before
+        else Finding(h, number, bool(pointing & set(h.candidate.inputs)))
+        for h in accepted
+    ]
+    dropped = tuple(n for n in before if n not in {h.candidate.name for h in accepted})
+    for finding in loop.findings:
+        if finding.round == number:
+            loop.say(f"round {number}: added {finding.candidate.name}")
+    loop.rounds.append(
+        Round(number, (*found.hypotheses, *judged), exploration, (*new, *found.laws), found.null_nats, dropped)
+    )
+    return found.calibration
+
+
+def _explored(
+    loop: _Loop, calibration: Calibration, train: Poses, rng: np.random.Generator
+) -> tuple[Exploration, tuple[Hypothesis, ...]]:
+    """What GP evolves on the residual of a calibration, and the verdicts on the best of it."""
+    number = len(loop.rounds) + 1
     rows = np.arange(len(train))
     if len(train) > loop.search.scored_poses:
         rows = np.sort(rng.permutation(len(train))[: loop.search.scored_poses])
     residual = residual_of(calibration, train.subset(rows), loop.criteria, loop.seed)
-    loop.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm, scoring the catalogue")
-    known = loop.known
-    still = still_joints(loop.mechanism, residual.poses.dataset)
-    offered = instances_of(loop.mechanism, residual.poses.states, loop.offers)
-    instances = tuple(c for c in offered if not all(stands_still(e.slots, still) for e in c.effects))
-    named = tuple(c for c in instances if c.name not in known)
-    hypotheses, exploration, nulls = _look(loop, residual, named, rng, number)
-    if residual.winsorised.any():
-        loop.say(f"round {number}: {residual.winsorised.sum()} poses stand far out; would a law explain them?")
-        everything = np.ones(len(rows), dtype=bool)
-        full = residual_of(calibration, residual.poses, loop.criteria, loop.seed, trusted=everything)
-        looks = (hypotheses, _look(loop, full, named, rng, number)[0])
-        explained = max(
-            (_explained(loop, look, rows, standard_fit) & residual.winsorised for look in looks), key=np.sum
-        )
-        if explained.any():
-            loop.say(f"round {number}: again, with the {explained.sum()} in full that it explains")
-            cleared = residual_of(calibration, residual.poses, loop.criteria, loop.seed, trusted=explained)
-            hypotheses, exploration, nulls = _look(loop, cleared, named, rng, number)
-    best = next((h for h in hypotheses if h.accepted), None)
-    dropped: tuple[str, ...] = ()
-    added: tuple[Hypothesis, ...] = ()
-    if best is not None:
-        loop.say(f"round {number}: added {best.candidate.name}")
-        loop.findings.append(Finding(best, number))
-        calibration = loop.fit(loop.model(loop.findings), standard_fit)
-        dropped, added, calibration = _revised(loop, calibration, standard_fit, named, nulls)
-    loop.rounds.append(Round(number, (*hypotheses, *added), exploration, dropped))
-    return calibration
-
-
-def _look(
-    loop: _Loop, residual: Residual, named: tuple[Candidate, ...], rng: np.random.Generator, number: int
-) -> tuple[tuple[Hypothesis, ...], Exploration, dict[str, Array]]:
-    """The catalogue and what GP evolves, judged; with what chance reaches."""
-    known = loop.known
-    null = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
+    loop.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
     turn = Turn(number, Teller(loop.say.say, f"round {number}: "))
     still = still_joints(loop.mechanism, residual.poses.dataset)
     sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
     exploration = explore(residual, sites, loop.search, rng, turn)
-    pool = (*named, *(c for c in exploration.candidates if c.name not in known))
+    known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
+    pool = [c for c in exploration.candidates if c.name not in known]
     earlier = [r.exploration.null_nats for r in loop.rounds]
-    nulls = {"catalogue": null, "evolved": np.concatenate([exploration.null_nats, *earlier])}
-    judged = judge(residual, pool_of(residual, pool, nulls), loop.search)
-    return judged, exploration, nulls
-
-
-def _explained(loop: _Loop, hypotheses: tuple[Hypothesis, ...], rows: IntArray, standard_fit: Calibration) -> Mask:
-    """The poses (N,) that are no outliers of a fit with the best hypothesis; none where there is no hypothesis.
-
-    Poses far out are drawn in for the search, which would bend a law that is strong at a few of them.
-    """
-    best = next((h for h in hypotheses if h.accepted), None)
-    if best is None:
-        return np.zeros(len(rows), dtype=bool)
-    trial = loop.fit(loop.model([*loop.findings, Finding(best, 0)]), standard_fit)
-    return ~np.isin(rows, trial.outliers)
-
-
-def _revised(
-    loop: _Loop, calibration: Calibration, standard_fit: Calibration, pool: Sequence[Candidate], nulls: dict[str, Array]
-) -> tuple[tuple[str, ...], tuple[Hypothesis, ...], Calibration]:
-    """Look at every finding again beside the newest: taken out where the others explain it (description length is less
-    without it), replaced where named effects say it better. What was dropped, what came in, the fit after it."""
-    dropped: list[str] = []
-    added: list[Hypothesis] = []
-    newest = loop.findings[-1]
-    train = loop.poses.subset(loop.train[:: max(1, len(loop.train) // loop.search.scored_poses)])
-    for finding in list(loop.findings):
-        old = finding.candidate
-        without = residual_of(calibration, train, loop.criteria, loop.seed, old.effects)
-        superfluous = finding is not newest and scores(without, [old])[0].nats < 0
-        taken = {f.candidate.name for f in loop.findings}
-        left = [c for c in pool if c.name not in taken]
-        instead = () if superfluous else better(without, old, left, nulls, loop.search)
-        if superfluous or instead:
-            loop.findings.remove(finding)
-            loop.findings += [Finding(h, newest.round) for h in instead]
-            calibration = loop.fit(loop.model(loop.findings), standard_fit)
-            dropped.append(old.name)
-            added += instead
-            explained_by = " and ".join(h.candidate.name for h in instead) or "the others"
-            loop.say(f"dropped {old.name}, explained by {explained_by}")
-    return tuple(dropped), tuple(added), calibration
+    nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
+    return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)

@@ -15,10 +15,12 @@ from gpmodel.model.error_model import Poses
 
 @dataclass(frozen=True)
 class Finding:
-    """An accepted hypothesis and the round that found it."""
+    """An accepted hypothesis and the round that found it. pointed: whether that round's histogram of referenced inputs
+    had an input of it stand out beforehand."""
 
     hypothesis: Hypothesis
     round: int
+    pointed: bool = False
 
     @property
     def candidate(self) -> Candidate:
@@ -27,11 +29,17 @@ class Finding:
 
 @dataclass(frozen=True)
 class Round:
-    """One look at the residual: everything tried, the null it had to stand out of, and what was dropped again."""
+    """One look at the residual: what GP made of it, then the groups chosen together, and what was dropped again.
+
+    hypotheses: all that was judged, groups first. evolved: what GP found that was offered as groups from here on.
+    null_nats: (T,) the most that any group gains on permuted residuals.
+    """
 
     number: int
     hypotheses: tuple[Hypothesis, ...]
     exploration: Exploration
+    evolved: tuple[Candidate, ...]
+    null_nats: Array
     dropped: tuple[str, ...] = ()
 
 

@@ -27,14 +27,13 @@ class Search:
     after which no new round begins. workers: GP runs side by side, which change no number. mapper: runs them elsewhere.
 
     shortlist: hypotheses of a kind, named or not, that are judged. considered: candidates of a kind from which they
-    are taken, best first. rivals: alternatives kept beside a finding. exchange_pool, exchange_starts, exchange_turns:
-    width and depth of the search for what could replace a finding.
+    are taken, best first. rivals: alternatives kept beside a finding.
     """
 
     runs: int = 8
     strategies: tuple[Representation, ...] = (Linear(),)
     stop_after: float | None = None
-    max_effects: int = 12
+    max_effects: int = 40
     workers: int = 2
     population: int = 1024
     generations: int = 40
@@ -45,7 +44,4 @@ class Search:
     shortlist: int = 4
     considered: int = 48
     rivals: int = 6
-    exchange_pool: int = 64
-    exchange_starts: int = 8
-    exchange_turns: int = 6
-    mapper: Mapper | None = None
+    mapper: Mapper = map

@@ -137,7 +137,7 @@ def test_an_interrupted_run_goes_on_to_the_same_numbers() -> None:
     kept: list[tuple[tuple[Finding, ...], tuple[Round, ...]]] = []
 
     def say(text: str) -> None:
-        if text.startswith("round 2"):
+        if str(text).startswith("round 2"):
             raise Interrupted
 
     def start() -> Discovery:
@@ -162,7 +162,7 @@ def test_a_finished_run_resumed_searches_no_more() -> None:
         resume=(done.findings, done.rounds),
     )  # fmt: skip
     assert numbers(again) == numbers(done)
-    assert not any(text.startswith("round") for text in said)
+    assert not any(str(text).startswith("round") for text in said)
 
 
 def test_limits_of_effects_and_time_are_kept_and_told() -> None:

@@ -1,0 +1,141 @@
+"""The additive part of what is missing: groups chosen together, each then held to the criteria like any finding."""
+
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauge import stands_still, still_joints
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.acceptance import Hypothesis, tested
+from gpmodel.discovery.compact import compact_laws
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.cross_validation import better_by, cross_validated
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.score import scores
+from gpmodel.discovery.search import Search
+from gpmodel.discovery.selection.group import Group
+from gpmodel.discovery.selection.result import Kept, Selection
+from gpmodel.discovery.selection.select import select
+from gpmodel.discovery.selection.standing import GENERIC, PAIRS, of_candidates, of_offers, only
+from gpmodel.evolution.chance import chance
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import catalogue
+from gpmodel.families.offer import Offer
+from gpmodel.model.error_model import Poses
+
+PLAIN = 2
+"""Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
+
+MOST_RIVALS = 6
+"""Rivals shown beside a finding, the nearest first."""
+
+
+@dataclass(frozen=True)
+class Additive:
+    """What was chosen together. hypotheses: every chosen group, judged, the worthiest first. calibration: with the
+    accepted ones. null_nats: (T,) the most that any group gains on permuted residuals. laws: short ones evolved for the
+    curves that were chosen, offered beside them."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    calibration: Calibration
+    null_nats: Array
+    laws: tuple[Candidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What groups are chosen for. fit: calibrates the training poses with candidates. offers: what the catalogue and
+    its user name."""
+
+    standard: Calibration
+    fit: Callable[[Sequence[Candidate]], Calibration]
+    train: Poses
+    offers: Sequence[Offer]
+    search: Search
+    criteria: Criteria
+    seed: int
+
+    def residual(self, calibration: Calibration, without: Candidate) -> Residual:
+        return residual_of(calibration, self.train, self.criteria, self.seed, without=without.effects)
+
+
+def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
+    """Choose groups beside a calibration's own effects, fit them, and judge each beside all the others.
+
+    evolved: what GP found, as groups among the others. A curve that a short law predicts as well as gives way to the
+    law, and the groups are chosen once more. One that fails a criterion is left out and the rest fitted again.
+    """
+    first = _chosen(choice, evolved)
+    laws = _laws(choice, first)
+    last = _chosen(choice, (*evolved, *laws.values()), set(laws)) if laws else first
+    return replace(_accepted(choice, last), laws=tuple(laws.values()))
+
+
+def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = frozenset()) -> Selection:
+    """What is chosen of all that is offered but for the groups of some names, and those at joints that stand still."""
+    whole = {f.name for f in catalogue} <= {o.name for o in choice.offers}
+    builders = (of_offers(choice.offers), *(GENERIC if whole else ()), of_candidates(evolved))
+    still = still_joints(choice.standard.model.mechanism, choice.train.dataset)
+
+    def wanted(group: Group) -> bool:
+        return group.name not in without and not all(stands_still(e.slots, still) for e in group.effects)
+
+    offered = [tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ())]
+    return select(choice.standard, choice.train, *offered, shuffles=choice.criteria.shuffles, seed=choice.seed)
+
+
+def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
+    """Of every curve that was chosen: the law that saves most, where it saves as much as the curve, but for the price
+    of a name, and predicts as well, within one standard error.
+
+    Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
+    """
+    criteria = choice.criteria
+    candidates = [as_candidate(kept) for kept in chosen.kept]
+    curves = [c for c in candidates if len(c.effects) > PLAIN]
+    calibration = choice.fit(candidates) if curves else choice.standard
+    found = {}
+    for curve in curves:
+        residual = choice.residual(calibration, curve)
+        laws = tuple(compact_laws(residual, curve, choice.search, choice.seed))
+        own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
+        best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=None)
+        if best is None or best[0] < own - criteria.naming_margin:
+            continue
+        if better_by(residual, curve.effects, best[1].effects) < criteria.standard_errors:
+            found[curve.name] = best[1]
+    return found
+
+
+def _accepted(choice: Choice, chosen: Selection) -> Additive:
+    """The chosen groups that stand every test beside each other."""
+    kept = {k.group.name: k for k in chosen.kept}
+    candidates = {name: as_candidate(k) for name, k in kept.items()}
+    judged: dict[str, Hypothesis] = {}
+    while True:
+        calibration = choice.fit(tuple(candidates.values()))
+        now = {n: _judged(choice.residual(calibration, c), c, kept[n], chosen) for n, c in candidates.items()}
+        judged |= now
+        failed = [n for n, h in now.items() if not h.accepted]
+        if not failed:
+            return Additive(tuple(judged.values()), calibration, chosen.by_chance)
+        for name in failed:
+            del candidates[name]
+
+
+def as_candidate(kept: Kept) -> Candidate:
+    """A kept group as a candidate: a curve with its learned priors, what has at most two numbers without."""
+    group = kept.group
+    plain = len(group.effects) <= PLAIN
+    effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
+    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation)
+
+
+def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
+    """The verdict on a kept group beside all the others; residual: without it."""
+    nats = kept.gain - candidate.cost
+    score = replace(scores(residual, [candidate])[0], nats=nats)
+    rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
+    return tested(residual, candidate, score, chance(nats, chosen.by_chance), cross_validated(residual, ()), rivals)

@@ -1,0 +1,1 @@
+"""Groups of effects chosen together by marginal likelihood."""

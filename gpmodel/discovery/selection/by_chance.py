@@ -1,0 +1,53 @@
+"""What the selection would find by chance: the residual of the chosen model put in another order of its bundles."""
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.gain import best
+from gpmodel.discovery.selection.scan import beside, reduced
+
+
+def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """The most nats (count,), costs counted, that any group gains on each of `count` permuted residuals.
+
+    bundle: (N,) code of the poses that stay together, in the order of the problem's poses. What the model leaves is
+    permuted over the bundles, what it explains is put back, and every group scored beside it as in `scan`.
+    """
+    pool, trials = active.pool, _permuted(active, bundle, rng, count)
+    pulls = pool.atoms.cross(trials)
+    table, _ = reduced(active)
+    rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
+    place, found = np.arange(len(pool.effects)), np.full(count, -np.inf)
+    for c in pool.classes:
+        inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
+        s, turn = np.linalg.eigh(inner)
+        reach = table[c.index] * c.spreads[:, :, None]
+        for t in range(count):
+            pull = (pulls[c.index, t] * c.spreads - reach @ rights[:, t]) / active.sigma2
+            q = np.einsum("gk,gkl->gl", pull, turn)
+            net = best(s, q, pool.cap[c.ids])[0] - pool.cost[c.ids]
+            net[np.isin(c.ids, list(active.variances))] = -np.inf
+            found[t] = max(found[t], net.max(initial=-np.inf))
+    return found
+
+
+def _permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """Targets (M, count), whitened and cleaned: what the model explains, and the rest in another order."""
+    rows = active.pool.rows
+    explained = np.zeros_like(rows.target)
+    for g, at in active.blocks.items():
+        part = active.pool.columns(g)[:, active.chosen[g]]
+        explained += part @ (np.sqrt(active.variances[g]) * active.mean[at])
+    present = rows.problem.weights > 0
+    left = np.full(present.shape, np.nan)
+    left[present] = rows.target - explained
+    codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
+    places = np.argsort(codes, kind="stable")
+    out = np.empty((len(rows.target), count))
+    for t in range(count):
+        rank = np.argsort(rng.permutation(codes.max() + 1))
+        turned = np.empty_like(left)
+        turned[places] = left[np.argsort(rank[codes], kind="stable")]
+        out[:, t] = explained + np.nan_to_num(turned[present])
+    return rows.clean(out)

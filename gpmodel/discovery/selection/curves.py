@@ -1,0 +1,121 @@
+"""Standing groups over the joints' angles: error curves, single harmonics, one joint's motion following another's."""
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from gpmodel.discovery.selection.group import Group, Shapes, group_of
+from gpmodel.families.candidate import revolute
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
+from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.sites import Site, sites_of
+
+SMOOTH = (10, 3.0)
+FOLLOWING = (3, 1.5)
+
+
+@cache
+def wave(function: str, number: int, angle: str) -> Expression:
+    """sin(3*J2), parsed once."""
+    return Expression(f"{function}({angle})" if number == 1 else f"{function}({number}*{angle})")
+
+
+def spectrum(count: int, corner: float) -> tuple[float, ...]:
+    """Deviations of harmonics 1 to count, 1 / (1 + (k / corner)^1.5), their squares summing to one."""
+    k = np.arange(1, count + 1)
+    shape = 1.0 / (1.0 + (k / corner) ** 1.5)
+    return tuple(shape / np.sqrt(np.sum(shape**2)))
+
+
+def _curve(name: str, site: Site, angle: str, family: str, count: int, corner: float) -> tuple[Effect, ...]:
+    out = []
+    for k, deviation in enumerate(spectrum(count, corner), 1):
+        for f in ("sin", "cos"):
+            plain = site.effect(f"{name}, {f} {k}", wave(f, k, angle), "rad", family)
+            out.append(Effect(plain.name, plain.terms, plain.unit, family, float(deviation)))
+    return tuple(out)
+
+
+def richest(count: int) -> tuple[int, float] | None:
+    """Harmonics and corner of the fine curve that so many poses can carry."""
+    return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
+
+
+def curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Error curve of the own angle, smooth and fine on the drive, smooth on the other axes (wobble, run-out)."""
+    fine = richest(len(shapes.states))
+    for j in revolute(mechanism):
+        drive = Site(j.drive)
+        name = f"error curve of the angle, {j.name}"
+        yield group_of(name, _curve(name, drive, j.name, "joint_curve", *SMOOTH), 4.0, shapes)
+        if fine is not None:
+            name = f"fine error curve of the angle, {j.name}"
+            yield group_of(name, _curve(name, drive, j.name, "joint_curve", *fine), 5.0, shapes)
+        for axis in AXES:
+            if axis != j.drive[0][1]:
+                kind = "run-out" if axis[0] == "T" else "wobble"
+                name = f"{kind} curve, {j.name} {axis}"
+                site = Site(((f"{j.name}.moving", axis, 1.0),))
+                yield group_of(name, _curve(name, site, j.name, f"axis_{kind}", *SMOOTH), 6.0, shapes)
+
+
+def single_harmonics(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Ripples above the twelfth harmonic that the catalogue offers only from 300 poses on."""
+    count = len(shapes.states)
+    highest = 0 if count >= 300 else count // 4
+    for j in revolute(mechanism):
+        for n in range(13, highest + 1):
+            name = f"transmission ripple, {n} per turn, {j.name}"
+            effects = [
+                Site(j.drive).effect(f"{name}, {f}", wave(f, n, j.name), "rad", "transmission_ripple")
+                for f in ("sin", "cos")
+            ]
+            yield group_of(name, effects, 4.0 + np.log(highest), shapes)
+
+
+def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Any place that follows another joint's angle: three harmonics, a proxy where no mechanism is known."""
+    joints = revolute(mechanism)
+    for site in sites_of(mechanism):
+        for j in joints:
+            if not _own(site, j):
+                name = f"{site.name} following {j.name}"
+                yield group_of(name, _curve(name, site, j.name, "following", *FOLLOWING), 7.0, shapes)
+
+
+def _own(site: Site, joint: Joint) -> bool:
+    return site.slot == f"{joint.name}.moving"
+
+
+def session(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """What changes along the rows: a slow wander of the set-up, a ramp at any drive, steps at a drive."""
+    states = shapes.states
+    first, span = float(np.min(states["row"])), float(np.ptp(states["row"])) or 1.0
+    along = f"(row - {first:g})/{span:g}"
+    waves = [Expression(f"cos({3.14159265 * k:.8f}*({along}))") for k in range(1, 7)]
+    fall = spectrum(6, 1.0)
+    for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
+        name = f"slow wander of the set-up, {kind}"
+        effects = [
+            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "drift", float(s))
+            for a in axes
+            for k, (w, s) in enumerate(zip(waves, fall, strict=True), 1)
+        ]
+        yield group_of(name, effects, 6.0, shapes)
+    for site in sites_of(mechanism):
+        name = f"drift along the rows, {site.name}"
+        yield group_of(name, [site.effect(name, Expression("row"), "1/row", "drift")], 6.0, shapes)
+
+
+def columns_everywhere(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Every extra column of the table at every place, in proportion."""
+    states = shapes.states
+    known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"}
+    extra = [c for c in states.columns if c not in known and not c.startswith(("torque_", "moment_", "force_"))]
+    for column in extra:
+        for site in sites_of(mechanism):
+            name = f"{site.name} following {column}"
+            effect = site.effect(name, Expression(column), f"1/{states.units[column]}", "following")
+            yield group_of(name, [effect], 6.5, shapes)

@@ -1,0 +1,139 @@
+"""A group: columns of one family at one place that come in together, under one variance."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Basis
+from gpmodel.model.effect import Effect
+from gpmodel.model.states import States
+
+CAP = 5e-3
+GEOMETRY_CAP = 0.3
+FLAT = 1e-6
+
+
+class Shapes:
+    """Values (N,) of bases at fixed poses, each computed once."""
+
+    def __init__(self, states: States) -> None:
+        self.states = states
+        self._values: dict[str, Array] = {}
+        self._moments: dict[str, tuple[float, float]] = {}
+
+    def __call__(self, basis: Basis) -> Array:
+        text = str(basis)
+        if text not in self._values:
+            with np.errstate(all="ignore"):
+                self._values[text] = np.ascontiguousarray(basis(self.states), dtype=float)
+        return self._values[text]
+
+    def moments(self, basis: Basis) -> tuple[float, float]:
+        """Variance and mean square over the poses."""
+        text = str(basis)
+        if text not in self._moments:
+            values = self(basis)
+            with np.errstate(all="ignore"):
+                self._moments[text] = float(np.var(values)), float(np.mean(values**2))
+        return self._moments[text]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Effects with unknowns u_k ~ N(0, a spread_k²), one variance a for all of them.
+
+    spreads: (E,) standard deviations of the unknowns for a = 1, scaled so that Σ spread_k² var(φ_k) = 1: √a is how
+    far the whole group moves its place over the poses, rad or m. cost: nats of description, the log of how many
+    alternatives it was chosen from. cap: largest √a. standing: in the model whatever it is worth.
+    parts: the groups of one kind at several places that it is made of, empty for a plain group.
+    """
+
+    name: str
+    place: str
+    family: str
+    effects: tuple[Effect, ...]
+    spreads: tuple[float, ...]
+    cost: float
+    cap: float = CAP
+    standing: bool = False
+    parts: tuple["Group", ...] = ()
+    found_by: str = "catalogue"
+    explanation: str = ""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """State columns any of its effects reads."""
+        return tuple(dict.fromkeys(i for e in self.effects for i in e.inputs))
+
+    def with_prior(self, variance: float) -> tuple[Effect, ...]:
+        """Its effects with the standard deviations √a spread_k as their priors."""
+        root = math.sqrt(variance)
+        return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
+
+
+def place_of(effect: Effect) -> str:
+    """Slot and axis of its first term."""
+    return f"{effect.terms[0].slot} {effect.terms[0].axis}"
+
+
+def spread_of(effect: Effect, shapes: Shapes) -> float:
+    """Standard deviation over the poses of what a unit of it does to its slots; 0 where flat, NaN past numbers."""
+    total, size = 0.0, 0.0
+    for term in effect.terms:
+        variance, square = shapes.moments(term.basis)
+        total += term.weight**2 * variance
+        size += term.weight**2 * square
+    return math.sqrt(total) if total > FLAT**2 * size else 0.0 if np.isfinite(total) else math.nan
+
+
+def group_of(
+    name: str, effects: Sequence[Effect], cost: float, shapes: Shapes, *, family: str = "", found_by: str = "catalogue"
+) -> Group | None:
+    """Effects as a group; finite priors say how large they are to each other, the others get equal shares.
+
+    Those that do not vary over the poses are left out; None where nothing is left.
+    """
+    sizes = [spread_of(e, shapes) for e in effects]
+    alive = [(e, s) for e, s in zip(effects, sizes, strict=True) if np.isfinite(s) and s > 0]
+    if not alive:
+        return None
+    relative = np.array([e.prior if np.isfinite(e.prior) else 1.0 / s for e, s in alive])
+    total = math.sqrt(sum((r * s) ** 2 for r, (_, s) in zip(relative, alive, strict=True)))
+    kept = tuple(e for e, _ in alive)
+    spreads = tuple(float(r / total) for r in relative)
+    return Group(name, place_of(kept[0]), family or kept[0].family, kept, spreads, cost, found_by=found_by)
+
+
+def from_candidate(candidate: Candidate, shapes: Shapes) -> Group | None:
+    """A candidate of the catalogue, or an evolved one, as a group."""
+    group = group_of(
+        candidate.name, candidate.effects, candidate.cost, shapes, family=candidate.family, found_by=candidate.found_by
+    )
+    return group and replace(group, explanation=candidate.explanation)
+
+
+def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
+    """Constant errors as two groups that are always in, lengths and angles; declared effects as one each."""
+    constant = [e for e in effects if e.constant]
+    declared = [e for e in effects if not e.constant]
+    out = []
+    for name, unit in (("geometry, lengths", "m"), ("geometry, angles", "rad")):
+        chosen = tuple(e for e in constant if (e.unit == "m") == (unit == "m"))
+        if chosen:
+            spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
+            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_CAP, standing=True))
+    for e in declared:
+        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=GEOMETRY_CAP, standing=True))
+    return tuple(out)
+
+
+def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
+    """Groups of one kind at several places under one variance."""
+    share = 1.0 / math.sqrt(len(parts))
+    effects = tuple(e for p in parts for e in p.effects)
+    spreads = tuple(share * s for p in parts for s in p.spreads)
+    return Group(name, "all", parts[0].family, effects, spreads, cost, parts=tuple(parts))

@@ -1,0 +1,173 @@
+"""Moves of the selection: re-estimate, add, prune, swap; each raises the evidence, until none does."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.scan import Replacements, scan
+
+FLOOR = 5.0
+MEMBER_FLOOR = 1.0
+SWAP_MARGIN = 1.0
+RIVAL_MARGIN = 3.0
+SETTLED = 0.05
+SWEEPS = 30
+MOST_MOVES = 200
+SHORT_LIST = 100
+ONE_POSE = 0.5
+MOST_RIVALS = 20
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A group that could stand in the place of a kept one at a loss of so many nats, its cost counted."""
+
+    number: int
+    loss: float
+
+
+def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
+    """Variances and noise at their most likely values: all at once in log a, halving the step where evidence falls."""
+    step = 1.0
+    for _ in range(sweeps):
+        target = {g: active.worth(g)[1] for g in active.variances}
+        sigma2 = active.energy / max(active.pool.rows.freedom - active.unknowns, 1.0)
+        moved = {g: a * (target[g] / a) ** step for g, a in active.variances.items()}
+        trial = replace(active, variances=moved, sigma2=active.sigma2 * (sigma2 / active.sigma2) ** step)
+        gained = trial.evidence - active.evidence
+        if gained < -1e-9:
+            step *= 0.5
+            if step < 0.05:
+                return active
+            continue
+        active, step = trial, min(1.0, 1.5 * step)
+        if gained < SETTLED:
+            return active
+    return active
+
+
+def pruned(active: Active, floor: float = FLOOR) -> Active:
+    """Without what is worth less than the floor, the worst first, and without idle parts of what is kept."""
+    while True:
+        worth = {
+            g: active.worth(g)[0] - active.pool.cost[g] for g in active.variances if not active.pool.groups[g].standing
+        }
+        worst = min(worth, key=lambda g: worth[g], default=None)
+        if worst is None or worth[worst] >= floor:
+            return _without_idle_parts(active)
+        active = reestimated(active.without(worst), 3)
+
+
+def _without_idle_parts(active: Active) -> Active:
+    """Groups of several places without the places that the evidence does not want at the common variance."""
+    for g in list(active.variances):
+        parts = active.pool.groups[g].parts
+        if not parts:
+            continue
+        of_column = np.repeat(np.arange(len(parts)), [len(p.effects) for p in parts])[active.chosen[g]]
+        for part in np.unique(of_column)[::-1]:
+            mine = np.flatnonzero(of_column == part)
+            if len(mine) == len(of_column):
+                break
+            s, q = active.own(g, mine)
+            a = active.variances[g]
+            if 0.5 * float(np.sum(a * q**2 / (1 + a * s) - np.log1p(a * s))) < MEMBER_FLOOR:
+                left = of_column != part
+                active = replace(active, chosen={**active.chosen, g: active.chosen[g][left]})
+                of_column = of_column[left]
+    return active
+
+
+def grown(active: Active) -> Active:
+    """Add the best group while it is worth its cost and the floor; re-estimate and prune after each.
+
+    After a full scan only its best hundred are looked at again, until none of them is worth adding.
+    """
+    active = reestimated(active)
+    refused: set[int] = set()
+    among: IntArray | None = None
+    for _ in range(MOST_MOVES):
+        gains, variances = scan(active, among)
+        gains = gains - active.pool.cost
+        gains[[*active.variances, *refused]] = -np.inf
+        g = int(np.argmax(gains))
+        if gains[g] < FLOOR:
+            if among is None:
+                return active
+            among = None
+            continue
+        if among is None:
+            among = np.argsort(-gains)[:SHORT_LIST]
+        before = active.evidence
+        trial = pruned(reestimated(active.added(g, float(variances[g])), 4))
+        if trial.evidence > before and g in trial.variances and not rests_on_one_pose(active, trial):
+            active = trial
+        else:
+            refused.add(g)
+    return active
+
+
+def split(active: Active) -> Active:
+    """Groups of several places as one group a place where each place stands on its own: said by name."""
+    number = {group.name: g for g, group in enumerate(active.pool.groups)}
+    for g in list(active.variances):
+        parts = active.pool.groups[g].parts
+        if not parts:
+            continue
+        of_column = np.repeat(np.arange(len(parts)), [len(p.effects) for p in parts])[active.chosen[g]]
+        trial = active.without(g)
+        for part in np.unique(of_column):
+            trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
+        trial = reestimated(trial)
+        new = [h for h in trial.variances if h not in active.variances]
+        if all(trial.worth(h)[0] - trial.pool.cost[h] >= FLOOR for h in new):
+            active = trial
+    return active
+
+
+def rests_on_one_pose(before: Active, after: Active) -> bool:
+    """Whether one pose alone brings most of what a move gains: an outlier that a law has bent itself to."""
+    gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
+    return float(gained.max()) > ONE_POSE * float(gained.sum())
+
+
+def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Rival, ...], Array]:
+    """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
+    active = replacements.active
+    own = active.worth(g)[0] - active.pool.cost[g]
+    gains, variances = replacements.of(g, own - RIVAL_MARGIN)
+    losses = own - (gains - active.pool.cost)
+    losses[list(active.variances)] = np.inf
+    order = np.argsort(losses)[:MOST_RIVALS]
+    return tuple(Rival(int(h), float(losses[h])) for h in order if losses[h] < RIVAL_MARGIN), variances
+
+
+def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Rival, ...]]]:
+    """Each kept group against every other in its place, and grown again, until neither helps; the rivals of each.
+
+    Groups of several places are said by name where they can be.
+    """
+    rivals: dict[int, tuple[Rival, ...]] = {}
+    for _ in range(4):
+        active = split(active)
+        rivals, changed, replacements = {}, False, Replacements(active)
+        for g in _found(active):
+            if g not in active.variances:
+                continue
+            rivals[g], variances = instead_of(replacements, g)
+            if rivals[g] and rivals[g][0].loss < -SWAP_MARGIN:
+                h = rivals.pop(g)[0].number
+                trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
+                if trial.evidence > active.evidence + SETTLED:
+                    active, changed, replacements = trial, True, Replacements(trial)
+        if not changed:
+            break
+        active = pruned(reestimated(grown(active)))
+    return active, {g: rivals.get(g, ()) for g in _found(active)}
+
+
+def _found(active: Active) -> list[int]:
+    """Groups in the model that are not always in it."""
+    return [g for g in active.variances if not active.pool.groups[g].standing]

@@ -1,0 +1,69 @@
+"""Noise of two levels: what a pose repeats every time, and what the instrument adds to each measurement."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.linearise import Linearised
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Rows of a bundle of n share a deviation: cov = σ² (I + ρ 11ᵀ) in each bundle and component.
+
+    Whitened: v - (1 - 1/√(1 + n ρ)) mean(v). block: (M,) bundle and component of each row. Source: Fuller and
+    Battese (1973), transformation of the random-effects model.
+    """
+
+    block: IntArray
+    ratio: float = 0.0
+
+    def whiten(self, values: Array) -> Array:
+        return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
+
+    def restored(self, values: Array) -> Array:
+        """What whitening made of it, undone."""
+        return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
+
+    def _scaled(self, values: Array, factor: Array) -> Array:
+        """Values (M, ...) with the mean of each block times a factor (B,)."""
+        if self.ratio == 0.0:
+            return values
+        return values + ((factor - 1.0).reshape(-1, *[1] * (values.ndim - 1)) * self.means(values))[self.block]
+
+    @cached_property
+    def sizes(self) -> IntArray:
+        return np.bincount(self.block)
+
+    def means(self, values: Array) -> Array:
+        """Means (B, ...) of the rows of each block."""
+        sizes = self.sizes
+        sums = sparse.csr_matrix(
+            (np.ones(len(self.block)), (self.block, np.arange(len(self.block)))), shape=(len(sizes), len(self.block))
+        )
+        return (sums @ values) / sizes.reshape(-1, *[1] * (values.ndim - 1))
+
+    def estimated(self, residual: Array, unknowns: float) -> "Whitening":
+        """The same blocks with the ratio that a residual (M,) says, after a fit of so many unknowns.
+
+        ρ = max(0, between / within - 1) / n0, mean squares of one-way analysis of variance.
+        """
+        sizes = self.sizes
+        inside = len(self.block) - len(sizes)
+        if inside < 3:
+            return self
+        means = self.means(residual)
+        within = float(np.sum((residual - means[self.block]) ** 2)) / inside
+        between = float(np.sum(sizes * means**2)) / max(len(sizes) - unknowns, 1.0)
+        typical = (len(self.block) - np.sum(sizes**2) / len(self.block)) / max(len(sizes) - 1, 1)
+        return Whitening(self.block, max(0.0, between / max(within, 1e-300) - 1.0) / typical)
+
+
+def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:
+    """The blocks of a linearised problem, one a bundle and component, of noise that is independent so far."""
+    component = np.nonzero(problem.weights > 0)[1]
+    key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component
+    return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64))

@@ -1,0 +1,177 @@
+"""Selection of groups: linearise, choose, solve the exact chain, look again."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.by_chance import best_by_chance
+from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
+from gpmodel.discovery.selection.moves import exchanged, grown, pruned, reestimated
+from gpmodel.discovery.selection.noise import blocks_of
+from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.refit import Point, Refit, far_out, refit, whitened
+from gpmodel.discovery.selection.result import Selection, summarised
+from gpmodel.discovery.selection.rows import Rows
+from gpmodel.discovery.selection.standing import Builder, offered
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.table.bundles import replicates
+
+SCREENING_POSES = 1500
+MOST_LOOKS = 3
+
+
+@dataclass(frozen=True)
+class _State:
+    """What one pass hands to the next: variances by name, the effects each group still has, the point, σ."""
+
+    point: Point
+    sigma: float
+    variances: Mapping[str, float] = field(default_factory=dict)
+    chosen: Mapping[str, IntArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same: the poses, their bundles of repeats, the sample that is chosen on, its shapes."""
+
+    mechanism: Mechanism
+    poses: Poses
+    bundle: IntArray
+    sample: IntArray
+    shapes: Shapes
+
+
+def select(
+    calibration: Calibration,
+    poses: Poses,
+    builders: Sequence[Builder],
+    pairs: Sequence[Builder] = (),
+    *,
+    shuffles: int = 0,
+    seed: int = 0,
+) -> Selection:
+    """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
+
+    poses: those the calibration was fitted to. pairs: builders offered once nothing single is left. shuffles: permuted
+    residuals that the groups are scored on, seed: of their order.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _select(calibration, poses, builders, pairs, np.random.default_rng(seed), shuffles)
+
+
+def _select(
+    calibration: Calibration,
+    poses: Poses,
+    builders: Sequence[Builder],
+    pairs: Sequence[Builder],
+    rng: np.random.Generator,
+    shuffles: int,
+) -> Selection:
+    mechanism = calibration.model.mechanism
+    bundle = replicates(poses.dataset)
+    sample = _sample(bundle)
+    shapes = Shapes(resolved(calibration, poses.subset(sample)).states)
+    base = list(geometry_groups(calibration.model.effects))
+    single = offered(builders, mechanism, shapes)
+    use = np.ones(len(poses), dtype=bool)
+    use[calibration.outliers] = False
+    point = Point(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
+    state = _State(point, calibration.sigma)
+    task = _Task(mechanism, poses, bundle, sample, shapes)
+    state = _with_levels(state, poses, bundle)
+    state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
+    groups = [*base, *single, *_pairs_found(task, base, single, pairs, state)]
+    for _ in range(MOST_LOOKS):
+        active, rivals = exchanged(pruned(reestimated(grown(_started(task, groups, state)))))
+        before = state
+        state, fit = _refitted(active, task, before)
+        if _same(before, state):
+            break
+    chance = best_by_chance(active, bundle[sample], rng, shuffles)
+    return summarised(active, rivals, fit, len(groups) - len(base), chance)
+
+
+def _pairs_found(
+    task: _Task, base: Sequence[Group], single: Sequence[Group], pairs: Sequence[Builder], state: _State
+) -> list[Group]:
+    """The groups of two inputs that what is left asks for, beside what is kept."""
+    couples = offered(pairs, task.mechanism, task.shapes, blocks=False)
+    if not couples:
+        return []
+    kept = [g for g in single if g.name in state.variances]
+    trial = grown(_started(task, [*base, *kept, *couples], state))
+    found = {trial.pool.groups[g].name for g in trial.variances}
+    return [g for g in couples if g.name in found]
+
+
+def _sample(bundle: IntArray) -> IntArray:
+    """The poses to choose on: all, or whole bundles of about SCREENING_POSES evenly along the rows."""
+    if len(bundle) <= SCREENING_POSES:
+        return np.arange(len(bundle))
+    share = SCREENING_POSES / len(bundle)
+    numbers = np.unique(bundle)
+    chosen = numbers[np.floor(np.arange(len(numbers)) * share) != np.floor((np.arange(len(numbers)) - 1) * share)]
+    return np.flatnonzero(np.isin(bundle, chosen))
+
+
+def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
+    """The problem linearised at a point, with what was chosen before; unknowns are totals."""
+    point = state.point
+    part = task.poses.subset(task.sample)
+    problem = linearise(point.model, part, point.theta, point.placement, point.rotation_weight, point.use[task.sample])
+    target = problem.residual + problem.columns[:, problem.placement :] @ point.theta
+    noise = whitened(problem, task.bundle[task.sample], point.ratio)
+    rows = Rows(task.mechanism, problem, target, noise, task.shapes)
+    pool = Pool(rows, groups)
+    active = Active(pool, {}, {}, state.sigma**2)
+    for g, group in enumerate(groups):
+        if group.standing or group.name in state.variances:
+            active = active.added(g, state.variances.get(group.name, 1e-6))
+            if group.name in state.chosen:
+                active = replace(active, chosen={**active.chosen, g: state.chosen[group.name]})
+    return active
+
+
+def _refitted(active: Active, task: _Task, state: _State) -> tuple[_State, Refit]:
+    """The exact fit with what is active, outliers and the noise's levels judged anew."""
+    before = dict(zip((e.terms for e in state.point.model.effects), state.point.theta, strict=True))
+    effects, variances, chosen = [], {}, {}
+    for g, a in active.variances.items():
+        group = active.pool.groups[g]
+        prior = group.with_prior(a)
+        effects += [prior[k] for k in active.chosen[g]]
+        variances[group.name], chosen[group.name] = a, active.chosen[g]
+    mean = dict(zip((active.pool.effects[i].terms for i in active.index), active.mean * active.scale, strict=True))
+    theta = np.array([before.get(e.terms, mean[e.terms]) for e in effects])
+    point = replace(state.point, model=ErrorModel(state.point.model.mechanism, tuple(effects)), theta=theta)
+    sigma = float(np.sqrt(active.sigma2))
+    fit = refit(point, task.poses, task.bundle, sigma)
+    use = far_out(fit.error, point.use)
+    if (use != point.use).any():
+        fit = refit(replace(fit.point, use=use), task.poses, task.bundle, sigma)
+    ratio = fit.whitening.estimated(fit.problem.residual, fit.unknowns).ratio
+    return _State(replace(fit.point, ratio=ratio), fit.sigma, variances, chosen), fit
+
+
+def _with_levels(state: _State, poses: Poses, bundle: IntArray) -> _State:
+    """The state with the two levels of the noise as the residual it starts from says, with all that is missing."""
+    point = state.point
+    problem = linearise(point.model, poses, point.theta, point.placement, point.rotation_weight, point.use)
+    noise = blocks_of(problem, bundle).estimated(problem.residual, float(problem.columns.shape[1]))
+    return replace(state, point=replace(point, ratio=noise.ratio))
+
+
+def _same(before: _State, after: _State) -> bool:
+    """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
+    return (
+        bool((before.point.use == after.point.use).all())
+        and abs(np.log1p(before.point.ratio) - np.log1p(after.point.ratio)) < 0.1
+        and abs(np.log(before.sigma / after.sigma)) < 0.05
+    )

@@ -1,0 +1,88 @@
+"""Which groups are offered: the catalogue's candidates, generic ones, and kinds that several joints share.
+
+A builder takes a mechanism and shapes and yields groups; adding one is one row of STANDING or PAIRS. A family of the
+catalogue needs no row: each of its candidates is a group, and those of one kind at several joints are one group more.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from gpmodel.discovery.selection import curves, loads, pairs
+from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, joined
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.offer import Offer, instances
+from gpmodel.mechanism.protocol import Mechanism
+
+Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
+
+REPLACED = {"joint_curve"}
+LARGEST_BLOCK = 130
+SMALLEST_BLOCK = 3
+BLOCK_COST = 1.0
+
+
+def of_offers(offers: Iterable[Offer]) -> Builder:
+    """Every instance of what is offered, but for the families that a generic builder offers in several sizes."""
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        for offer in offers:
+            if offer.name not in REPLACED:
+                yield from (from_candidate(c, shapes) for c in instances(offer, mechanism, shapes.states))
+
+    return build
+
+
+def of_candidates(candidates: Sequence[Candidate]) -> Builder:
+    """Candidates as they are: what genetic programming found."""
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        return (from_candidate(candidate, shapes) for candidate in candidates)
+
+    return build
+
+
+def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
+    """The groups of a builder that are wanted."""
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        return (group for group in builder(mechanism, shapes) if group is not None and wanted(group))
+
+    return build
+
+
+GENERIC: tuple[Builder, ...] = (
+    curves.curves,
+    curves.single_harmonics,
+    curves.following,
+    curves.session,
+    curves.columns_everywhere,
+    loads.compliances,
+    loads.all_torques,
+    loads.load_curves,
+)
+PAIRS: tuple[Builder, ...] = (pairs.products, pairs.varying)
+
+
+def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *, blocks: bool = True) -> list[Group]:
+    """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks."""
+    found: dict[object, Group] = {}
+    for builder in builders:
+        for group in builder(mechanism, shapes):
+            if group is not None:
+                found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
+    groups = list(found.values())
+    return groups + (shared_kinds(mechanism, groups) if blocks else [])
+
+
+def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
+    """Groups that are the same but for the joint, as one group under one variance: many weak ones of one kind."""
+    kinds: dict[str, list[Group]] = defaultdict(list)
+    for group in groups:
+        for j in mechanism.joints:
+            if group.name.endswith(f", {j.name}"):
+                kinds[group.name.removesuffix(f", {j.name}")].append(group)
+    return [
+        joined(f"{kind}, several joints", parts, parts[0].cost + BLOCK_COST)
+        for kind, parts in kinds.items()
+        if len(parts) >= SMALLEST_BLOCK and sum(len(p.effects) for p in parts) <= LARGEST_BLOCK
+    ]
