@@ -44,4 +44,4 @@ class Search:
     shortlist: int = 4
     considered: int = 48
     rivals: int = 6
-    mapper: Mapper = map
+    mapper: Mapper | None = None
