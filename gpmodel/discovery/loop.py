@@ -32,6 +32,7 @@ from gpmodel.model.sites import sites_of
 from gpmodel.progress import Say, Teller, silent
 
 Resumed = tuple[Sequence[Finding], Sequence[Round]]
+Keep = Callable[[Sequence[Finding], Sequence[Round]], None]
 
 
 @dataclass
@@ -64,7 +65,7 @@ class _Loop:
         return tuple(c for r in self.rounds for c in r.evolved)
 
     @property
-    def settled(self) -> bool:
+    def repeating(self) -> bool:
         """Whether another round would see what the last one saw."""
         return bool(self.rounds) and not (self.rounds[-1].evolved or (len(self.rounds) == 1 and self.findings))
 
@@ -100,7 +101,7 @@ def discover(
     condition_limit: float | None = None,
     seed: int = 0,
     progress: Say = silent,
-    keep: Callable[[Sequence[Finding], Sequence[Round]], None] = lambda findings, rounds: None,
+    keep: Keep = lambda findings, rounds: None,
     resume: Resumed = ((), ()),
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
@@ -130,16 +131,7 @@ def discover(
     loop.findings.extend(resume[0])
     loop.rounds.extend(resume[1])
     calibration = loop.fit(loop.model(loop.found), standard_fit) if loop.findings else standard_fit
-    stopped = "nothing else stands out of chance"
-    while not loop.settled:
-        if len(loop.findings) >= search.max_effects:
-            stopped = f"stopped at {search.max_effects} effects"
-            break
-        if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
-            stopped = f"stopped after {search.stop_after:g} s; there may be more to find"
-            break
-        calibration = _round(loop, standard_fit, calibration)
-        keep(loop.findings, loop.rounds)
+    calibration, stopped = _climbed(loop, standard_fit, calibration, started, keep)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
     found = loop.refitted(calibration)
@@ -151,6 +143,21 @@ def discover(
         mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), found, final,
         doubt, loop.standard, time.monotonic() - started, stopped,
     )  # fmt: skip
+
+
+def _climbed(
+    loop: _Loop, standard_fit: Calibration, calibration: Calibration, started: float, keep: Keep
+) -> tuple[Calibration, str]:
+    """Rounds until nothing new is seen or a limit of the search is met, and why they ended."""
+    search = loop.search
+    while not loop.repeating:
+        if len(loop.findings) >= search.max_effects:
+            return calibration, f"stopped at {search.max_effects} effects"
+        if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
+            return calibration, f"stopped after {search.stop_after:g} s; there may be more to find"
+        calibration = _round(loop, standard_fit, calibration)
+        keep(loop.findings, loop.rounds)
+    return calibration, "nothing else stands out of chance"
 
 
 def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
