@@ -55,7 +55,7 @@ class Rival:
     @property
     def words(self) -> str:
         """One sentence, with the poses that would tell the two apart where joint values alone do."""
-        unit = self.candidate.effects[0].unit
+        unit = self.candidate.unit
         size, rival = measured(self.value, None, "m"), measured(self.amplitude, None, unit)
         said = f"{self.constant} of {size} could equally be {self.candidate.name} of {rival}"
         if not len(self.poses) or self.difference.max() < ident.NEGLIGIBLE:
@@ -92,8 +92,8 @@ def rivals_of_constants(
             sizes: Array = np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=None)[0].astype(float)
             apart = float(np.linalg.norm(left[:, 0] - left[:, 1:] @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
-                absorbed = np.linalg.lstsq(others, constant - shapes @ sizes, rcond=None)[0]
-                told = _telling(fresh, candidate, k, theta[k], sizes, absorbed)
+                others_change = np.linalg.lstsq(others, constant - shapes @ sizes, rcond=None)[0]
+                told = _telling(fresh, candidate, k, theta[k], sizes, others_change)
                 found.append(Rival(model.effects[k].name, float(theta[k]), candidate, sizes, apart, *told))
     return tuple(sorted(found, key=lambda rival: rival.apart))
 
@@ -163,13 +163,13 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
 
 
 def _telling(
-    fresh: _Columns, candidate: Candidate, k: int, value: float, sizes: Array, absorbed: Array
+    fresh: _Columns, candidate: Candidate, k: int, value: float, sizes: Array, others_change: Array
 ) -> tuple[Array, Array]:
     """Joint values (p, n) at which the two explanations differ most, and by how much (p,), m."""
     joints = [joint.name for joint in fresh.calibration.model.mechanism.joints]
     if not {name for effect in candidate.effects for name in effect.inputs} <= {*joints, "x", "y", "z"}:
         return np.zeros((0, len(joints))), np.zeros(0)
-    rows = value * fresh.columns[:, fresh.first + k] - fresh.of(candidate) @ sizes - fresh.without(k) @ absorbed
+    rows = value * fresh.columns[:, fresh.first + k] - fresh.of(candidate) @ sizes - fresh.without(k) @ others_change
     squares = np.bincount(fresh.problem.pose_of_row, rows**2, minlength=POOL)
     chosen = np.argsort(squares)[::-1][:SHOWN]
     return fresh.problem.poses.dataset.q[chosen], np.sqrt(squares[chosen])

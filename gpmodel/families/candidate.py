@@ -1,15 +1,20 @@
 """A candidate: one thing that the model may be missing, and the shapes that many of them share."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from gpmodel.formula.expression import Expression
+from gpmodel.arrays import Array
+from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.states import States
 
 NO_LOAD = 1e-6
+"""N m or N: a load below it is rounding."""
+
+Kind = Literal["single", "harmonic", "vector", "curve"]
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,55 @@ class Candidate:
     def place(self) -> Term:
         """The slot, axis and basis of its first effect, which stand for where it acts."""
         return self.effects[0].terms[0]
+
+    @property
+    def unit(self) -> str:
+        """The unit of its amplitude: of its first effect's unknown."""
+        return self.effects[0].unit
+
+    @property
+    def bases(self) -> tuple[Basis, ...]:
+        """The basis of every effect's first term."""
+        return tuple(effect.terms[0].basis for effect in self.effects)
+
+    @property
+    def kind(self) -> Kind:
+        """What its unknowns are together.
+
+        single: one number. harmonic: sine and cosine of one argument. vector: one basis along several axes. curve: a
+        sum of different bases.
+        """
+        if len(self.effects) == 1:
+            return "single"
+        if len({str(basis) for basis in self.bases}) == 1:
+            return "vector"
+        if len(self.effects) == 2:
+            (first, argument), (second, other) = (Expression(str(basis)).call for basis in self.bases)
+            if (first, second) == ("sin", "cos") and argument == other:
+                return "harmonic"
+        return "curve"
+
+    def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
+        """Its size as one number, and the gradient (E,) of that by its unknowns `theta` (E,).
+
+        single: θ. harmonic: √(θ₁² + θ₂²). vector: the length along the axes of the first one's unit. curve: the RMS of
+        Σ θ φ over the poses of `states`.
+        """
+        match self.kind:
+            case "single":
+                return float(theta[0]), np.ones(1)
+            case "harmonic":
+                size = float(np.hypot(*theta))
+                return size, theta / size if size else np.array([1.0, 0.0])
+            case "vector":
+                along = np.where([e.unit == self.unit for e in self.effects], theta, 0.0)
+                size = float(np.linalg.norm(along))
+                return size, along / size if size else np.ones(len(theta))
+            case "curve":
+                shapes = np.array([basis(states) for basis in self.bases])
+                total = theta @ shapes
+                size = float(np.sqrt(np.mean(total**2)))
+                return size, shapes @ total / (len(total) * size) if size else np.zeros(len(theta))
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

@@ -80,6 +80,14 @@ class Expression:
         found = [n for n in ast.walk(self._tree) if isinstance(n, ast.BinOp | ast.UnaryOp | ast.Call)]
         return sum(not _scaled_input(n) for n in found)
 
+    @cached_property
+    def call(self) -> tuple[str, str]:
+        """Name and argument of the function that it is a call of, `sin` and `2*J4`; both empty where it is none."""
+        match self._tree.body:
+            case ast.Call(func=ast.Name(id=name), args=[argument]):
+                return name, ast.unparse(argument)
+        return "", ""
+
     def __call__(self, states: Columns) -> Array:
         with np.errstate(all="ignore"):
             value = _evaluate(self._tree.body, states)

@@ -90,8 +90,8 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
     finding, final, states = discovery.findings[i], discovery.found, discovery.poses.states
     candidate, hypothesis = finding.candidate, finding.hypothesis
     number = quantity(final, candidate, states)
-    first = candidate.effects[0].terms[0]
-    inputs = tuple(dict.fromkeys(x for e in candidate.effects for x in e.inputs))
+    first = candidate.place
+    inputs = candidate.inputs
     step = next((s for s in discovery.steps if s.finding == i), None)
     moved = fitted.statistics_mm(fitted.tool_displacement(final, resolved(final, discovery.poses), candidate.effects))
     return EffectRecord(
@@ -168,7 +168,7 @@ def _round(entry: Round, names: Mapping[str, str]) -> RoundRecord:
 
 def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
     candidate = hypothesis.candidate
-    first = candidate.effects[0].terms[0]
+    first = candidate.place
     return CandidateRecord(
         name=translate(candidate.name, names),
         slot=translate(first.slot, names),

@@ -12,6 +12,9 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import PAYLOAD_SHARE, States
 
+MOST_WRITTEN = 6
+"""Bases of a curve that are written out one by one; more are counted."""
+
 _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 
 
@@ -35,46 +38,37 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
     """One number for a finding.
 
-    A single effect: its unknown. A sine and cosine pair: amplitude A and phase p of A sin(x + p). One basis along
-    several axes: the length of the vector of those in the first one's unit. A larger set: the RMS over the poses of its
-    sum. With the deviation propagated through the covariance.
+    Its amplitude, the deviation propagated through the covariance; of a harmonic the basis is A sin(x + p) with its
+    phase p.
     """
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
     deviation = np.nan_to_num(calibration.stderr[at])
+    value, slope = candidate.amplitude(theta, states)
     covariance = calibration.correlation[np.ix_(at, at)] * np.outer(deviation, deviation)
+    single = candidate.kind == "single"
+    stderr = float(deviation[0]) if single else float(np.sqrt(slope @ covariance @ slope))
     share = float(np.min(calibration.unique_share[at]))
-    unit = candidate.effects[0].unit
-    bases = [str(e.terms[0].basis) for e in candidate.effects]
-    if len(at) == 1:
-        return Quantity(float(theta[0]), float(deviation[0]), bases[0], unit, share)
-    if len(at) == 2 and bases[0].startswith("sin(") and bases[1] == f"cos{bases[0][3:]}":
-        amplitude = float(np.hypot(*theta))
-        slope = theta / amplitude if amplitude else np.array([1.0, 0.0])
-        phase = float(np.arctan2(theta[1], theta[0]))
-        return Quantity(
-            amplitude, float(np.sqrt(slope @ covariance @ slope)), f"{bases[0][:-1]} {phase:+.3f})", unit, share
-        )
-    if len(set(bases)) == 1:
-        along = np.where([e.unit == unit for e in candidate.effects], theta, 0.0)
-        length = float(np.linalg.norm(along))
-        slope = along / length if length else np.ones(len(at))
-        return Quantity(length, float(np.sqrt(slope @ covariance @ slope)), bases[0], unit, share)
-    shapes = np.array([e.terms[0].basis(states) for e in candidate.effects])
-    total = theta @ shapes
-    rms = float(np.sqrt(np.mean(total**2)))
-    slope = shapes @ total / (len(total) * rms) if rms else np.zeros(len(at))
-    text = " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, bases, strict=True))
-    if len(bases) > 6:
-        text = f"curve of {', '.join(candidate.effects[0].inputs)}, {len(bases) // 2} harmonics"
-    return Quantity(rms, float(np.sqrt(slope @ covariance @ slope)), text, unit, share)
+    return Quantity(value, stderr, _basis_in_words(candidate, theta), candidate.unit, share)
+
+
+def _basis_in_words(candidate: Candidate, theta: Array) -> str:
+    """What the amplitude of a candidate multiplies."""
+    first = str(candidate.place.basis)
+    if candidate.kind == "harmonic":
+        return f"{first[:-1]} {float(np.arctan2(theta[1], theta[0])):+.3f})"
+    if candidate.kind != "curve":
+        return first
+    if len(candidate.bases) > MOST_WRITTEN:
+        return f"curve of {', '.join(candidate.effects[0].inputs)}, {len(candidate.bases) // 2} harmonics"
+    return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True))
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
     """Σ θ φ (N,) of a finding over the poses of `states`, along its first term; of one basis along several axes, φ
     times the length of their vector."""
-    if len({str(e.terms[0].basis) for e in candidate.effects}) == 1:
-        term = candidate.effects[0].terms[0]
+    if candidate.kind in ("single", "vector"):
+        term = candidate.place
         return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
     theta = calibration.theta[indices(calibration, candidate)]
     return np.array([e.terms[0].basis(states) * e.terms[0].weight for e in candidate.effects]).T @ theta

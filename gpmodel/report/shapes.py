@@ -33,16 +33,16 @@ def shape_record(
     difference = measured_minus(observed, poses.dataset)
     measured, residual = np.isfinite(difference), np.nan_to_num(difference)
     residual[:, 3:6] = 0.0
-    term = candidate.effects[0].terms[0]
+    term = candidate.place
     sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
-    lever = sensitivity[:, :, AXES.index(term.axis)] * term.weight
-    lever[:, 3:6] = 0.0
-    lever, residual = (what_is_left(mechanism, observed, measured, v) for v in (lever, residual))
-    strength = np.sum(lever**2, axis=1)
+    column = sensitivity[:, :, AXES.index(term.axis)] * term.weight
+    column[:, 3:6] = 0.0
+    column, residual = (what_is_left(mechanism, observed, measured, v) for v in (column, residual))
+    strength = np.sum(column**2, axis=1)
     seen = strength > WEAK * np.max(strength, initial=1e-30)
     own = shape(final, candidate, poses.states) / term.weight
-    partial = own + np.sum(lever * residual, axis=1) / np.where(seen, strength, 1.0)
-    inputs = list(dict.fromkeys(x for e in candidate.effects for x in e.inputs)) or ["row"]
+    partial = own + np.sum(column * residual, axis=1) / np.where(seen, strength, 1.0)
+    inputs = candidate.inputs or ("row",)
     x, unit = poses.states[inputs[0]], poses.states.units[inputs[0]]
     x, unit = (np.degrees(x), "deg") if unit == "rad" else (x, unit)
     scale, y_unit = (1e6, "µrad") if term.axis.startswith("R") else (1e3, "mm")
