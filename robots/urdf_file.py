@@ -58,10 +58,14 @@ def parse_mimics(path: Path) -> dict[str, Mimic]:
 
 
 def parse_model(path: Path) -> pin.Model:
-    """Pinocchio's model of the file, no mesh opened. Raises InputError with the parser's first complaint."""
+    """Pinocchio's model of the file, no mesh opened. Raises InputError with the parser's first complaint, also where it
+    would go on without the inertia that it complains of."""
     try:
         with _quiet() as said:
-            return pin.buildModelFromUrdf(str(path))
+            model = pin.buildModelFromUrdf(str(path))
+        if any("inertial" in line for line in said):
+            raise ValueError(said)
+        return model
     except (ValueError, RuntimeError) as error:
         complaint = next((line for line in said if line.strip()), str(error).splitlines()[0])
         raise InputError(

@@ -158,7 +158,7 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a model.json") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is no JSON ({error}); expected a model.json") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise InputError(f"{path}: is no model of gpmodel; expected the model.json of calibrate or discover")

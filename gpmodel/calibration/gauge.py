@@ -62,7 +62,7 @@ def choose(
     The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
     the smallest, so that tables of one machine hold the same parameters. Effects that vary need a
     unique share; those with a prior are always held.
-    Raises InputError with fewer measured values than unknowns.
+    Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
     prior = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
@@ -75,6 +75,11 @@ def choose(
     limit = condition_limit or LARGEST_LIMIT
     if condition_limit is None and len(at):
         fold = folds(problem.poses.dataset, FOLDS, np.random.default_rng(seed))[problem.pose_of_row]
+        if not np.ptp(fold):
+            raise InputError(
+                f"{problem.poses.dataset.source}: the poses fitted are all of one group; expected at least 2 groups, "
+                "to choose the condition limit between, or a condition limit"
+            )
         system = np.hstack([problem.columns[:, :fixed], columns[:, at]])
         target = problem.residual + columns[:, at] @ theta[at]
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed)

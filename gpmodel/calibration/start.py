@@ -36,7 +36,7 @@ def start_placement(poses: Poses) -> Placement:
     else:
         for i, name in enumerate(setups):
             if (count := int(measured[setup == i].sum())) < 3:
-                label = f"setup '{name}'" if name else data.source
+                label = f"{data.source}, setup '{name}'" if name else data.source
                 raise InputError(f"{label}: {count} poses with x, y and z; registration needs at least 3")
         rows = np.flatnonzero(measured)
         fit_rows = rows[:: max(1, len(rows) // START_POSES)]

@@ -65,7 +65,7 @@ def load(folder: Path) -> tuple[dict[str, Any], list[Finding], list[Round]]:
         return content["request"], _decode(content["findings"]), _decode(content["rounds"])
     except OSError:
         raise InputError(f"{folder} has no {NAME}; expected the folder of an interrupted discover", "resume") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: damaged ({error}); start discover again") from None
 
 

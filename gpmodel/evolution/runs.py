@@ -106,7 +106,7 @@ def load_runs(path: Path, request: dict[str, Any]) -> list[Run]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         asked, runs = content["request"], [Run(**run) for run in content["runs"]]
-    except (ValueError, KeyError, TypeError, OSError) as error:
+    except (ValueError, KeyError, TypeError, OSError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error}); expected one written by evolve", "checkpoint") from None
     differing = sorted(key for key in request.keys() | asked.keys() if request.get(key) != asked.get(key))
     if content.get("schema") != SCHEMA or differing:

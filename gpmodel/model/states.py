@@ -107,7 +107,10 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
 
     def put(name: str, values: Array, unit: str) -> None:
         if name in columns:
-            raise InputError(f"column '{name}' collides with a built-in input; rename it in the table")
+            torque = ", or give it a unit of torque, as in [N*m]" if name.startswith("torque_") else ""
+            raise InputError(
+                f"{dataset.source}: column '{name}' [{unit}] has the name of an input that is computed; rename it{torque}"
+            )
         columns[name], units[name] = np.asarray(values, dtype=float), unit
 
     for i, joint in enumerate(mechanism.joints):

@@ -36,7 +36,7 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
     """
     try:
         header = json.loads(text, parse_constant=_no_number)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: cannot be read ({error}); {EXPECTED}") from None
     if not isinstance(header, dict) or not isinstance(header.get("ladder"), list):
         raise InputError(f"{source}: has no 'ladder'; {EXPECTED}")

@@ -78,6 +78,7 @@ def test_bad_models_are_refused_in_one_line(tmp_path: Path) -> None:
     effects, about = content["effects"], content["mechanism"]
     cases = {
         "no JSON": ("{", "is no JSON"),
+        "too deep": ("[" * 100_000, "is no JSON"),
         "a list": ("[]", "no model of gpmodel"),
         "another kind": (spoiled(content, kind="recipe"), "no model of gpmodel"),
         "newer": (spoiled(content, schema=99), "schema 99"),

@@ -51,6 +51,13 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "length unit on a joint": (renamed(J1_deg="J1 [mm]"), ("column 'J1'", "no unit of angle")),
     "joint missing": (lambda: GOOD.drop(columns="J4 [deg]"), ("'J4' is missing", "J1, J2")),
     "joint extra": (lambda: GOOD.assign(**{"J7 [deg]": "0"}), ("'J7' is one too many", "J6")),
+    "torque in a unit of mass": (lambda: GOOD.assign(**{"torque_J2 [kg]": "9"}), ("column 'torque_J2' [kg]", "[N*m]")),
+    "repeats that are none": (
+        lambda: GOOD.assign(repeat=[str(i // 2) for i in range(len(GOOD))]),
+        ("repeat '", "expected one label a pose"),
+    ),
+    "too large to be measured": (cell("x [mm]", 2, "1e300"), ("column 'x'", "row 3", "1e+300")),
+    "column without a name": (lambda: GOOD.assign(**{"": "1"}), ("column 10 has no name",)),
     "column twice": (renamed(y_mm="x [m]"), ("column 'x' appears twice",)),
     "text in numbers": (cell("z [mm]", 6, "n/a"), ("column 'z'", "row 7", "'n/a' is no number")),
     "text in a joint": (cell("J5 [deg]", 0, "abc"), ("column 'J5'", "row 1", "'abc' is no number")),
@@ -161,6 +168,13 @@ MECHANISMS = {
     "cut off": ("bad.urdf", "<robot name='a'><link name='b'", "not well-formed"),
     "another XML": ("bad.urdf", "<html></html>", "expected <robot>"),
     "no joints": ("bad.urdf", "<robot name='a'><link name='b'/></robot>", "no moving joint"),
+    "mass that is no number": (
+        "bad.urdf",
+        "<robot name='a'><link name='b'/><link name='c'><inertial><mass value='nan'/><inertia ixx='1' ixy='0' ixz='0' "
+        "iyy='1' iyz='0' izz='1'/></inertial></link><joint name='j' type='continuous'><parent link='b'/><child "
+        "link='c'/></joint></robot>",
+        "mass [nan]",
+    ),
     "no TOML": ("bad.toml", "name = [", "bad.toml"),
     "TOML without joints": ("bad.toml", "name = 'a'", "bad.toml"),
 }
@@ -182,6 +196,14 @@ def test_missing_table_names_the_file(tmp_path: Path) -> None:
     line = one_line(run("check", tmp_path / "nothing.csv", "--mechanism", "irb6400r"), 2)
     assert "nothing.csv" in line
     assert "cannot be read" in line
+
+
+def test_one_group_left_to_fit_is_refused(tmp_path: Path) -> None:
+    side = ["left" if i % 2 else "right" for i in range(len(GOOD))]
+    path = write(GOOD.assign(group=side, setup=side), tmp_path / "measured.csv")
+    line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--out", tmp_path / "out"), 2)
+    assert "measured.csv: the poses fitted are all of one group" in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_payload_said_twice_is_refused(tmp_path: Path) -> None:
