@@ -109,7 +109,7 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
         if name in columns:
             torque = ", or give it a unit of torque, as in [N*m]" if name.startswith("torque_") else ""
             raise InputError(
-                f"{dataset.source}: column '{name}' [{unit}] has the name of an input that is computed; rename it{torque}"
+                f"{dataset.source}: column '{name}' [{unit}] has the name of a computed input; rename it{torque}"
             )
         columns[name], units[name] = np.asarray(values, dtype=float), unit
 

@@ -57,7 +57,7 @@ def test_an_unknown_input_names_what_there_is() -> None:
 @pytest.mark.parametrize("taken", ["J1", "x", "torque_J2", "row"])
 def test_a_column_that_hides_a_built_in_one_is_refused(taken: str) -> None:
     data = replace(bare("irb6400r", 11), extras={taken: np.zeros(11)}, extra_units={taken: "1"})
-    with pytest.raises(InputError, match=f"column '{taken}' .* computed"):
+    with pytest.raises(InputError, match=f"column '{taken}' .* computed input"):
         states_of(mechanism("irb6400r"), data)
 
 
