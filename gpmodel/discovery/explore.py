@@ -1,7 +1,7 @@
 """Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
@@ -13,7 +13,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import saved
+from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
 from gpmodel.errors import InputError
@@ -22,7 +22,7 @@ from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
-from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.settings import Settings
 from gpmodel.evolution.threads import side_by_side
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Columns, Expression
@@ -40,17 +40,22 @@ KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K"
 
 @dataclass(frozen=True)
 class Turn:
-    """Which round this is, and where its messages go."""
+    """Which round this is, and where its messages go.
+
+    opening: the first round where named effects are offered, explored with a small budget. pooled: rounds before ran
+    with the same budget on shuffled residuals.
+    """
 
     number: int
     tell: Teller
+    opening: bool = False
+    pooled: bool = False
 
 
 @dataclass(frozen=True)
 class Task:
     """One GP run, on the residual or on a shuffled one: all that a worker needs."""
 
-    shuffled: bool
     problem: SlotProblem
     settings: Settings
     rng: np.random.Generator
@@ -95,7 +100,8 @@ def explore(
 ) -> Exploration:
     """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
-    After the first round half as many shuffled runs are added: their maxima are pooled with those of the rounds before.
+    After the first round the shuffled ones are left out where nothing evolved saves what a finding has to, for nothing
+    could be accepted; half as many are enough where their maxima are pooled with those of rounds before.
     Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
     with both); what it finds is scored on all.
     """
@@ -103,46 +109,63 @@ def explore(
     count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(residual.poses.states, rows)
-    real = targets(residual, sites, rows)
-    chances = search.runs if turn.number == 1 else max(1, search.runs // 2)
-    shuffles = list(shuffled(residual, rng, chances * len(search.strategies)).T)
-    tasks: list[Task] = []
-    budget = Budget(search.population, search.generations, seconds=1e9, climb=search.climb, threads=1)
-    problem = SlotProblem(inputs, real, parsimony=search.nats_per_node)
-    for strategy in search.strategies:
-        settings = Settings(strategy, budget=budget)
-        for run in range(search.runs):
-            tasks.append(Task(False, problem, settings, rng.spawn(1)[0]))
-            if run < chances:
-                by_order = aimed(real, residual, sites, rows, shuffles.pop())
-                tasks.append(Task(True, replace(problem, targets=by_order), settings, rng.spawn(1)[0]))
-    between = residual.poses.states.between()
-    candidates: dict[str, Candidate] = {}
+    problem = SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node)
+    budget = search.budget(turn.opening)
+    settings = [Settings(strategy, budget=budget) for strategy in search.strategies]
+    real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
+    chances = max(1, search.runs // 2) if turn.pooled else search.runs
+    orders = shuffled(residual, rng, chances * len(settings)).T
+    shuffles = [
+        Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])
+        for s, order in zip(np.repeat(np.array(settings, dtype=object), chances).tolist(), orders, strict=True)
+    ]
+    first = [*real, *shuffles] if turn.number == 1 else real
+    found = _run(first, search, turn)
     tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
-    by_chance: list[Evolution] = []
-    mapper = search.mapper or partial(side_by_side, threads=search.workers)
-    turn.tell(f"evolving, 0 of {len(tasks)} runs done", passing=True)
-    for done, (task, found) in enumerate(zip(tasks, mapper(run_task, tasks), strict=True), 1):
-        turn.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
-        if task.shuffled:
-            by_chance.append(found)
-            continue
-        tried[label(task.settings.representation)].append(found)
-        for item in found.front:
-            for program in parts(item.program):
-                cost = _cost(search, program.complexity, len(sites))
-                candidate = as_candidate(program, sites[item.site], names, cost)
-                if candidate is not None and without_poles(
-                    residual.criteria, candidate, residual.poses.states, between
-                ):
-                    candidates.setdefault(candidate.name, candidate)
+    for task, run in zip(real, found, strict=False):
+        tried[label(task.settings.representation)].append(run)
+    candidates = _candidates(residual, sites, search, names, found[: len(real)])
+    by_chance = found[len(real) :]
+    if turn.number > 1 and _could_be_accepted(residual, candidates):
+        by_chance = _run(shuffles, search, turn)
 
     def most(run: Evolution) -> float:
         return _most_saved(residual, search, run, len(sites))
 
     null = [most(run) for run in by_chance]
     histogram = referenced(inputs.names, tried, by_chance, most, residual.criteria.input_significance)
-    return Exploration(tuple(candidates.values()), np.array(null), histogram)
+    return Exploration(candidates, np.array(null), histogram)
+
+
+def _run(tasks: Sequence[Task], search: Search, turn: Turn) -> list[Evolution]:
+    """All runs, in the order of the tasks, telling how many are done."""
+    mapper = search.mapper or partial(side_by_side, threads=search.workers)
+    turn.tell(f"evolving, 0 of {len(tasks)} runs done", passing=True)
+    found = []
+    for run in mapper(run_task, tasks):
+        found.append(run)
+        turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
+    return found
+
+
+def _candidates(
+    residual: Residual, sites: tuple[Site, ...], search: Search, names: Mapping[str, str], runs: Sequence[Evolution]
+) -> tuple[Candidate, ...]:
+    """What the runs found, as effects at their sites, each once; without those that pass a pole."""
+    states, between = residual.poses.states, residual.poses.states.between()
+    found: dict[str, Candidate] = {}
+    for item in chain.from_iterable(run.front for run in runs):
+        for program in parts(item.program):
+            cost = _cost(search, program.complexity, len(sites))
+            candidate = as_candidate(program, sites[item.site], names, cost)
+            if candidate is not None and without_poles(residual.criteria, candidate, states, between):
+                found.setdefault(candidate.name, candidate)
+    return tuple(found.values())
+
+
+def _could_be_accepted(residual: Residual, candidates: Sequence[Candidate]) -> bool:
+    """Whether any candidate saves the description length that a finding has to."""
+    return any(score.nats > residual.criteria.minimum_nats for score in scores(residual, candidates))
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:

@@ -224,19 +224,24 @@ def _round(loop: _Loop, standard_fit: Calibration, calibration: Calibration) -> 
 def _explored(
     loop: _Loop, calibration: Calibration, train: Poses, rng: np.random.Generator
 ) -> tuple[Exploration, tuple[Hypothesis, ...]]:
-    """What GP evolves on the residual of a calibration, and the verdicts on the best of it."""
+    """What GP evolves on the residual of a calibration, and the verdicts on the best of it.
+
+    Maxima on shuffled residuals are pooled over rounds of one budget: those of an opening round stand alone.
+    """
     number = len(loop.rounds) + 1
     rows = np.arange(len(train))
     if len(train) > loop.search.scored_poses:
         rows = np.sort(rng.permutation(len(train))[: loop.search.scored_poses])
     residual = residual_of(calibration, train.subset(rows), loop.criteria, loop.seed)
     loop.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
-    turn = Turn(number, Teller(loop.say.say, f"round {number}: "))
+    opening = bool(loop.offers) and number == 1
+    earlier = [r.exploration.null_nats for r in loop.rounds[bool(loop.offers) :]]
+    pooled = sum(len(nats) for nats in earlier) > 0
+    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), opening, pooled)
     still = still_joints(loop.mechanism, residual.poses.dataset)
     sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
     exploration = explore(residual, sites, loop.search, rng, turn)
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
-    earlier = [r.exploration.null_nats for r in loop.rounds]
     nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
     return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)

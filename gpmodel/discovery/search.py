@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.settings import Budget
 
 
 class Mapper(Protocol):
@@ -18,9 +19,12 @@ class Mapper(Protocol):
 class Search:
     """Effort of a discovery.
 
-    runs: GP runs a strategy and round, and as many on shuffled residuals. strategies: what the runs evolve;
+    runs: GP runs a strategy and round, and at most as many on shuffled residuals. strategies: what the runs evolve;
     trees take twice the time of sequences and found nothing more on the shipped table and ten planted shapes.
-    population, generations: of one run. climb: how many of its best programs are finished by single edits.
+    population, generations: of one run. opening_population, opening_generations: at most so many in the first round
+    where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
+    without them; as many as a law of one term takes (`evolution.laws.QUICK`). climb: how many of a run's best programs
+    are finished by single edits.
     nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
     evolved_poses: poses that GP sees at most; scored_poses: poses that candidates are scored on at most (both sampled
     anew every round). stop_after: seconds after which no new round begins, None for no limit. max_effects: findings
@@ -37,6 +41,8 @@ class Search:
     workers: int = 2
     population: int = 1024
     generations: int = 40
+    opening_population: int = 256
+    opening_generations: int = 20
     climb: int = 2
     nats_per_node: float = 2.0
     evolved_poses: int = 300
@@ -45,3 +51,11 @@ class Search:
     considered: int = 48
     rivals: int = 6
     mapper: Mapper | None = None
+
+    def budget(self, opening: bool) -> Budget:
+        """Of one run; a small one in an opening round where named effects are offered."""
+        population, generations = self.population, self.generations
+        if opening:
+            population = min(population, self.opening_population)
+            generations = min(generations, self.opening_generations)
+        return Budget(population, generations, seconds=1e9, climb=self.climb, threads=1)

@@ -9,6 +9,7 @@ from loop_cases import found, quick
 
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import expression_text, parts, readable_inputs, referenced, without_poles
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.parse import parse
@@ -125,10 +126,28 @@ def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_
     assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
 
 
-def test_every_round_has_its_own_null() -> None:
+def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> None:
     for entry in quick().rounds:
-        assert len(entry.exploration.null_nats) >= 2
-        assert np.isfinite(entry.exploration.null_nats).any()
+        null = entry.exploration.null_nats
+        asked = entry.number == 1 or any(
+            h.score.nats > Criteria().minimum_nats for h in entry.hypotheses if h.candidate.found_by == "evolved"
+        )
+        assert not asked or np.isfinite(null).sum() >= 2
+        assert entry.exploration.histogram.shuffled_runs == len(null)
+
+
+def test_nothing_is_accepted_of_a_round_without_a_null() -> None:
+    for entry in [*found("nothing", 0).rounds, *found("windup", 0).rounds]:
+        if not len(entry.exploration.null_nats):
+            assert not any(h.accepted for h in entry.hypotheses if h.candidate.found_by == "evolved")
+
+
+def test_an_opening_round_beside_a_catalogue_has_the_smaller_budget() -> None:
+    small, full = Search().budget(True), Search().budget(False)
+    assert (full.population, full.generations) == (Search().population, Search().generations)
+    assert small.population < full.population
+    assert small.generations < full.generations
+    assert Search(population=48, generations=4).budget(True) == Search(population=48, generations=4).budget(False)
 
 
 @pytest.mark.parametrize(

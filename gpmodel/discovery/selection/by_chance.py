@@ -7,6 +7,9 @@ from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best
 from gpmodel.discovery.selection.scan import beside, reduced
 
+MOST_NUMBERS = 100_000
+"""Entries of a class's gain matrices, times the residuals, that are worked on at once: a few megabytes."""
+
 
 def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
     """The most nats (count,), costs counted, that any group gains on each of `count` permuted residuals.
@@ -23,12 +26,13 @@ def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, c
         inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)
         reach = table[c.index] * c.spreads[:, :, None]
-        for t in range(count):
-            pull = (pulls[c.index, t] * c.spreads - reach @ rights[:, t]) / active.sigma2
-            q = np.einsum("gk,gkl->gl", pull, turn)
-            net = best(s, q, pool.cap[c.ids])[0] - pool.cost[c.ids]
-            net[np.isin(c.ids, list(active.variances))] = -np.inf
-            found[t] = max(found[t], net.max(initial=-np.inf))
+        free = ~np.isin(c.ids, list(active.variances))
+        for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
+            pull = pulls[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
+            q = np.einsum("gkt,gkl->tgl", pull / active.sigma2, turn)
+            every = np.tile(s, (len(some), 1)), q.reshape(-1, s.shape[1]), np.tile(pool.cap[c.ids], len(some))
+            net = best(*every)[0].reshape(len(some), -1) - pool.cost[c.ids]
+            found[some] = np.maximum(found[some], net[:, free].max(axis=1, initial=-np.inf))
     return found
 
 
