@@ -135,14 +135,18 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
     """The verdict on a group of alike candidates, its leader first; before: predictions without any of them."""
     chosen, candidate = named(residual.criteria, pool, group)
     others = rivals(residual, pool, candidate, group, search.rivals)
-    return tested(residual, candidate, pool.scores[chosen], pool.chance(group[0]), before, others)
+    hypothesis = tested(residual, candidate, pool.scores[chosen], pool.chance(group[0]), before, others)
+    share, limit = hypothesis.score.share, residual.criteria.minimum_share
+    tests = hypothesis.verdict.tests
+    return replace(hypothesis, verdict=Verdict((*tests, Test("unique share", share, limit, share > limit))))
 
 
 def tested(
     residual: Residual, candidate: Candidate, score: Score, chance: Chance, before: Predicted,
     others: tuple[tuple[str, float], ...],
 ) -> Hypothesis:  # fmt: skip
-    """A candidate with its verdict, every test of the criteria asked of it."""
+    """A candidate with its verdict: every test of the criteria but that of its unique share, which is for candidates
+    that were not chosen beside the model's own columns."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
     cv_t = paired_t(before.per_unit - after.per_unit)
@@ -163,7 +167,6 @@ def tested(
         tests += [
             Test("coefficient", sigmas, criteria.minimum_sigmas, sigmas > criteria.minimum_sigmas),
             Test("sign", float(sign), 1.0, sign),
-            Test("unique share", score.share, criteria.minimum_share, score.share > criteria.minimum_share),
         ]
     return Hypothesis(candidate, score, chance, after.rms, before.rms, others, Verdict(tuple(tests)))
 

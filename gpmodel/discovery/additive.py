@@ -21,7 +21,7 @@ from gpmodel.discovery.selection.select import select
 from gpmodel.discovery.selection.standing import GENERIC, PAIRS, of_candidates, of_offers, only
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import catalogue
+from gpmodel.families.catalogue import catalogue, names
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 
@@ -87,8 +87,10 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
 
 
 def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
-    """Of every curve that was chosen: the law that saves most, where it saves as much as the curve, but for the price
-    of a name, and predicts as well, within one standard error.
+    """Of every curve that was chosen: the law that saves most, where it predicts as well within one standard error.
+
+    It has to save as much as a curve that only follows its input, but for the price of a name, and more than one that
+    a family of the catalogue explains, by the head start of named effects.
 
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
@@ -102,7 +104,8 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
         laws = tuple(compact_laws(residual, curve, choice.search, choice.seed))
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=None)
-        if best is None or best[0] < own - criteria.naming_margin:
+        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin
+        if best is None or best[0] < own + margin:
             continue
         if better_by(residual, curve.effects, best[1].effects) < criteria.standard_errors:
             found[curve.name] = best[1]

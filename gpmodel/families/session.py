@@ -109,7 +109,7 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         since = f"max({clock} - {moment:g}, 0)"
         for share in (0.05, 0.15, 0.45):
             basis = Expression(f"1 - exp(-{since}/{share * span:.3g})")
-            after = f"after {clock} {moment:g}"
+            after = f"after {clock} {moment:g} within {share * span:.3g}"
             for effect in _settling(mechanism, basis, after):
                 yield one(effect.name, effect, float(np.log(3 * EVENTS)) + 4.0)
 

@@ -69,6 +69,11 @@ class Group:
         """State columns any of its effects reads."""
         return tuple(dict.fromkeys(i for e in self.effects for i in e.inputs))
 
+    def numbered(self, number: int) -> "Group":
+        """The same under names that say it is one of several."""
+        effects = tuple(replace(e, name=f"{e.name} ({number})") for e in self.effects)
+        return replace(self, name=f"{self.name} ({number})", effects=effects)
+
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
         """Its effects with the standard deviations √a spread_k as their priors."""
         root = math.sqrt(variance)
