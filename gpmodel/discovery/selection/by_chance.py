@@ -26,13 +26,12 @@ def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, c
         inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)
         reach = table[c.index] * c.spreads[:, :, None]
-        free = ~np.isin(c.ids, list(active.variances))
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
             pull = pulls[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
             q = np.einsum("gkt,gkl->tgl", pull / active.sigma2, turn)
             every = np.tile(s, (len(some), 1)), q.reshape(-1, s.shape[1]), np.tile(pool.cap[c.ids], len(some))
             net = best(*every)[0].reshape(len(some), -1) - pool.cost[c.ids]
-            found[some] = np.maximum(found[some], net[:, free].max(axis=1, initial=-np.inf))
+            found[some] = np.maximum(found[some], net.max(axis=1))
     return found
 
 
