@@ -11,6 +11,7 @@ from gpmodel.discovery.targets import targets
 from gpmodel.evolution.laws import shortest_laws
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
+from gpmodel.formula.algebra import simplify
 from gpmodel.model.sites import Site
 
 
@@ -31,6 +32,6 @@ def compact_laws(residual: Residual, curve: Candidate, search: Search, seed: int
     between = residual.poses.states.between()
     for law in shortest_laws(problem, 0, curve.inputs, np.random.default_rng(seed)):
         cost = curve.cost + search.nats_per_node * law.complexity
-        candidate = as_candidate(law.program, site, written, cost)
+        candidate = as_candidate(simplify(law.program), site, written, cost)
         if candidate and without_poles(residual.criteria, candidate, residual.poses.states, between):
             yield candidate
