@@ -65,6 +65,7 @@ class Budget:
 
     @property
     def mean(self) -> float:
+        """Mean distance, m."""
         return float(self.distances.mean())
 
     @property

@@ -31,6 +31,7 @@ class Parameter:
 
     @property
     def name(self) -> str:
+        """Number, axis and frame of the parameter."""
         return f"{self.index} {self.axis} {self.frame}"
 
     @property

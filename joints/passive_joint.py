@@ -26,6 +26,7 @@ class Rotation:
 
     @property
     def index(self) -> int:
+        """Number of its axis: 0 for x."""
         return "xyz".index(self.axis)
 
 

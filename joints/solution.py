@@ -36,6 +36,7 @@ class Solution:
 
     @property
     def iterations(self) -> int:
+        """How many steps it took."""
         return len(self.history)
 
 

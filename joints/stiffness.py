@@ -95,20 +95,17 @@ def regime_basis(
     )
 
 
-def equilibrium_curve(
-    geometry: FilmGeometry,
-    orifice: Orifice,
-    inlet: float,
-    preload: float,
-    stand_off: float,
-    contact_stiffness: float,
-    displacement: ArrayLike,
+def lifted_tension(
+    geometry: FilmGeometry, orifice: Orifice, inlet: float, preload: float, stand_off: float, lift: ArrayLike
 ) -> Array:
-    """Predicted tension [N] of magnet less film above contact (x >= 0) plus the linear contact below (Fig 4.14)."""
-    x = np.asarray(displacement, float)
-    lift = np.maximum(x, 0.0)
-    held = magnet_force(lift, preload, stand_off) - film_force(geometry, orifice, inlet, lift)
-    return held + positive("contact stiffness", contact_stiffness, "N/m") * np.minimum(x, 0.0)
+    """Predicted tension [N] of magnet less film over the seat, lift [m] ≥ 0 (Fig 4.14)."""
+    height = np.asarray(lift, float)
+    return magnet_force(height, preload, stand_off) - film_force(geometry, orifice, inlet, height)
+
+
+def contact_tension(stiffness: float, displacement: ArrayLike) -> Array:
+    """Predicted tension [N] of the linear contact, displacement [m] below 0; none above."""
+    return positive("contact stiffness", stiffness, "N/m") * np.minimum(np.asarray(displacement, float), 0.0)
 
 
 def rest_displacement(
@@ -125,7 +122,7 @@ def rest_displacement(
     """
 
     def tension(lift: float) -> float:
-        return float(equilibrium_curve(geometry, orifice, inlet, preload, stand_off, 1.0, lift))
+        return float(lifted_tension(geometry, orifice, inlet, preload, stand_off, lift))
 
     if tension(0.0) >= 0:
         return 0.0

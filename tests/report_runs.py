@@ -6,12 +6,12 @@ import numpy as np
 from effect_cases import measure, mechanism
 from loop_cases import found, quick
 
-from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.runs import run_all
+from gpmodel.evolution.runs import Plan, run_all
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
@@ -46,7 +46,7 @@ def calibrated(holdout: float = 0.3) -> Report:
     train, held = np.arange(60), np.zeros(0, dtype=np.int64)
     if holdout:
         train, held = hold_out(poses.dataset, holdout, np.random.default_rng(0))
-    rungs = climb(arm, poses, train, held, geometry, [("base_compliance", effects)])
+    rungs = climb(arm, growing(geometry, [("base_compliance", effects)]), poses.subset(train), poses.subset(held))
     final = calibrate(rungs[-1].fit.model, poses)
     return from_calibration(
         Calibrated(poses, train, held, rungs, final, effects), Origin("gpmodel calibrate measured.csv", 0, 0.4)
@@ -61,7 +61,7 @@ def evolved() -> Report:
     fit = calibrate(ErrorModel(arm, discovery.standard_model), poses.subset(train))
     task = slot_task(fit, arm, poses.subset(train), 0)
     settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
-    runs = list(run_all(task.problem, settings, 2, 0))
+    runs = list(run_all(task.problem, Plan(settings, 2, 0)))
     counted = histogram([run.record() for run in runs], task.problem.inputs.names)
     return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))
 

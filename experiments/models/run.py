@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import HAND_MADE, effects_of, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
-from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.comparison import climb, growing
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
@@ -25,7 +25,9 @@ COLUMNS = ("train mean", "train max", "held-out mean", "held-out max")
 def one_robot(seed: int, runs: int) -> dict[str, Any]:
     case = measured_robot(seed)
     named = [(n, catalogue.build(text, case.mechanism, case.poses.states)) for n, text in HAND_MADE]
-    rungs = climb(case.mechanism, case.poses, case.train, case.heldout, effects_of(case), named)[1:]
+    rungs = climb(
+        case.mechanism, growing(effects_of(case), named), case.poses.subset(case.train), case.poses.subset(case.heldout)
+    )[1:]
     table = [[r.train.mean, r.train.max, r.heldout.mean, r.heldout.max] for r in rungs]
     search = Search(runs=runs, workers=1, strategies=(Linear(),))
     found = discover(case.mechanism, case.poses, case.train, case.heldout, search=search, seed=seed)

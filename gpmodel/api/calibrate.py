@@ -16,7 +16,7 @@ from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike, read_table
 from gpmodel.application.model_file import saved_model
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.checks.judge import refuse
@@ -125,7 +125,8 @@ def calibrate(
     mechanism, poses = sound_poses(mechanism, table, geometry)
     groups = [named_group(effect, mechanism, poses) for effect in effects]
     train, held = split(poses.dataset, fraction, seed)
-    rungs = climb(mechanism, poses, train, held, geometry, groups, condition_limit=condition_limit, seed=seed)
+    models = growing(geometry, groups)
+    rungs = climb(mechanism, models, poses.subset(train), poses.subset(held), condition_limit, seed)
     final = fit_model(rungs[-1].fit.model, poses, condition_limit=condition_limit, seed=seed)
     for step, tried in [*((r.step, r.fit) for r in rungs), ("all poses", final)]:
         if tried.status == "diverged":

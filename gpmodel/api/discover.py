@@ -45,6 +45,7 @@ class DiscoveryResult:
 
     @cached_property
     def record(self) -> Report:
+        """Everything the report says, as one value."""
         return from_discovery(self.found, self.origin)
 
     @property
@@ -59,6 +60,7 @@ class DiscoveryResult:
 
     @property
     def verdict(self) -> str:
+        """The answer in one sentence."""
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:

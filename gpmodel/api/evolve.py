@@ -23,7 +23,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import cartesian_task, slot_task
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
-from gpmodel.evolution.runs import Run, load_runs, run_all, save_runs
+from gpmodel.evolution.runs import Plan, Run, load_runs, run_all, save_runs
 from gpmodel.evolution.search import Generation
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.protocol import Mechanism
@@ -62,6 +62,7 @@ class EvolutionResult:
 
     @property
     def verdict(self) -> str:
+        """The answer in one sentence."""
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -203,7 +204,8 @@ def evolve(
     finished = load_runs(file, request) if file else []
     done: list[Run] = []
     count = whole(runs, "runs", 1)
-    for run in run_all(task.problem, settings, count, seed, task.heldout, finished, _reporter(progress, count)):
+    plan = Plan(settings, count, seed)
+    for run in run_all(task.problem, plan, task.heldout, finished, _reporter(progress, count)):
         done.append(run)
         if file:
             save_runs(file, request, done)

@@ -29,6 +29,7 @@ class Model:
 
     @property
     def mechanism(self) -> Mechanism:
+        """The mechanism that the model corrects."""
         return self.saved.mechanism
 
     def predict(self, poses: TableLike, *, session: bool = False) -> pd.DataFrame:

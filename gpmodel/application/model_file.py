@@ -52,6 +52,7 @@ class SavedModel:
 
     @property
     def mechanism(self) -> Mechanism:
+        """The mechanism that the model corrects."""
         return self.model.mechanism
 
 

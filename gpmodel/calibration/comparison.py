@@ -22,10 +22,6 @@ class Errors:
     rms: float
     max: float
 
-    def as_mm(self) -> dict[str, float]:
-        """The same in mm, as report.json has it."""
-        return {"mean_mm": 1e3 * self.mean, "rms_mm": 1e3 * self.rms, "max_mm": 1e3 * self.max}
-
 
 def summarise(error: Array) -> Errors:
     """Statistics of errors (N,), m."""
@@ -44,28 +40,29 @@ class Rung:
     heldout: Errors
 
 
-def climb(
-    mechanism: Mechanism,
-    poses: Poses,
-    train: IntArray,
-    heldout: IntArray,
-    standard: tuple[Effect, ...],
-    effects: Sequence[tuple[str, tuple[Effect, ...]]],
-    *,
-    condition_limit: float | None = None,
-    seed: int = 0,
-) -> tuple[Rung, ...]:
-    """Registration, the standard model, then one named group of effects after the other, each fitted anew.
+Models = Sequence[tuple[str, tuple[Effect, ...]]]
+"""Names of models and all effects of each."""
 
-    train, heldout: rows of `poses`; of the held-out ones, those of a set-up or tool not trained on are left out.
-    """
-    seen = poses.subset(train)
-    unseen = poses.subset(heldout[known_rows(seen.dataset, poses.dataset.subset(heldout))])
+
+def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
+    """Registration, the standard model, then one named group of effects after the other added to it."""
     models: list[tuple[str, tuple[Effect, ...]]] = [("registration", ())]
     if standard:
         models.append(("standard", standard))
-    for name, group in effects:
+    for name, group in groups:
         models.append((name, models[-1][1] + group))
+    return models
+
+
+def climb(
+    mechanism: Mechanism, models: Models, seen: Poses, unseen: Poses, condition_limit: float | None = None,
+    seed: int = 0,
+) -> tuple[Rung, ...]:  # fmt: skip
+    """One model after the other, each fitted anew to the poses `seen` and measured against those `unseen`.
+
+    Of these, the ones of a set-up or tool not trained on are left out.
+    """
+    unseen = unseen.subset(known_rows(seen.dataset, unseen.dataset))
     rungs: list[Rung] = []
     for step, of_model in models:
         start = without_outlier_marks(rungs[-1].fit) if rungs else None

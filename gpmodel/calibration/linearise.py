@@ -90,7 +90,7 @@ def linearise(
     columns = np.concatenate(blocks, axis=2)
     count = columns.shape[2] - len(model.effects)
     if free_joints(model.mechanism):
-        return _eliminated(model, poses, placement, observed, columns, residual, weights, names)
+        return _eliminated(model, placement, poses, observed, _Dense(columns, residual, weights, tuple(names)))
     rows = weights > 0
     weighted = columns[rows] * weights[rows][:, None]
     return Linearised(
@@ -106,15 +106,23 @@ def linearise(
     )
 
 
-def _eliminated(
-    model: ErrorModel, poses: Poses, placement: Placement, observed: Observed, columns: Array, residual: Array,
-    weights: Array, names: list[str],
-) -> Linearised:  # fmt: skip
+@dataclass(frozen=True)
+class _Dense:
+    """Columns (N, m, P), residual and weights (N, m) of every pose; names: of the columns of the placement."""
+
+    columns: Array
+    residual: Array
+    weights: Array
+    names: tuple[str, ...]
+
+
+def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed: Observed, dense: _Dense) -> Linearised:
     """The linear problem of what the free joints of each pose leave."""
-    measured, count = weights > 0, len(names)
+    weights, count = dense.weights, len(dense.names)
+    measured = weights > 0
     joints = joint_columns(model.mechanism, observed)
     left = complement(joints * weights[:, :, None], measured)
-    weighted = columns * weights[:, :, None]
+    weighted = dense.columns * weights[:, :, None]
     sizes = np.linalg.norm(weighted, axis=(0, 1))
     rows = without_absorbed(left.rows(weighted), sizes)
     bare = observe(ErrorModel(model.mechanism, ()), poses, np.zeros(0), placement)
@@ -123,10 +131,10 @@ def _eliminated(
     rows[:, :count] = observable(left.rows(weighted[:, :, :count]), rest, sizes[:count])
     return Linearised(
         columns=rows,
-        residual=left.rows(np.where(measured, residual, 0.0) * weights),
+        residual=left.rows(np.where(measured, dense.residual, 0.0) * weights),
         pose_of_row=np.nonzero(left.keep)[0],
         placement=count,
-        placement_names=tuple(names),
+        placement_names=dense.names,
         observed=observed,
         poses=poses,
         sizes=sizes,

@@ -68,6 +68,7 @@ class Calibration:
 
     @property
     def dropped(self) -> tuple[str, ...]:
+        """Names of the effects that the poses could not determine."""
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
 
     def partners(self, limit: float = 0.8) -> Mapping[str, tuple[tuple[str, float], ...]]:

@@ -47,9 +47,11 @@ class Program(click.Group):
     """A group that imports a command when it is called, and turns every error into one line and a status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands, in the order of a calibration."""
         return [*COMMANDS, *sorted({e.name for e in entry_points(group=PLUGINS)} - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command of that name, loaded only now."""
         if name in COMMANDS:
             module, _, function = COMMANDS[name][0].partition(":")
             return getattr(import_module(f"gpmodel.cli.{module}"), function or name)
@@ -57,12 +59,14 @@ class Program(click.Group):
         return plugin.load() if plugin else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands by group, for --help."""
         plugins = {e.name: e.load().get_short_help_str(PLUGIN_HELP) for e in entry_points(group=PLUGINS)}
         rows = [(n, COMMANDS[n][1] if n in COMMANDS else plugins[n]) for n in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; errors of input end it with one line."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -72,6 +76,7 @@ class Program(click.Group):
             raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
+        """Run as a program, and exit."""
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         extra["standalone_mode"] = False
         try:

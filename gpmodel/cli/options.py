@@ -20,6 +20,7 @@ class Number(click.ParamType):
         self.above = above
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number that was written. Fails with one line where it is none or out of range."""
         try:
             number = float(str(value))
         except ValueError:

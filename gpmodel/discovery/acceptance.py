@@ -38,10 +38,12 @@ class Hypothesis:
 
     @property
     def accepted(self) -> bool:
+        """Whether it passed every test."""
         return self.verdict.accepted
 
     @property
     def p_value(self) -> float:
+        """Probability of scoring as well by chance."""
         return self.chance.p
 
     @property

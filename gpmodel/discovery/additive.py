@@ -58,6 +58,7 @@ class Choice:
     seed: int
 
     def residual(self, calibration: Calibration, without: Candidate) -> Residual:
+        """What a calibration leaves of the training poses where a candidate is taken out of its model."""
         return residual_of(calibration, self.train, self.criteria, self.seed, without=without.effects)
 
 

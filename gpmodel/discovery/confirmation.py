@@ -30,6 +30,7 @@ class Confirmation:
 
     @property
     def confirmed(self) -> bool:
+        """Whether the gain on held-out poses is beyond chance."""
         return self.p < self.limit
 
 

@@ -91,6 +91,7 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
+        """Whether every test is passed."""
         return all(test.passed for test in self.tests)
 
     @property

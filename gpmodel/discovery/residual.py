@@ -54,10 +54,12 @@ class Residual:
 
     @property
     def energy(self) -> float:
+        """Sum of squares r·r of the weighted residual."""
         return float(self.values @ self.values)
 
     @property
     def freedom(self) -> int:
+        """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
         return max(len(self.values) - self.enabled.shape[1], 1)
 
     @cached_property

@@ -24,6 +24,7 @@ class Finding:
 
     @property
     def candidate(self) -> Candidate:
+        """What was found."""
         return self.hypothesis.candidate
 
 

@@ -63,18 +63,22 @@ class Vocabulary:
 
     @cached_property
     def typing(self) -> Typing:
+        """The rules of kinds over these inputs."""
         return Typing(self.inputs.kinds)
 
     @cached_property
     def unary(self) -> tuple[Operator, ...]:
+        """Its operators of one argument."""
         return tuple(o for o in self.operators if o.arity == 1)
 
     @cached_property
     def binary(self) -> tuple[Operator, ...]:
+        """Its operators of two arguments."""
         return tuple(o for o in self.operators if o.arity == 2)
 
     @cached_property
     def elements(self) -> Pieces:
+        """The programs that a tree's leaves are drawn from, with their kinds."""
         programs, kinds = [], []
         for program in self._elements():
             kind = self.typing.of_nodes(program, self.inputs.names)[-1]

@@ -99,6 +99,7 @@ class Typing:
         return tuple(dict.fromkeys(made))
 
     def numbers(self, kinds: Sequence[str]) -> NDArray[np.uint8]:
+        """Kinds by name as the numbers that the kernels use."""
         return np.array([self.kinds.index(kind) for kind in kinds], dtype=np.uint8)
 
     @cached_property

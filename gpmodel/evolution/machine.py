@@ -54,6 +54,7 @@ class Layout:
 
     @property
     def zero_row(self) -> int:
+        """Number of the row that is zero: behind the inputs and constants."""
         return len(self.inputs) + len(self.constants)
 
     @property
@@ -74,6 +75,7 @@ class Layout:
 
     @cached_property
     def start_rows(self) -> NDArray[np.uint16]:
+        """Rows that the registers start from."""
         rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
         return np.array(rows, dtype=np.uint16)
 
@@ -127,6 +129,7 @@ class Layout:
 
     @cached_property
     def typing(self) -> Typing:
+        """The rules of kinds over its rows."""
         return Typing(self.kinds)
 
     @cached_property

@@ -89,6 +89,7 @@ class CartesianProblem:
 
     @property
     def sites(self) -> tuple[str, ...]:
+        """Names of the places where a program may act."""
         return ("tip",)
 
     @property
@@ -147,6 +148,7 @@ class SlotProblem:
 
     @property
     def sites(self) -> tuple[str, ...]:
+        """Names of the places where a program may act."""
         return self.targets.names
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":

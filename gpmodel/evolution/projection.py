@@ -55,10 +55,12 @@ class Targets:
 
     @property
     def poses(self) -> int:
+        """How many poses."""
         return int(self.pull.shape[1])
 
     @property
     def sites(self) -> int:
+        """How many places a program may act at."""
         return int(self.pull.shape[0])
 
     @cached_property

@@ -21,9 +21,13 @@ class Population(Protocol):
 
     def __len__(self) -> int: ...
 
-    def take(self, rows: Rows) -> Self: ...
+    def take(self, rows: Rows) -> Self:
+        """The programs at some rows."""
+        ...
 
-    def join(self, other: Self) -> Self: ...
+    def join(self, other: Self) -> Self:
+        """These programs followed by others."""
+        ...
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
         """A function from a slice of rows to their effective code; threads call it side by side."""
@@ -46,7 +50,9 @@ class Breeding(Protocol):
     """A representation made ready for one problem: how its programs start and vary."""
 
     @property
-    def layout(self) -> Layout: ...
+    def layout(self) -> Layout:
+        """Registers and instructions that the kernels decode its programs by."""
+        ...
 
     def initial(self, population: int, rng: np.random.Generator) -> Any:
         """A random population."""

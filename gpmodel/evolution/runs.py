@@ -38,6 +38,7 @@ class Run:
     history: dict[str, list[float]]
 
     def record(self) -> RunRecord:
+        """What the histogram of referenced inputs counts of it."""
         return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
 
 
@@ -49,29 +50,36 @@ def strength_of(evolution: Evolution, problem: Problem) -> float:
     return float(problem.nats(best.gain, best.complexity + len(best.coefficients)))
 
 
+@dataclass(frozen=True)
+class Plan:
+    """What to run: as many `runs` of each named setting, each beside one on a shuffled residual, from one seed."""
+
+    settings: Mapping[str, Settings]
+    runs: int
+    seed: int
+
+
 def run_all(
     problem: Problem,
-    settings: Mapping[str, Settings],
-    runs: int,
-    seed: int,
+    plan: Plan,
     heldout: Callable[[Program], float] | None = None,
     finished: Sequence[Run] = (),
     progress: Callable[[str, int, bool, Generation], None] | None = None,
 ) -> Iterator[Run]:
-    """``runs`` runs of each named setting, each beside one on a shuffled residual, yielded as they finish.
+    """The runs of a plan, yielded as they finish; those in ``finished`` as they are.
 
-    Those in ``finished`` are yielded as they are. Every run has a random stream of its own, by the seed, its
+    heldout: gain of a program on poses that no run sees. Every run has a random stream of its own, by the seed, its
     name and its number: what is left to do gives the same numbers.
     """
     known = {(run.representation, run.number, run.shuffled): run for run in finished}
-    for name, choice in settings.items():
-        for number in range(runs):
+    for name, choice in plan.settings.items():
+        for number in range(plan.runs):
             for shuffled in (False, True):
                 key = (name, number, shuffled)
                 if key in known:
                     yield known[key]
                     continue
-                rng = np.random.default_rng([seed, len(name), number, shuffled])
+                rng = np.random.default_rng([plan.seed, len(name), number, shuffled])
                 tried = problem.shuffled(rng) if shuffled else problem
                 report = None if progress is None else _reporter(progress, *key)
                 found = evolve(tried, choice, rng, report)

@@ -27,6 +27,7 @@ class Scores:
 
     @staticmethod
     def empty(count: int) -> "Scores":
+        """Room for `count` scores, not yet set."""
         complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
         return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 
@@ -35,9 +36,11 @@ class Scores:
             getattr(self, name)[part] = getattr(other, name)
 
     def take(self, rows: NDArray[np.intp]) -> "Scores":
+        """The scores at some rows."""
         return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def join(self, other: "Scores") -> "Scores":
+        """These scores followed by others."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
         return Scores(*(np.concatenate(pair) for pair in pairs))
 

@@ -53,6 +53,7 @@ class TreeBreeding:
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
+        """Operators and leaves as deap has them."""
         layout = self.layout
         primitives = gp.PrimitiveSet("program", 0)
         for operator in layout.operators:
@@ -69,6 +70,7 @@ class TreeBreeding:
 
     @cached_property
     def toolbox(self) -> base.Toolbox:
+        """The variation operators as deap has them."""
         toolbox = base.Toolbox()
         toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=self.shallow, max_=self.start_depth)
         toolbox.register("grown", gp.genFull, min_=0, max_=2)

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 
 class OperatorNode(gp.Primitive):
+    """An operator in a tree, with the number the kernels know it by."""
+
     __slots__ = ("code",)
 
     def __init__(self, name: str, arity: int, code: int) -> None:
@@ -29,6 +31,8 @@ class OperatorNode(gp.Primitive):
 
 
 class ElementNode(gp.Terminal):
+    """A leaf of a tree, with the number the kernels know it by."""
+
     __slots__ = ("code",)
 
     def __init__(self, name: str, code: int) -> None:
@@ -85,9 +89,11 @@ class Trees:
         return Forest(codes, bounds.astype(np.int32), constants)
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
+        """The trees at some rows."""
         return Trees(tuple(self.individuals[row] for row in rows))
 
     def join(self, other: "Trees") -> "Trees":
+        """These trees followed by others."""
         return Trees(self.individuals + other.individuals)
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:

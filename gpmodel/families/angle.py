@@ -30,11 +30,13 @@ Curve = tuple[Effect, ...]
 
 
 def eccentricity(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A scale or gear off its centre: a sin q + b cos q on each revolute joint, rad."""
     for j in revolute(mechanism):
         yield pair(f"eccentricity, 1 per turn, {j.name}", j, j.name, "eccentricity", 4.0)
 
 
 def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Gear error of two periods a turn: a sin 2q + b cos 2q on each revolute joint, rad."""
     for j in revolute(mechanism):
         yield pair(f"gear error, 2 per turn, {j.name}", j, f"2*{j.name}", "gear_harmonic", 4.5)
 
@@ -57,8 +59,12 @@ def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candid
         yield from on_grid(template, [float(f"{n:.5g}") for n in grid])
 
 
-def _harmonics(name: str, site: Site, angle: str, family: str, count: int, size: float, corner: float) -> Curve:
-    """sin and cos of 1 to `count` times an angle at a place, deviations falling as 1 / (1 + (k / corner)^1.5)."""
+def _harmonics(name: str, site: Site, angle: str, family: str, spectrum: tuple[int, float, float]) -> Curve:
+    """sin and cos of 1 to `count` times an angle at a place, deviations falling as 1 / (1 + (k / corner)^1.5).
+
+    spectrum: count, the root of the sum of squares of all deviations, corner.
+    """
+    count, size, corner = spectrum
     k = np.arange(1, count + 1)
     shape = 1.0 / (1.0 + (k / corner) ** 1.5)
     deviation = size * shape / np.sqrt(np.sum(shape**2))
@@ -76,11 +82,11 @@ def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for size in (CURVE_SPREAD, CURVE_SPREAD / 4):
         for j in revolute(mechanism):
             name = f"error curve of the angle, {j.name}"
-            effects = _harmonics(name, Site(j.drive), j.name, "joint_curve", highest, size, CURVE_CORNER)
+            effects = _harmonics(name, Site(j.drive), j.name, "joint_curve", (highest, size, CURVE_CORNER))
             yield Candidate(name, effects, "joint_curve", 6.0)
     name, smooth = "error curve of the angle", (SMOOTH, CURVE_SPREAD / 4, SMOOTH_CORNER)
     joints = revolute(mechanism)
-    block = [_harmonics(f"smooth {name}, {j.name}", Site(j.drive), j.name, "joint_curve", *smooth) for j in joints]
+    block = [_harmonics(f"smooth {name}, {j.name}", Site(j.drive), j.name, "joint_curve", smooth) for j in joints]
     if len(block) > 2:
         yield Candidate(f"{name}, every joint", tuple(chain(*block)), "joint_curve", 7.0)
 
@@ -93,11 +99,12 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 what, size = ("run-out", RUN_OUT) if axis[0] == "T" else ("wobble", WOBBLE)
                 name = f"{what} curve, {j.name} {axis}"
                 site = Site(((f"{j.name}.moving", axis, 1.0),))
-                effects = _harmonics(name, site, j.name, "axis_motion", SMOOTH, size, SMOOTH_CORNER)
+                effects = _harmonics(name, site, j.name, "axis_motion", (SMOOTH, size, SMOOTH_CORNER))
                 yield Candidate(name, effects, "axis_motion", 6.0)
 
 
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Play of a drive by the side it was approached from, ±1, on the joint that the column names."""
     for column in states.columns:
         if column.startswith("approach"):
             for i, j in enumerate(mechanism.joints, 1):
@@ -109,6 +116,7 @@ def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidat
 
 
 def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A wrong ratio or pitch: an error in proportion to the joint's coordinate."""
     for j in mechanism.joints:
         what = "gear ratio" if j.kind == "revolute" else "screw pitch"
         effect = drive_effect(f"{what}, {j.name}", j, Expression(j.name), "1", "gear_ratio")
@@ -116,6 +124,7 @@ def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """An error of one revolute joint in proportion to the coordinate of one before it."""
     joints = revolute(mechanism)
     for i, source in enumerate(joints):
         for target in joints[i + 1 :]:
@@ -126,6 +135,7 @@ def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """An error of the joint that a bar drives too, once per turn of the driving one: a sin q + b cos q, rad."""
     for j in mechanism.joints:
         for slot, _, _ in j.drive[1:]:
             other = next(o for o in mechanism.joints if slot == f"{o.name}.moving")
@@ -133,6 +143,7 @@ def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Tilt about each axis across a revolute joint's own: a sin q + b cos q, rad."""
     for j in revolute(mechanism):
         for a in across(j):
             name = f"axis wobble, {j.name} R{a}"
@@ -146,6 +157,7 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Shift of a revolute joint along each axis, once per turn, of an unmeasured one twice as well, m."""
     for j in revolute(mechanism):
         for a in "xyz":
             for f in ("sin", "cos"):
@@ -168,6 +180,7 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Shift by the lobes of a ball joint's ball, two or three a turn of an unmeasured rotation, m."""
     for j in mechanism.joints:
         if not j.measured and j.kind == "revolute":
             for lobes in (2, 3):

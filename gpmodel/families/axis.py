@@ -25,6 +25,7 @@ TURN = {"x": "A", "y": "B", "z": "C"}
 
 
 def prismatic(mechanism: Mechanism) -> list[Joint]:
+    """The joints that slide."""
     return [j for j in mechanism.joints if j.kind == "prismatic"]
 
 

@@ -115,10 +115,12 @@ class Candidate:
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:
+    """A candidate of one effect, in that effect's family."""
     return Candidate(name, (effect,), effect.family, cost)
 
 
 def pair(name: str, joint: Joint, argument: str, family: str, cost: float) -> Candidate:
+    """A harmonic on a joint's drive: sine and cosine of `argument`, an expression in rad."""
     effects = tuple(
         drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family) for f in ("sin", "cos")
     )
@@ -126,6 +128,7 @@ def pair(name: str, joint: Joint, argument: str, family: str, cost: float) -> Ca
 
 
 def revolute(mechanism: Mechanism) -> list[Joint]:
+    """The joints that turn."""
     return [j for j in mechanism.joints if j.kind == "revolute"]
 
 

@@ -47,6 +47,7 @@ def _by_elevation(name: str, shape: str, family: str) -> Effect:
 
 
 def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Offset and scale of the distances that the instrument reads."""
     if states.seen:
         family = "instrument_range"
         for name, factor, unit, prior in (
@@ -56,6 +57,7 @@ def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Errors of the instrument's horizontal angle, once and twice per turn, rad."""
     if states.seen:
         for n, words in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
             effects = tuple(_by_azimuth(f"{words}, {f}", f"{f}({n}*{A})", "instrument_azimuth") for f in ("sin", "cos"))
@@ -63,6 +65,7 @@ def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Index error and eccentricity of the instrument's vertical angle, rad."""
     if states.seen:
         family, name = "instrument_elevation", "elevation index of the instrument"
         yield Candidate(name, (_by_elevation(name, "1", family),), family, 4.0)
@@ -72,6 +75,7 @@ def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candi
 
 
 def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Tilt of the transit axis and of the line of sight: errors by tan and 1/cos of the elevation, rad."""
     if states.seen and np.max(np.abs(states[E])) < np.radians(85.0):
         for name, shape in (
             ("tilt of the instrument's transit axis", f"tan({E})"),

@@ -12,12 +12,14 @@ from gpmodel.model.states import States
 
 
 def base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The base tilts about x and y in proportion to the moment on it, rad/Nm."""
     if "moment_base_x" in states.columns:
         terms = tuple(Term("base", f"R{a}", Expression(f"moment_base_{a}")) for a in "xy")
         yield one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)
 
 
 def joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A joint yields in proportion to its torque, rad/Nm, or force, m/N."""
     for j in mechanism.joints:
         if loaded(states, f"torque_{j.name}"):
             unit = "rad/Nm" if j.kind == "revolute" else "m/N"
@@ -28,6 +30,7 @@ def joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A joint yields to the torque of the payload alone."""
     for j in mechanism.joints:
         column = f"payload_torque_{j.name}"
         if loaded(states, column):
@@ -37,6 +40,7 @@ def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A revolute joint bends about the axes across its own in proportion to the moments there, rad/Nm."""
     for j in revolute(mechanism):
         axes = across(j)
         if f"moment_{j.name}_x" in states.columns:
@@ -49,6 +53,7 @@ def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Play of a drive that lies on the side the load pushes it to: the sign of the torque."""
     for j in mechanism.joints:
         if loaded(states, f"torque_{j.name}"):
             basis = Expression(f"sign(torque_{j.name})")
@@ -57,12 +62,14 @@ def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """What a spring that balances the second revolute joint leaves: sin q."""
     for j in revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
         yield one(effect.name, effect, 4.5)
 
 
 def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Stiffness that grows with the load: the cube of a torque over its largest."""
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -73,6 +80,7 @@ def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The support shifts along gravity's direction in the base, all axes together and each alone, m."""
     terms = tuple(Term("base", f"T{a}", Expression(f"gravity_{a}")) for a in "xyz" if f"gravity_{a}" in states.columns)
     if terms:
         unit = f"m/({states.units[str(terms[0].basis)]})"

@@ -36,6 +36,7 @@ def _moving(mechanism: Mechanism, states: States) -> list[Joint]:
 
 
 def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Play of a drive by the direction of its last move, ±1."""
     for j in _moving(mechanism, states):
         name = f"play by the last move, {j.name}"
         basis = Expression(f"last_move_{j.name}")
@@ -43,6 +44,7 @@ def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Wind-up held by friction: the last direction ±1, and that times the size of the torque."""
     for j in _moving(mechanism, states):
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -59,6 +61,7 @@ def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Stop operators over the path of a joint's angle or torque, of several widths."""
     for j in _moving(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0

@@ -42,6 +42,7 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The whole arm grows in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
         unit, basis = f"1/{states.units[column]}", Expression(column)
         name = f"thermal growth of the arm ({column})"
@@ -52,6 +53,7 @@ def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A joint's zero moves in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
         for j in mechanism.joints:
             effect = drive_effect(
@@ -61,6 +63,7 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The set-up moves in proportion to the row, along and about its axes."""
     name, row = "drift of the set-up", Expression("row")
     along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
@@ -69,10 +72,12 @@ def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The set-up moved once, between two rows."""
     yield from _moved_once("set-up moved", "base", AXES, "set_up_step", states)
 
 
 def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The tool slipped once, between two rows, m."""
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
@@ -84,6 +89,7 @@ def _clock(states: States) -> tuple[str, float, float]:
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
     clock, start, span = _clock(states)
     since = clock if clock == "row" else f"({clock} - {start:.6g})"
     for share in (0.05, 0.1, 0.2, 0.4):

@@ -33,7 +33,9 @@ class Basis(Protocol):
     """A shape φ(s). `str(basis)` is its expression; `inputs` are the state columns it reads."""
 
     @property
-    def inputs(self) -> tuple[str, ...]: ...
+    def inputs(self) -> tuple[str, ...]:
+        """The state columns that it reads, in the order of their first mention."""
+        ...
 
     def __call__(self, states: Columns) -> Array:
         """Values (N,) at the poses of `states`."""
@@ -58,6 +60,7 @@ class Expression:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
+        """The state columns that it reads, in the order of their first mention."""
         names = [n.id for n in ast.walk(self._tree) if isinstance(n, ast.Name) and n.id not in _FUNCTIONS]
         return tuple(dict.fromkeys(names))
 

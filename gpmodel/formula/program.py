@@ -168,14 +168,17 @@ class Builder:
         return self._known[node]
 
     def input(self, name: str) -> int:
+        """The number of the node that reads a column."""
         return self._intern(Node("input", (), name))
 
     def constant(self, value: float) -> int:
+        """The number of the node that is a constant. Raises InputError where it is not finite."""
         if not np.isfinite(value):
             raise InputError(f"program: constant {value} is not finite")
         return self._intern(Node("constant", (), float(value)))
 
     def apply(self, operator: str, *arguments: int) -> int:
+        """The number of the node that applies an operator to earlier ones. Raises InputError for an unknown one."""
         if operator not in BY_NAME:
             raise InputError(f"program: unknown operator {operator!r}, available: {', '.join(BY_NAME)}")
         if len(arguments) != BY_NAME[operator].arity:

@@ -42,13 +42,19 @@ class Mechanism(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """What it is called."""
+        ...
 
     @property
-    def joints(self) -> tuple[Joint, ...]: ...
+    def joints(self) -> tuple[Joint, ...]:
+        """Its joints, in the order of the table's columns."""
+        ...
 
     @property
-    def slots(self) -> tuple[str, ...]: ...
+    def slots(self) -> tuple[str, ...]:
+        """The frames at which error twists act, from the base to the tool."""
+        ...
 
     def transforms(self, q: Array) -> Array:
         """Nominal transforms (S, N, 4, 4) of each slot's frame in the frame of the slot before it (metres);

@@ -42,10 +42,12 @@ class Effect:
 
     @property
     def inputs(self) -> tuple[str, ...]:
+        """The state columns that its bases read."""
         return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
 
     @property
     def slots(self) -> tuple[str, ...]:
+        """The slots it acts at."""
         return tuple(dict.fromkeys(term.slot for term in self.terms))
 
     @property

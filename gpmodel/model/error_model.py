@@ -42,6 +42,7 @@ class Poses:
         return len(self.dataset)
 
     def subset(self, rows: IntArray) -> "Poses":
+        """The same at some rows only."""
         return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows))
 
 

@@ -33,22 +33,34 @@ class Observation(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """What the table calls it."""
+        ...
 
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """Unit of its readings."""
+        ...
 
     @property
-    def components(self) -> int: ...
+    def components(self) -> int:
+        """Numbers a reading has."""
+        ...
 
     @property
-    def absolute(self) -> bool: ...
+    def absolute(self) -> bool:
+        """Whether it places the mechanism in the instrument's frame."""
+        ...
 
     @property
-    def oriented(self) -> bool: ...
+    def oriented(self) -> bool:
+        """Whether it says how the tool is turned."""
+        ...
 
     @property
-    def own(self) -> tuple[str, ...]: ...
+    def own(self) -> tuple[str, ...]:
+        """Names of its own unknowns."""
+        ...
 
     def subset(self, rows: IntArray) -> "Observation":
         """The same readings at some poses only."""
@@ -89,6 +101,7 @@ class Point:
 
     @property
     def absolute(self) -> bool:
+        """Whether it places the mechanism in the instrument's frame."""
         return bool(np.isfinite(self.values).any())
 
     def subset(self, rows: IntArray) -> "Point":
@@ -125,10 +138,12 @@ class Orientation:
 
     @property
     def absolute(self) -> bool:
+        """Whether it places the mechanism in the instrument's frame."""
         return bool(np.isfinite(self.values).any())
 
     @property
     def oriented(self) -> bool:
+        """Whether it says how the tool is turned."""
         return self.absolute
 
     def subset(self, rows: IntArray) -> "Orientation":

@@ -15,17 +15,21 @@ class Site:
 
     @property
     def slot(self) -> str:
+        """Where it acts first."""
         return self.terms[0][0]
 
     @property
     def axis(self) -> str:
+        """The axis it acts along first."""
         return self.terms[0][1]
 
     @property
     def name(self) -> str:
+        """Slot and axis."""
         return f"{self.slot} {self.axis}"
 
     def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
+        """An effect here, of one unknown in `unit`."""
         return Effect(name, tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms), unit, family)
 
 

@@ -30,6 +30,7 @@ class Change:
 
     @property
     def difference(self) -> float:
+        """After less before."""
         return self.after[0] - self.before[0]
 
     @property
@@ -44,6 +45,7 @@ class Change:
 
     @property
     def significant(self) -> bool:
+        """Whether the change is beyond chance."""
         return self.chance < SIGNIFICANCE
 
 

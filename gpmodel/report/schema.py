@@ -35,6 +35,7 @@ class ErrorsMm:
 
     @property
     def known(self) -> bool:
+        """Whether there was anything to compute it from."""
         return self.rms_mm is not None
 
 
@@ -75,6 +76,8 @@ class DataRecord:
 
 @dataclass(frozen=True)
 class MechanismRecord:
+    """The mechanism's name and its joints as the table calls them."""
+
     name: str = ""
     joints: tuple[str, ...] = ()
 

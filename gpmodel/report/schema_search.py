@@ -44,6 +44,8 @@ class Rival:
 
 @dataclass(frozen=True)
 class TermRecord:
+    """One term of an effect: weight times basis along an axis of a slot."""
+
     slot: str
     axis: str
     basis: str

@@ -69,6 +69,7 @@ class Dataset:
 
     @property
     def has_rotation(self) -> bool:
+        """Whether any orientation was measured."""
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:

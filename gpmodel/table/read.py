@@ -1,10 +1,12 @@
 """Reading measured tables: CSV or Excel, units in the headers, separators and decimal commas found out."""
 
 import re
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -43,71 +45,90 @@ def dataset_from(
     columns = _split_columns(frame, path)
     joints, used = _joint_columns(columns, mechanism.joints, path)
     n = len(frame)
-    position = np.full((n, 3), np.nan)
-    rotation = np.full((n, 3), np.nan)
-    distances, extras, extra_units, extra_names = {}, {}, {}, {}
-    ignored: list[str] = []
-    labels: dict[str, np.ndarray] = {}
-    payload, payload_given = np.zeros(n), False
+    cells = _Cells(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n))
     for name, (unit, column) in columns.items():
-        if name in used:
-            continue
-        where = f"{path.name}, column '{name}'"
-        if name in LABELS:
-            labels[name] = column.fillna("").astype(str).str.strip().to_numpy(dtype=str)
-        elif name in ("x", "y", "z"):
-            position[:, "xyz".index(name)] = numbers(column, where) * _factor(unit, "length", where)
-        elif name in ("rx", "ry", "rz"):
-            i = ("rx", "ry", "rz").index(name)
-            rotation[:, i] = numbers(column, where) * _factor(unit, "angle", where)
-        elif name.startswith("distance_"):
-            distances[name] = numbers(column, where) * _factor(unit, "length", where)
-        elif name == "payload":
-            payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
-            for row, mass in enumerate(payload.tolist(), 1):
-                checked_mass(mass, f"{where}, row {row}")
-            payload_given = True
-        elif unit is not None or _has_numbers(column):
-            values = numbers(column, where)
-            if unit is None:
-                raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
-            if not known_unit(unit):
-                raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
-            word = identifier(name)
-            extras[word], extra_units[word] = _complete(values, where), unit
-            extra_names[word] = name
-        else:
-            ignored.append(name)
+        if name not in used:
+            cells.take(name, unit, column, f"{path.name}, column '{name}'")
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
-    _check_measurement(path, position, rotation, distances, need_measurement)
-    for what, values in (("x, y, z", position), *((name, values[:, None]) for name, values in distances.items())):
-        if (far := np.nanmax(np.abs(values), initial=0.0, axis=1)).max() > FARTHEST:
-            raise InputError(
-                f"{path.name}, {what}, row {int(np.argmax(far)) + 1}: {far.max():.3g} m from the instrument; "
-                f"expected at most {FARTHEST:g} m"
-            )
+    _check_measurement(path, cells.position, cells.rotation, cells.distances, need_measurement)
+    _check_near(path, cells)
     dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
         q=q,
-        position=position,
-        rotation=rotation,
         row=np.arange(1, n + 1),
-        payload=payload,
-        distances=distances,
-        labels=labels,
-        extras=extras,
-        extra_names=extra_names,
-        extra_units=extra_units,
-        payload_given=payload_given,
+        position=cells.position,
+        rotation=cells.rotation,
+        payload=cells.payload,
+        distances=cells.distances,
+        labels=cells.labels,
+        extras=cells.extras,
+        extra_names=cells.extra_names,
+        extra_units=cells.extra_units,
+        payload_given=cells.payload_given,
         source=path.name,
         sha256=sha256,
         columns=tuple(joints),
-        ignored=tuple(ignored),
+        ignored=tuple(cells.ignored),
         empty_rows=int(frame.attrs.get("empty_rows", 0)),
         joints_approximate=not all(j.measured for j in mechanism.joints),
     )
     check_repeats(dataset)
     return dataset
+
+
+@dataclass
+class _Cells:
+    """What the columns beside the joints hold, filled column by column, in SI units; extras in their own."""
+
+    position: Array
+    rotation: Array
+    payload: Array
+    payload_given: bool = False
+    distances: dict[str, Array] = field(default_factory=dict)
+    labels: dict[str, NDArray[np.str_]] = field(default_factory=dict)
+    extras: dict[str, Array] = field(default_factory=dict)
+    extra_units: dict[str, str] = field(default_factory=dict)
+    extra_names: dict[str, str] = field(default_factory=dict)
+    ignored: list[str] = field(default_factory=list)
+
+    def take(self, name: str, unit: str | None, column: pd.Series, where: str) -> None:
+        """Put a column where its name says it belongs."""
+        if name in LABELS:
+            self.labels[name] = column.fillna("").astype(str).str.strip().to_numpy(dtype=str)
+        elif name in ("x", "y", "z"):
+            self.position[:, "xyz".index(name)] = numbers(column, where) * _factor(unit, "length", where)
+        elif name in ("rx", "ry", "rz"):
+            self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * _factor(unit, "angle", where)
+        elif name.startswith("distance_"):
+            self.distances[name] = numbers(column, where) * _factor(unit, "length", where)
+        elif name == "payload":
+            self.payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
+            self.payload_given = True
+            for row, mass in enumerate(self.payload.tolist(), 1):
+                checked_mass(mass, f"{where}, row {row}")
+        elif unit is not None or _has_numbers(column):
+            self._take_extra(name, unit, numbers(column, where), where)
+        else:
+            self.ignored.append(name)
+
+    def _take_extra(self, name: str, unit: str | None, values: Array, where: str) -> None:
+        if unit is None:
+            raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
+        if not known_unit(unit):
+            raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
+        word = identifier(name)
+        self.extras[word], self.extra_units[word] = _complete(values, where), unit
+        self.extra_names[word] = name
+
+
+def _check_near(path: Path, cells: _Cells) -> None:
+    """Raise InputError where anything was measured from farther than any instrument reaches."""
+    for what, values in (("x, y, z", cells.position), *((n, v[:, None]) for n, v in cells.distances.items())):
+        if (far := np.nanmax(np.abs(values), initial=0.0, axis=1)).max() > FARTHEST:
+            raise InputError(
+                f"{path.name}, {what}, row {int(np.argmax(far)) + 1}: {far.max():.3g} m from the instrument; "
+                f"expected at most {FARTHEST:g} m"
+            )
 
 
 def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | None, pd.Series]]:

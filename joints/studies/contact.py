@@ -10,6 +10,15 @@ from joints.contact import Body, HertzContact, PublishedContact, first_yield_pre
 from joints.settings import load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
+_HEADS = (
+    "Case", "a [um]", "b [um]", "Peak [GPa]", "Approach [um]", "F/approach [N/um]", "Stiffness [N/um]",
+    "Peak / allowed", "Peak / first yield",
+)  # fmt: skip
+_KEYS = (
+    "a_um", "b_um", "pressure_GPa", "approach_um", "secant_N_per_um", "tangent_N_per_um", "stress_over_allowed",
+    "pressure_over_first_yield",
+)  # fmt: skip
+
 
 def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     """Table 3.3 as printed (two cylinders), with its formulas on the true radii, and exact."""
@@ -28,20 +37,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
         "printed formulas, true radii": fitted,
         "exact": exact,
     }
-    rows = [
-        (
-            name,
-            float(case.semi_major) * MICRO,
-            float(case.semi_minor) * MICRO,
-            float(case.pressure) * 1e-9,
-            float(case.approach) * MICRO,
-            force / float(case.approach) * N_PER_UM,
-            1.5 * force / float(case.approach) * N_PER_UM,
-            float(case.pressure) / s["allowed_stress"],
-            float(case.pressure) / onset,
-        )
-        for name, case in cases.items()
-    ]
+    rows = [(name, *_numbers(case, force, s["allowed_stress"], onset)) for name, case in cases.items()]
     coefficients = {
         "equivalent_radius_m": printed.equivalent_radius,
         "cos_theta": printed.cos_theta,
@@ -50,24 +46,12 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
         "beta": printed.beta,
         "lambda": printed.lam,
     }
-    heads: tuple[str, ...] = ("a_um", "b_um", "pressure_GPa", "approach_um", "secant_N_per_um", "tangent_N_per_um")
-    heads += ("stress_over_allowed", "pressure_over_first_yield")
     forces = np.linspace(force / 50, 2 * force, 100)
     return Study(
         (
             Table(
                 f"Hertz contact at {force:g} N",
-                (
-                    "Case",
-                    "a [um]",
-                    "b [um]",
-                    "Peak [GPa]",
-                    "Approach [um]",
-                    "F/approach [N/um]",
-                    "Stiffness [N/um]",
-                    "Peak / allowed",
-                    "Peak / first yield",
-                ),
+                _HEADS,
                 rows,
                 "first yield: Tresca below a circular contact, peak = 1.61 x yield stress for nu = 0.3",
             ),
@@ -79,7 +63,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
         ),
         {
             "force_N": force,
-            "cases": {row[0]: dict(zip(heads, row[1:], strict=True)) for row in rows},
+            "cases": {row[0]: dict(zip(_KEYS, row[1:], strict=True)) for row in rows},
             "published_coefficients": coefficients,
             "first_yield_pressure_GPa": onset * 1e-9,
         },
@@ -88,4 +72,20 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
                 forces, published_hertz(forces, *cylinders, angle), hertz(forces, ball, support, angle), onset
             )
         },
+    )
+
+
+def _numbers(case: PublishedContact | HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
+    """A row of the table: what _KEYS say."""
+    secant = force / float(case.approach) * N_PER_UM
+    peak = float(case.pressure)
+    return (
+        float(case.semi_major) * MICRO,
+        float(case.semi_minor) * MICRO,
+        peak * 1e-9,
+        float(case.approach) * MICRO,
+        secant,
+        1.5 * force / float(case.approach) * N_PER_UM,
+        peak / allowed,
+        peak / onset,
     )

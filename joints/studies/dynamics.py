@@ -17,6 +17,11 @@ from joints.settings import Settings, load_settings
 from joints.squeeze import squeeze_damping, squeeze_impedance, squeeze_number
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
+_HEADS = (
+    "System", "Mass [kg]", "Stiffness [N/um]", "Damping [N s/m]", "Natural [Hz]", "Damping ratio", "Resonance [Hz]",
+    "Bandwidth [Hz]",
+)  # fmt: skip
+
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
     """Spring, mass and damper of the flat and the spherical film, the trapped air's effect, and the identification."""
@@ -60,16 +65,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
         (
             Table(
                 "Spring, mass and damper",
-                (
-                    "System",
-                    "Mass [kg]",
-                    "Stiffness [N/um]",
-                    "Damping [N s/m]",
-                    "Natural [Hz]",
-                    "Damping ratio",
-                    "Resonance [Hz]",
-                    "Bandwidth [Hz]",
-                ),
+                _HEADS,
                 rows,
                 f"incompressible damping holds while the squeeze number is below 1, up to {limit:.3g} Hz",
             ),

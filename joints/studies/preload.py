@@ -1,5 +1,6 @@
 """`gpmodel joint preload`: limits over the joint angle and the choice of socket, ring and magnet."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from joints.preload import (
     three_contact_limit,
     total_preload,
 )
-from joints.published_preload import published_preloads
+from joints.published_preload import PublishedPreload, published_preloads
 from joints.settings import load_settings
 from joints.studies.study import Study, Table
 
@@ -62,28 +63,11 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     }
     return Study(
         (
-            Table(
-                "Largest pull before the joint separates",
-                ("Joint", "Mounting", "At 0 deg [N]", "Worst [N]", "Worst / preload"),
-                [
-                    ("sliding, fluid", "ball fixed", preload, float(ball_fixed_limit(preload, angles).min()), 1.0),
-                    ("sliding, fluid", "socket fixed", preload, socket_fixed.min(), socket_fixed.min() / preload),
-                    ("point, rolling", "ball fixed", support_preload, support_preload, 1.0),
-                    (
-                        "point, rolling",
-                        "socket fixed, towards a support",
-                        support_preload,
-                        towards.min(),
-                        towards.min() / support_preload,
-                    ),
-                    (
-                        "point, rolling",
-                        "socket fixed, worst azimuth",
-                        support_preload,
-                        limits.min(),
-                        limits.min() / support_preload,
-                    ),
-                ],
+            _pulls(
+                preload,
+                (float(ball_fixed_limit(preload, angles).min()), socket_fixed.min()),
+                support_preload,
+                (towards.min(), limits.min()),
             ),
             Table(
                 "Designs on the grid, best first (Tables 3.1 and 4.1)",
@@ -92,13 +76,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
                 "published: area 4 alpha r^2; cap: 2 pi r^2 (1 - cos alpha)",
             ),
             Table("Best ring at any angle, in the smallest socket that holds it", _HEADS, [_row(d) for d in best]),
-            Table(
-                "Predicted and measured in the thesis (Figs 3.25, 3.30, 4.31)",
-                ("Joint", "Predicted [N]", "Measured [N]", "Stack, computed", "Source"),
-                [(p.name, p.predicted, _or_blank(p.measured), p.stacked, p.source) for p in published],
-                "measured: empty where only a picture shows it, all within 10 %; "
-                "stack: times one layer's pull, by the field of a cylinder",
-            ),
+            _thesis(published),
         ),
         data,
         {
@@ -123,6 +101,33 @@ _HEADS = (
     "Pressure cap [psi]",
     "[atm] ",
 )
+
+
+def _pulls(preload: float, sliding: tuple[float, float], support: float, rolling: tuple[float, float]) -> Table:
+    """Smallest limits of the sliding joint, ball and socket fixed, and of the rolling one, towards and anywhere."""
+    (ball, socket), (towards, anywhere) = sliding, rolling
+    fluid, point = "sliding, fluid", "point, rolling"
+    return Table(
+        "Largest pull before the joint separates",
+        ("Joint", "Mounting", "At 0 deg [N]", "Worst [N]", "Worst / preload"),
+        [
+            (fluid, "ball fixed", preload, ball, 1.0),
+            (fluid, "socket fixed", preload, socket, socket / preload),
+            (point, "ball fixed", support, support, 1.0),
+            (point, "socket fixed, towards a support", support, towards, towards / support),
+            (point, "socket fixed, worst azimuth", support, anywhere, anywhere / support),
+        ],
+    )
+
+
+def _thesis(published: Sequence[PublishedPreload]) -> Table:
+    return Table(
+        "Predicted and measured in the thesis (Figs 3.25, 3.30, 4.31)",
+        ("Joint", "Predicted [N]", "Measured [N]", "Stack, computed", "Source"),
+        [(p.name, p.predicted, _or_blank(p.measured), p.stacked, p.source) for p in published],
+        "measured: empty where only a picture shows it, all within 10 %; "
+        "stack: times one layer's pull, by the field of a cylinder",
+    )
 
 
 def _or_blank(value: float | None) -> float | str:

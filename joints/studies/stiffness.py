@@ -11,7 +11,14 @@ from joints.limits import not_negative, require
 from joints.measured import read_curve
 from joints.regime_fit import fit_regimes
 from joints.settings import Settings, load_settings
-from joints.stiffness import RegimeCurve, equilibrium_curve, layer_stiffness, magnet_force, rest_displacement
+from joints.stiffness import (
+    RegimeCurve,
+    contact_tension,
+    layer_stiffness,
+    lifted_tension,
+    magnet_force,
+    rest_displacement,
+)
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _UNITS = {
@@ -25,6 +32,10 @@ _UNITS = {
     "stand_off": ("um", MICRO),
 }
 
+_PREDICTED = (
+    "Replica layer [N/um]", "Brass tube [N/um]", "Rest [um]", "Magnets at rest [N]", "Film and magnets [N/um]",
+)  # fmt: skip
+
 
 def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
     """Contact stiffnesses, the curve of Fig 4.14, and the four regimes fitted to measured or simulated data."""
@@ -33,12 +44,14 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
     geometry, orifice = film_geometry(s["film"]), orifice_law(s["orifice"])
     rest = rest_displacement(geometry, orifice, s["inlet_pressure"], s["preload"], s["stand_off"])
     x = np.linspace(-1e-6, max(3 * rest, 100e-6), 400)
-    curves = {
-        name: equilibrium_curve(geometry, orifice, inlet, s["preload"], s["stand_off"], tube, x)
-        for name, inlet in (("air on", s["inlet_pressure"]), ("no air", 0.0))
-    }
+
+    def tension(inlet: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        lifted = lifted_tension(geometry, orifice, inlet, s["preload"], s["stand_off"], np.maximum(x, 0.0))
+        return lifted + contact_tension(tube, x)
+
+    curves = {name: tension(inlet, x) for name, inlet in (("air on", s["inlet_pressure"]), ("no air", 0.0))}
     step = np.array([-1e-8, 1e-8]) + max(rest, 1e-8)
-    pulled = equilibrium_curve(geometry, orifice, s["inlet_pressure"], s["preload"], s["stand_off"], tube, step)
+    pulled = tension(s["inlet_pressure"], step)
     predicted = {
         "replica_N_per_um": replica * N_PER_UM,
         "tube_N_per_um": tube * N_PER_UM,
@@ -58,13 +71,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
         (
             Table(
                 "Predicted",
-                (
-                    "Replica layer [N/um]",
-                    "Brass tube [N/um]",
-                    "Rest [um]",
-                    "Magnets at rest [N]",
-                    "Film and magnets [N/um]",
-                ),
+                _PREDICTED,
                 [tuple(predicted.values())],
             ),
             Table(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, true_tips
 
-from gpmodel.calibration.comparison import climb
+from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, without_outlier_marks
@@ -73,7 +73,10 @@ def test_every_step_of_the_ladder_fits_at_least_as_well_as_the_one_before() -> N
     truth = robot("ur5", (1, 2, 3), 0.3, 1)
     arm = truth.model.mechanism
     wrong = [(f"tanh {j.name}", (drive_effect("t", j, Expression(f"tanh(9*{j.name})")),)) for j in arm.joints[:2]]
-    rungs = climb(arm, truth.poses, np.arange(30), np.arange(30, 40), geometric_effects(arm), wrong)
+    rungs = climb(
+        arm, growing(geometric_effects(arm), wrong),
+        truth.poses.subset(np.arange(30)), truth.poses.subset(np.arange(30, 40)),
+    )  # fmt: skip
     assert [r.step for r in rungs] == ["registration", "standard", *(name for name, _ in wrong)]
     for before, after in itertools.pairwise(rungs):
         assert after.train.rms <= 1.001 * before.train.rms

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import click
@@ -16,7 +15,6 @@ from gpmodel.cli import main as cli
 from gpmodel.errors import GpModelError, InputError
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import finished_folder, to_json, write_text
-from gpmodel.mechanism import registry as plugins
 
 OURS = ["check", "calibrate", "predict", "compensate", "simulate", "poses"]
 
@@ -101,47 +99,6 @@ def test_every_error_is_one_line_and_a_status(
     shown = run("--debug", "check")
     assert shown.exit_code == status
     assert ("Traceback" in shown.stderr) == (status != 130)
-
-
-def test_command_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    plugin = EntryPoint("extra", "cli_plugin:extra", cli.PLUGINS)
-
-    @click.command()
-    def extra() -> None:
-        click.echo("from outside")
-
-    monkeypatch.setattr(EntryPoint, "load", lambda self: extra)
-    monkeypatch.setattr(cli, "entry_points", lambda group, name="extra": [plugin] if name == "extra" else [])
-    assert "\n  extra" in run("--help").stdout
-    assert run("extra").stdout == "from outside\n"
-
-
-def test_mechanisms_are_asked_of_every_provider(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[str, str | None, object]] = []
-
-    def nobody(name: str, *, frame: str | None = None, payload_com: object = None) -> None:
-        asked.append((name, frame, payload_com))
-
-    providers = [EntryPoint(n, "gpmodel.errors:load_mechanism", plugins.PROVIDERS) for n in ("one", "two")]
-    monkeypatch.setattr(plugins, "entry_points", lambda group: providers)
-    monkeypatch.setattr(EntryPoint, "load", lambda self: nobody)
-    with pytest.raises(InputError, match="'ghost' is unknown"):
-        plugins.load_mechanism("ghost", frame="tip", payload_com=(0, 0, 1))
-    assert asked == [("ghost", "tip", (0, 0, 1))] * 2
-
-
-def test_unknown_mechanism_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"irb6400r.*ur5.*panda|irb6400r.*panda.*ur5"):
-        plugins.load_mechanism("ghost")
-
-
-def test_broken_provider_is_named_only_when_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = plugins.entry_points(group=plugins.PROVIDERS)
-    broken = EntryPoint("broken", "no_such_module:load", plugins.PROVIDERS)
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [broken, *real])
-    assert plugins.load_mechanism("irb6400r").name == "irb6400r"
-    with pytest.raises(InputError, match="provider 'broken' cannot be loaded"):
-        plugins.load_mechanism("ghost")
 
 
 def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:

@@ -1,21 +1,18 @@
 """report.html and explore.html, made of real runs: offline, accessible, and saying what the report says."""
 
 import dataclasses
-import io
 import re
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
 from report_runs import REPORTS, calibrated, discovered, quickly
 
 from gpmodel import wording
 from gpmodel.cli.report import report as report_command
-from gpmodel.report import explore, poses
+from gpmodel.report import explore
 from gpmodel.report.figures import draw, pictures
 from gpmodel.report.page import html
 from gpmodel.report.saved import to_json
@@ -149,21 +146,6 @@ def test_an_effect_is_shown_with_all_that_is_known_of_it() -> None:
         assert said in text
 
 
-@pytest.mark.parametrize(
-    ("slot", "axis", "said"),
-    [
-        ("J5.moving", "Ry", "turn about y of the frame just after the motion of J5"),
-        ("J2.fixed", "Tx", "shift along x of the frame just before the motion of J2"),
-        ("base", "Rz", "turn about z of the frame at the base, before the first joint"),
-        ("tool", "Tz", "shift along z of the frame at the flange, after the last joint"),
-        ("instrument", "Tx", "shift along x of the frame of the instrument's readings, before they are registered"),
-        ("J2.moving, J3.moving", "Rz", ""),
-    ],
-)
-def test_places_are_said_in_words(slot: str, axis: str, said: str) -> None:
-    assert place(slot, axis) == said
-
-
 def test_nothing_found_says_so() -> None:
     text = page(discovered("nothing")).text
     assert "Nothing was added to the standard model." in text
@@ -185,19 +167,6 @@ def test_the_histogram_says_which_of_its_tests_failed() -> None:
     assert beforehand(report, one) == "pointed at J2 beforehand"
     assert "did not point at it" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
     assert beforehand(report, dataclasses.replace(one, round=None)) == ""
-
-
-@pytest.mark.parametrize(
-    ("probability", "shuffles", "said"),
-    [
-        (1e-88, 8, "< 0.000001 by extrapolation from 8 shuffles"),
-        (0.02, 199, "0.02 from 199 shuffles"),
-        (0.02, None, "0.02"),
-        (None, 8, "–"),
-    ],
-)
-def test_a_chance_says_what_it_rests_on(probability: float | None, shuffles: int | None, said: str) -> None:
-    assert wording.chance(probability, shuffles) == said
 
 
 def test_record_parameters_and_tool_point_are_listed() -> None:
@@ -248,47 +217,6 @@ def test_effects_and_candidates_may_be_bare() -> None:
     text = page(bare).text
     assert "something" in text
     assert "length 1.00 – mm –" in text
-
-
-def test_poses_are_listed_worst_first_and_are_those_of_the_ladder() -> None:
-    for report in (discovered(), calibrated(), discovered("nothing")):
-        listed = poses.pose_errors(report)
-        assert len(listed) == report.data.poses
-        after = [p.after for p in listed]
-        assert after == sorted(after, reverse=True)
-        names = report.before_and_after()
-        for step, errors in zip(names, ([p.before for p in listed], after), strict=True):
-            rung = report.step(step)
-            assert rung is not None
-            assert max(errors) == pytest.approx(max(rung.train.max_mm, rung.heldout.max_mm), rel=1e-5)
-        held = np.array([p.after for p in listed if p.heldout])
-        assert np.sqrt(np.mean(held**2)) == pytest.approx(report.step(names[1]).heldout.rms_mm, rel=1e-5)
-
-
-def test_poses_csv_has_a_row_a_pose_and_its_components() -> None:
-    report = discovered()
-    frame = pd.read_csv(io.StringIO(poses.csv(report)))
-    assert list(frame["row"]) == list(report.plots.rows)
-    assert (frame["set"] == "held out").sum() == report.data.heldout
-    for name in ("before", "after"):
-        length = np.linalg.norm(frame[[f"{name}_{a} [mm]" for a in "xyz"]], axis=1)
-        np.testing.assert_allclose(length, frame[f"{name} [mm]"], rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("case", ["gear", "nothing", "calibrated"])
-def test_explore_has_every_pose_its_row_and_both_residuals(case: str) -> None:
-    report = REPORTS[case]()
-    text = explore.html(report)
-    assert len(text) < 6e6
-    figure, magnification = explore.figure_of(report)
-    before, after, dots, arm = figure["data"]
-    assert dots["customdata"] == list(report.plots.rows)
-    assert all(f"row {row}" in said for row, said in zip(report.plots.rows, dots["text"], strict=True))
-    for trace, name in ((before, report.before_and_after()[0]), (after, "final")):
-        ends = np.array([trace[a] for a in "xyz"], dtype=float).reshape(3, -1, 3)
-        moved = (ends[:, :, 1] - ends[:, :, 0]).T / magnification
-        np.testing.assert_allclose(moved, np.array(report.plots.residual_mm[name]), atol=2e-3 / magnification)
-    assert arm["text"] == list(report.plots.slots)
 
 
 def test_the_command_writes_every_file_from_the_saved_report(tmp_path: Path) -> None:

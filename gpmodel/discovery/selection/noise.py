@@ -22,6 +22,7 @@ class Whitening:
     ratio: float = 0.0
 
     def whiten(self, values: Array) -> Array:
+        """Values (M, ...) with rows of equal variance, independent within a block: Σ^(-1/2) times them."""
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def restored(self, values: Array) -> Array:
@@ -36,6 +37,7 @@ class Whitening:
 
     @cached_property
     def sizes(self) -> IntArray:
+        """Rows (B,) of each block."""
         return np.bincount(self.block)
 
     def means(self, values: Array) -> Array:

@@ -53,12 +53,14 @@ class Selection:
 
     @property
     def outliers(self) -> IntArray:
+        """Poses that the fit left out."""
         return np.flatnonzero(~self.fit.point.use)
 
 
 def summarised(
     active: Active, rivals: Mapping[int, tuple[Rival, ...]], fit: Refit, offered_groups: int, by_chance: Array
 ) -> Selection:
+    """What was chosen in words and numbers, from the groups in the model, their rivals and the exact fit."""
     deviation = np.sqrt(np.diag(fit.covariance))
     kept: list[Kept] = []
     at = 0

@@ -1,0 +1,117 @@
+"""The shape of the source: lengths, parameters, words on everything public, and where the tests lie."""
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import gpmodel
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROOT / package).rglob("*.py"))]
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+KERNELS = ROOT / "gpmodel" / "evolution" / "kernels"
+LONGEST_FILE, LONGEST_FUNCTION, MOST_PARAMETERS = 250, 60, 6
+PASSED_THROUGH = {"discovery/loop.py discover", "planning/simulate.py simulate"}
+"""What the public functions of these names hand their keyword arguments on to."""
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+Entry = tuple[Path, ast.ClassDef | None, Function]
+
+
+def name_of(path: Path) -> str:
+    return path.relative_to(ROOT / "gpmodel").as_posix() if path.is_relative_to(ROOT / "gpmodel") else str(path)
+
+
+def functions(paths: list[Path]) -> Iterator[Entry]:
+    """Every function and method outside the kernels, with its class."""
+    for path in paths:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        owner = {f: c for c in ast.walk(tree) if isinstance(c, ast.ClassDef) for f in c.body}
+        for node in ast.walk(tree):
+            if isinstance(node, Function) and KERNELS not in path.parents:
+                yield path, owner.get(node), node
+
+
+def test_no_file_is_long() -> None:
+    everything = (*PRODUCT, *TESTS, *(ROOT / "experiments").rglob("*.py"))
+    files = [p for p in everything if KERNELS not in p.parents and p.name != "explore.py"]
+    long = {str(p.relative_to(ROOT)): n for p in files if (n := p.read_text().count("\n")) > LONGEST_FILE}
+    assert long == {}
+
+
+@pytest.mark.parametrize("package", ["gpmodel", "robots", "joints", "tests", "experiments"])
+def test_no_function_is_long(package: str) -> None:
+    found = functions(sorted((ROOT / package).rglob("*.py")))
+    long = {f"{p.name} {f.name}": n for p, _, f in found if (n := f.end_lineno - f.lineno + 1) > LONGEST_FUNCTION}
+    assert long == {}
+
+
+def test_no_function_has_many_parameters() -> None:
+    public = {f"{Path(inspect.getfile(v)).relative_to(ROOT / 'gpmodel')} {n}" for n, v in public_functions().items()}
+    many = {}
+    for path, owner, f in functions(PRODUCT):
+        arguments = (*f.args.posonlyargs, *f.args.args, *f.args.kwonlyargs)
+        count = len(arguments) - (owner is not None)
+        commands = any(".command(" in ast.unparse(d) for d in f.decorator_list)
+        name = f"{name_of(path)} {f.name}"
+        if count > MOST_PARAMETERS and name not in public | PASSED_THROUGH and not commands:
+            many[name] = count
+    assert many == {}
+
+
+def public_functions() -> dict[str, object]:
+    values = {name: getattr(gpmodel, name) for name in gpmodel.__all__}
+    return {name: value for name, value in values.items() if inspect.isfunction(value)}
+
+
+def undocumented(path: Path, inherited: set[str]) -> list[str]:
+    """Public names of a file without words; a method may have them from the interface it fulfils."""
+    out = []
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, Function | ast.ClassDef) and not node.name.startswith("_"):
+            out += [node.name] if not ast.get_docstring(node) else []
+            inside = node.body if isinstance(node, ast.ClassDef) else []
+            methods = [m for m in inside if isinstance(m, Function) and not m.name.startswith("_")]
+            out += [f"{node.name}.{m.name}" for m in methods if not ast.get_docstring(m) and m.name not in inherited]
+    return [f"{path.relative_to(ROOT)} {name}" for name in out]
+
+
+def promised() -> set[str]:
+    """Names of the methods that an interface says something about."""
+    classes = [n for p in PRODUCT for n in ast.parse(p.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)]
+    interfaces = [c for c in classes if "Protocol" in {ast.unparse(b) for b in c.bases}]
+    return {m.name for c in interfaces for m in c.body if isinstance(m, Function) and ast.get_docstring(m)}
+
+
+def test_everything_public_has_its_words() -> None:
+    inherited = promised()
+    assert len(inherited) > 10
+    assert [name for path in PRODUCT for name in undocumented(path, inherited)] == []
+
+
+def test_the_command_line_is_the_last_layer() -> None:
+    users = [p for p in PRODUCT if re.search(r"(from|import) gpmodel\.cli\b", p.read_text(encoding="utf-8"))]
+    outside = [str(p.relative_to(ROOT)) for p in users if "cli" not in p.parts and p.name != "cli.py"]
+    assert outside == []
+
+
+def test_tests_lie_as_the_packages_do() -> None:
+    packages = {p.name for p in (ROOT / "gpmodel").iterdir() if p.is_dir()} | {"robots", "joints", "experiments"}
+    folders = {p.parent.name for p in TESTS if p.parent != ROOT / "tests"}
+    assert folders <= packages
+    wanted = {p for p in packages if list((ROOT / "gpmodel" / p).glob("[!_]*.py"))} - {"testing"}
+    assert wanted <= folders
+
+
+def test_no_test_is_imported_from() -> None:
+    assert [p.name for p in TESTS if re.search(r"^\s*(from|import) test_", p.read_text(encoding="utf-8"), re.M)] == []
+    assert all(p.name.startswith("test_") for p in TESTS if p.parent != ROOT / "tests")
+
+
+def test_every_public_name_is_there() -> None:
+    assert all(hasattr(import_module("gpmodel"), name) for name in gpmodel.__all__)
