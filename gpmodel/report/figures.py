@@ -65,6 +65,7 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
             picture.draw(figure)
             text = io.StringIO()
             figure.savefig(text, format="svg", facecolor="none", metadata={"Date": None})
+            figure.set_layout_engine("none")
             out[picture.name] = inline(text.getvalue(), picture.name)
             if folder is not None:
                 (folder / "figures").mkdir(parents=True, exist_ok=True)

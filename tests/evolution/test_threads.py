@@ -1,5 +1,6 @@
 """Whole runs side by side: in order, to the same bits, and stopped with the one who waits for them."""
 
+import sys
 import threading
 
 import numpy as np
@@ -39,7 +40,9 @@ def test_what_nobody_waits_for_is_not_begun() -> None:
         return number
 
     found = side_by_side(work, range(50), 2)
+    before = sys.getswitchinterval()
     assert next(found) == 0
     go_on.set()
     found.close()
+    assert sys.getswitchinterval() == before
     assert len(begun) < 50
