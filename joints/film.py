@@ -75,11 +75,6 @@ def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
     return geometry.clearance + (lift - geometry.clearance) * np.cos(geometry.socket_angle)
 
 
-def displacement_for_gap(geometry: FilmGeometry, gap: ArrayLike) -> Array:
-    """d [m], the inverse of `edge_gap`."""
-    return geometry.clearance + (positive("film gap", gap, "m") - geometry.clearance) / np.cos(geometry.socket_angle)
-
-
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
     """R_s = 6 mu ln((l_o + l_s)/l_o) / (pi h^3) [Pa s/m^3], socket pressure over total flow (Fig 4.9)."""
     return 6 * geometry.viscosity * geometry.log_ratio / (np.pi * positive("film gap", gap, "m") ** 3)

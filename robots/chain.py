@@ -12,33 +12,10 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
+from robots.links import Link, zero_vector
 from robots.motion import axis_motion
 from robots.statics import DOWN, gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
-
-
-def _zero_vector() -> Array:
-    return np.zeros(3)
-
-
-@dataclass(frozen=True, eq=False)
-class Link:
-    """One motion of the chain and the rigid part it carries.
-
-    name: the joint's. placement: (4, 4), the frame before this motion in the frame after the motion before
-    (in the root, for the first), m. axis: one of gpmodel.mechanism.protocol.AXES, the coordinate axis of that frame
-    the motion is about or along, in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
-    alignment: (4, 4), the frame after the motion in the frame the source description gives the same part.
-    offset: constant part of the motion already contained in placement, rad or m.
-    """
-
-    name: str
-    placement: Array
-    axis: str
-    mass: float = 0.0
-    com: Array = field(default_factory=_zero_vector)
-    alignment: Array = field(default_factory=lambda: np.eye(4))
-    offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +39,7 @@ class SerialChain:
     limits: Array
     tool_frame: str = "tool"
     gravity: Array = field(default_factory=lambda: np.array(DOWN))
-    payload_com: Array = field(default_factory=_zero_vector)
+    payload_com: Array = field(default_factory=zero_vector)
     source: Path | None = None
 
     @cached_property

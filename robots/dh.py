@@ -45,7 +45,8 @@ import pinocchio as pin
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_mass
-from robots.chain import Link, SerialChain
+from robots.chain import SerialChain
+from robots.links import Link
 from robots.motion import along, translation
 from robots.statics import DOWN
 from robots.toml_table import TomlTable

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from robots.chain import Link, SerialChain
+from robots.chain import SerialChain
+from robots.links import Link
 from robots.motion import translation
 
 DIMENSIONS = {

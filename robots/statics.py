@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pinocchio as pin
 
@@ -11,9 +9,7 @@ from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
-
-if TYPE_CHECKING:
-    from robots.chain import SerialChain
+from robots.links import Chain
 
 DOWN = (0.0, 0.0, -GRAVITY)
 ROUNDING = 1e-9
@@ -30,7 +26,7 @@ _JOINT_MODELS = {
 }
 
 
-def pinocchio_model(chain: SerialChain, payload: float | None = None) -> pin.Model:
+def pinocchio_model(chain: Chain, payload: float | None = None) -> pin.Model:
     """Pinocchio's model of the chain in its own motions (before coupling), joint frames as the slots.
 
     payload: None for the chain's own masses; else kg at the payload's centre of mass and nothing besides.
@@ -51,7 +47,7 @@ def pinocchio_model(chain: SerialChain, payload: float | None = None) -> pin.Mod
     return model
 
 
-def gravity_loads(chain: SerialChain, q: Array, payload: Array) -> dict[str, Array]:
+def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
     """SerialChain.loads: linear in the masses, so those of the links plus payload times those of 1 kg."""
     motions = chain.motions(q)
     payload = np.broadcast_to(np.asarray(payload, dtype=np.float64), len(motions))
@@ -66,7 +62,7 @@ def gravity_loads(chain: SerialChain, q: Array, payload: Array) -> dict[str, Arr
     return _named(chain, wrenches)
 
 
-def unit_loads(chain: SerialChain, q: Array) -> dict[str, Array]:
+def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
     """SerialChain.unit_loads.
 
     A first moment e_a carried by link k weighs as the couple (R_k e_a) x g on every turning joint j <= k; a mass m at c
@@ -88,13 +84,13 @@ def unit_loads(chain: SerialChain, q: Array) -> dict[str, Array]:
     return {name: values for name, values in out.items() if np.any(np.abs(values) > ROUNDING)}
 
 
-def _on_motion(chain: SerialChain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
+def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
     """Generalized force (N,) on motion j of a couple (N, 3) or, where it slides, of a weight (3,)."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
     return np.einsum("ni,ni->n", axes[j], acting)
 
 
-def _on_joints(chain: SerialChain, on_motions: list[Array], part: str) -> dict[str, Array]:
+def _on_joints(chain: Chain, on_motions: list[Array], part: str) -> dict[str, Array]:
     """Generalized forces (N,) on the coordinates, of those on the first motions; the others bear none."""
     torques = np.stack(on_motions, axis=1) @ chain.coupling[: len(on_motions)]
     return {f"torque_{name}_of_{part}": torques[:, c] for c, name in enumerate(chain.joint_names)}
@@ -118,7 +114,7 @@ def _wrenches(model: pin.Model, motions: Array) -> Array:
     return -wrenches
 
 
-def _named(chain: SerialChain, wrenches: Array) -> dict[str, Array]:
+def _named(chain: Chain, wrenches: Array) -> dict[str, Array]:
     along = [wrenches[:, i + 1, AXES.index(link.axis)] for i, link in enumerate(chain.links)]
     torques = np.stack(along, axis=1) @ chain.coupling
     named = {f"torque_{name}": torques[:, column] for column, name in enumerate(chain.joint_names)}

@@ -12,7 +12,8 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.units import identifier
-from robots.chain import Link, SerialChain
+from robots.chain import SerialChain
+from robots.links import Link
 from robots.motion import along
 from robots.urdf_file import Mimic, parse_mimics, parse_model
 

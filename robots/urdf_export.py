@@ -5,7 +5,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -15,14 +14,12 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
+from robots.links import Chain
 from robots.motion import along
 from robots.urdf_file import parse_xml
 
-if TYPE_CHECKING:
-    from robots.chain import SerialChain
 
-
-def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], path: Path) -> str:
+def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: Path) -> str:
     """Writes the mechanism with a constant error twist at each slot as URDF; returns the link to measure at.
 
         root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
@@ -55,7 +52,7 @@ def write_calibrated_urdf(mechanism: SerialChain, twists: Mapping[str, Array], p
     return frame
 
 
-def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, Array]) -> str:
+def _corrected(mechanism: Chain, robot: ET.Element, errors: Mapping[str, Array]) -> str:
     joints = {identifier(joint.get("name", "")): joint for joint in robot.findall("joint")}
     above = {_link(joint, "child"): joint for joint in joints.values()}
     route = [above[mechanism.tool_frame]]
@@ -82,7 +79,7 @@ def _corrected(mechanism: SerialChain, robot: ET.Element, errors: Mapping[str, A
     return frame
 
 
-def _generated(mechanism: SerialChain, errors: Mapping[str, Array]) -> ET.Element:
+def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
     robot = ET.Element("robot", name=mechanism.name)
     parent, before = "base_link", errors["base"]
     ET.SubElement(robot, "link", name=parent)

@@ -1,7 +1,7 @@
 """The residual of a calibration: what was measured less all that the model explains, and columns seen the same way."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -94,17 +94,6 @@ class Residual:
         np.add.at(energy, self.problem.pose_of_row, left)
         return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
-    def beside(self, effects: Sequence[Effect]) -> "Residual":
-        """The residual when these effects, without priors, are in the model as well."""
-        left, _ = self.projected(effects)
-        span = ident.orthonormal(left)
-        extra = np.zeros((len(self.target), len(effects)))
-        extra[: self.measured] = self.columns(effects)
-        scale = np.linalg.norm(extra, axis=0)
-        system = np.hstack([self.system, extra / np.where(scale > 0, scale, 1.0)])
-        values = ident.remove(span, self.values)
-        return replace(self, system=system, enabled=np.hstack([self.enabled, span]), values=values)
-
     @cached_property
     def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:
         """Of every fold: its rows (M,), the factored normal equations of the system without them, their solution."""
@@ -157,11 +146,11 @@ def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
-def _spanned(system: Array, believed: Mask) -> Array:
-    """Orthonormal basis of unit columns (M + B, K): those without priors decided by rank, the believed by Cholesky."""
-    plain = ident.orthonormal(system[:, ~believed])
-    if not believed.any():
+def _spanned(system: Array, with_prior: Mask) -> Array:
+    """Orthonormal basis of unit columns (M + B, K): those without priors decided by rank, those with by Cholesky."""
+    plain = ident.orthonormal(system[:, ~with_prior])
+    if not with_prior.any():
         return plain
-    rest = ident.remove(plain, system[:, believed])
+    rest = ident.remove(plain, system[:, with_prior])
     upper, _ = factored(rest.T @ rest)
     return np.hstack([plain, linalg.solve_triangular(upper, rest.T, trans="T", check_finite=False).T])

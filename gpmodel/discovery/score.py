@@ -75,14 +75,14 @@ def _gains(
     """Gain and nats (T,) of a candidate on each trial (M + B, T)."""
     energies = np.sum(trials**2, axis=0)
     if candidate.has_priors:
-        return _believed(residual, candidate, span, (trials, energies), noise_steps)
+        return _with_priors(residual, candidate, span, (trials, energies), noise_steps)
     count = span.shape[1]
     q = ident.orthonormal(span) if count > 1 else span / np.linalg.norm(span, axis=0)
     gain = np.sum((q.T @ trials) ** 2, axis=0) / energies
     return gain, np.asarray(saved(residual, gain, count, candidate.cost))
 
 
-def _believed(
+def _with_priors(
     residual: Residual, candidate: Candidate, span: Array, trials: tuple[Array, Array], noise_steps: int
 ) -> tuple[Array, Array]:
     """Gain and nats (T,) of effects with priors, by their marginal likelihood: the priors pay for the unknowns.

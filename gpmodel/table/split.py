@@ -33,15 +33,3 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
     fold_of_bundle[rng.permutation(n)] = np.arange(n) % min(count, n)
     return fold_of_bundle[of_pose]
-
-
-def contiguous_folds(dataset: Dataset, count: int) -> IntArray:
-    """Fold index (N,) for cross-validation where the order of the rows matters: whole bundles, each fold a stretch of
-    the table of nearly equal length. A bundle whose rows lie apart goes where its middle row is."""
-    of_pose = bundles(dataset)
-    place = np.arange(len(dataset), dtype=float)
-    middle = np.bincount(of_pose, place) / np.bincount(of_pose)
-    before = np.cumsum(np.bincount(of_pose)[np.argsort(middle)])
-    fold = np.empty(len(middle), dtype=np.int64)
-    fold[np.argsort(middle)] = (before - 1) * min(count, len(middle)) // len(dataset)
-    return np.unique(fold, return_inverse=True)[1][of_pose]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gpmodel.errors import InputError
 from gpmodel.table.bundles import bundles, check_repeats, noise_floor, replicates
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import contiguous_folds, folds, hold_out
+from gpmodel.table.split import folds, hold_out
 
 DATA = bare("ur5", 40)
 
@@ -113,8 +113,8 @@ def test_repeats_are_recognised_by_their_joint_values(jitter: float) -> None:
     for codes in (bundles(data), replicates(data)):
         assert len(np.unique(np.column_stack([codes, expected]), axis=0)) == len(np.unique(codes)) == 20
     assert noise_floor(data) == pytest.approx(np.sqrt(3) * 1e-5, rel=0.3)
-    for fold in (folds(data, 5, np.random.default_rng(0)), contiguous_folds(data, 5)):
-        assert len(np.unique(np.column_stack([fold, expected]), axis=0)) == 20
+    fold = folds(data, 5, np.random.default_rng(0))
+    assert len(np.unique(np.column_stack([fold, expected]), axis=0)) == 20
 
 
 def test_the_order_of_the_rows_does_not_change_the_bundles() -> None:
@@ -154,10 +154,3 @@ def test_labelled_repeats_that_are_far_apart_are_refused_by_row() -> None:
     check_repeats(replace(repeated(5e-5), labels={"repeat": np.arange(20).repeat(3).astype(str)}))
     with pytest.raises(InputError, match=r"rows \d+ and \d+ are both repeat '\d+', but .* differs by"):
         check_repeats(replace(repeated(0.0), labels={"repeat": label}))
-
-
-@given(st.integers(2, 10), st.integers(12, 40))
-def test_contiguous_folds_are_stretches_of_the_table(count: int, rows: int) -> None:
-    fold = contiguous_folds(replace(DATA.subset(np.arange(rows)), payload=np.zeros(rows)), count)
-    assert (np.diff(fold) >= 0).all()
-    assert np.ptp(np.bincount(fold)) <= 1
