@@ -66,7 +66,8 @@ def _inputs(figure: Any, histogram: HistogramRecord) -> None:
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("best programs that refer to the input")
     axes.grid(axis="x")
-    for colour, label in ((BEFORE, "linear (filled), tree (hollow)"), (NULL, "on shuffled residuals")):
+    real = "linear (filled), tree (hollow)" if tree.any() else "on the residual"
+    for colour, label in ((BEFORE, real), (NULL, "on shuffled residuals")):
         axes.barh(0, 0, color=colour, label=label)
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
 

@@ -55,9 +55,9 @@ def explain(report: Report, number: int) -> Explanation:
     return Explanation(
         number=number,
         name=effect.name,
-        value=f"{value} × {wording.shortened(wording.expression(effect.basis), 160)}",
+        value=f"{value} {'; '.join(basis for basis, _ in words.written(effect))}",
         chain=_chain(report, effect),
-        where=sentence(words.place(effect.slot, effect.axis) or f"{effect.slot} {effect.axis}"),
+        where=sentence("; ".join(words.places(effect))),
         size=_size(effect),
         cause=sentence(effect.explanation) or "It was named by the user, not found.",
         facts=tuple(map(sentence, _facts(report, effect))),

@@ -11,6 +11,8 @@ from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_word
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Histogram
 from gpmodel.discovery.result import Discovery, Round, Step
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import catalogue
 from gpmodel.report import fitted, verdict
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, ranges, repeatability, versions
 from gpmodel.report.quantity import quantity, read_columns, translate
@@ -99,6 +101,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         slot=translate(first.slot, names),
         axis=first.axis,
         basis=translate(number.basis, names),
+        kind=candidate.kind,
         inputs=tuple(names.get(x, x) for x in read_columns(inputs)),
         value=number.value,
         stderr=fitted.optional(number.stderr),
@@ -106,7 +109,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         unique_share=number.unique_share,
         found_by=candidate.found_by,
         catalogue=candidate.family or None,
-        explanation=candidate.explanation or "matches no named effect",
+        explanation=_explained(candidate),
         terms=tuple(
             TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight)
             for e in candidate.effects[:MOST_TERMS]
@@ -129,6 +132,14 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         tool_max_mm=moved.max_mm,
         ranges=ranges(states, inputs, names),
     )
+
+
+def _explained(candidate: Candidate) -> str:
+    """What it would be physically: its own explanation, else its family's; nothing for a kind without a family."""
+    family = next((f for f in catalogue if f.name == candidate.family), None)
+    if candidate.explanation or family is None:
+        return candidate.explanation or ("" if candidate.family else "matches no named effect")
+    return f"{family.explanation} ({family.source})"
 
 
 def _rms(rival: tuple[str, float]) -> float:

@@ -67,15 +67,18 @@ class TestRecord:
 class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
+    kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
     rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` shuffled
-    residuals. gain: share of the residual energy it removes. tool_rms_mm, tool_max_mm: how far it moves the measured
-    point over the measured poses. ranges: of its inputs, as trained.
+    residuals. gain: share of the residual energy that it removes where everything else is in the model.
+    tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses. ranges: of its inputs, as
+    trained.
     """
 
     name: str
     slot: str = ""
     axis: str = ""
     basis: str = ""
+    kind: str = "single"
     inputs: tuple[str, ...] = ()
     value: float | None = None
     stderr: NotNegative | None = None

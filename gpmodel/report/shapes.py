@@ -42,7 +42,8 @@ def shape_record(
     seen = strength > WEAK * np.max(strength, initial=1e-30)
     own = shape(final, candidate, poses.states) / term.weight
     partial = own + np.sum(column * residual, axis=1) / np.where(seen, strength, 1.0)
-    inputs = candidate.inputs or ("row",)
+    read = term.basis.inputs if candidate.kind == "single" else candidate.inputs
+    inputs = tuple(read) or ("row",)
     x, unit = poses.states[inputs[0]], poses.states.units[inputs[0]]
     x, unit = (np.degrees(x), "deg") if unit == "rad" else (x, unit)
     scale, y_unit = (1e6, "µrad") if term.axis.startswith("R") else (1e3, "mm")

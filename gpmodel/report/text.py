@@ -60,8 +60,8 @@ def _effects(report: Report) -> Iterator[str]:
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
         yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
-        basis = wording.shortened(wording.expression(effect.basis), 200)
-        yield _wrapped(f"× {basis} at {effect.slot} {effect.axis}", 7)
+        for basis, where in words.written(effect):
+            yield _wrapped(f"{basis} at {where}", 7)
         if not effect.kept:
             yield _wrapped("not identifiable with these poses, held at zero", 7)
         facts = [

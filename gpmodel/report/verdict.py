@@ -2,6 +2,10 @@
 
 from gpmodel import wording
 from gpmodel.report.schema import STANDARD, Report
+from gpmodel.report.schema_search import EffectRecord
+
+MOST_SIZED = 3
+"""Findings whose sizes the verdict says; of more it says the names."""
 
 
 def of_discovery(report: Report) -> str:
@@ -11,10 +15,7 @@ def of_discovery(report: Report) -> str:
     tail = f", noise floor {wording.length(report.noise_floor_mm)}" if report.noise_floor_mm is not None else ""
     if not report.effects:
         return f"Standard model {before} RMS on held-out poses{tail}; nothing stands out of chance: nothing was added."
-    parts = []
-    for e in report.effects:
-        size = wording.measured(e.value, e.stderr, e.unit)
-        parts.append(f"{e.name}, {size.value} ± {size.deviation} {size.unit}")
+    parts = [_sized(e) if len(report.effects) <= MOST_SIZED else e.name for e in report.effects]
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     doubted = report.confirmation is not None and not report.confirmation.passed
     doubt = "Not confirmed on held-out poses, so the standard model is kept. " if doubted else ""
@@ -24,6 +25,11 @@ def of_discovery(report: Report) -> str:
         f"{added} {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{tail}; "
         f"{report.stopped}."
     )
+
+
+def _sized(effect: EffectRecord) -> str:
+    size = wording.measured(effect.value, effect.stderr, effect.unit)
+    return f"{effect.name}, {size.value} ± {size.deviation} {size.unit}"
 
 
 def of_calibration(report: Report) -> str:

@@ -10,6 +10,7 @@ from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRe
 
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
+_FOUND_BY = {"catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand"}
 _SOURCES = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
 
 
@@ -51,7 +52,35 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
     pointed = [name for name in effect.inputs if name in histogram.significant]
     if pointed:
         return f"pointed at {', '.join(pointed)} beforehand"
-    return "did not point at it: found by the catalogue and its score alone"
+    return "did not point at it: chosen by its likelihood alone"
+
+
+def found(report: Report, effect: EffectRecord) -> str:
+    """How an effect was found, in which round, and together with how many others."""
+    how = _FOUND_BY.get(effect.found_by, effect.found_by)
+    if effect.round is None:
+        return how
+    others = sum(other.round == effect.round for other in report.effects) - 1
+    together = f", chosen together with {others} other{'s' if others > 1 else ''}" if others else ""
+    return f"{how}, in round {effect.round}{together}"
+
+
+def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
+    """What the number of an effect multiplies, and where: place by place where it acts at several."""
+    places = tuple(dict.fromkeys(f"{t.slot} {t.axis}" for t in effect.terms)) or (f"{effect.slot} {effect.axis}",)
+    basis = wording.expression(effect.basis)
+    if effect.kind == "curve":
+        return ((f"RMS of {wording.shortened(basis, 160)}", ", ".join(places)),)
+    if effect.kind != "single" or len(places) == 1:
+        return ((f"× {wording.shortened(basis, 160)}", ", ".join(places)),)
+    return tuple((f"× {_weight(t.weight)}{wording.expression(t.basis)}", f"{t.slot} {t.axis}") for t in effect.terms)
+
+
+def _weight(weight: float) -> str:
+    """A factor before a basis: nothing for one, the sign alone for minus one."""
+    if abs(weight) == 1.0:
+        return "" if weight > 0 else "\N{MINUS SIGN}"
+    return f"{wording.minus(wording.significant(weight, 3))}·"
 
 
 def input_tests(histogram: HistogramRecord) -> Iterator[str]:
@@ -72,6 +101,12 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
             f"(p {wording.chance(by_count)}); shuffled ones save as much as the best of them with "
             f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
         )
+
+
+def places(effect: EffectRecord) -> tuple[str, ...]:
+    """Every place of an effect in words."""
+    at = dict.fromkeys((t.slot, t.axis) for t in effect.terms) or {(effect.slot, effect.axis): None}
+    return tuple(place(slot, axis) or f"{slot} {axis}" for slot, axis in at)
 
 
 def place(slot: str, axis: str) -> str:

@@ -3,7 +3,7 @@
 import pytest
 
 from gpmodel import wording
-from gpmodel.report.words import place
+from gpmodel.report.words import found, place, places, written
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,35 @@ def test_places_are_said_in_words(slot: str, axis: str, said: str) -> None:
 )
 def test_a_chance_says_what_it_rests_on(probability: float | None, shuffles: int | None, said: str) -> None:
     assert wording.chance(probability, shuffles) == said
+
+
+BASE = (TermRecord("base", "Rx", "moment_base_x"), TermRecord("base", "Ry", "moment_base_y", -1.0))
+SEVERAL = {
+    "one place": (EffectRecord("a", "J2.moving", "Rz", "torque_J2"), (("× torque_J2", "J2.moving Rz"),)),
+    "one number at two places": (
+        EffectRecord("a", "base", "Rx", "moment_base_x", terms=BASE),
+        (("× moment_base_x", "base Rx"), ("× −moment_base_y", "base Ry")),
+    ),
+    "one basis along two axes": (
+        EffectRecord("a", "base", "Rx", "sin(J1)", kind="vector", terms=BASE),
+        (("× sin(J1)", "base Rx, base Ry"),),
+    ),
+    "a curve": (
+        EffectRecord("a", "J1.moving", "Rz", "curve of J1, 10 harmonics", kind="curve"),
+        (("RMS of curve of J1, 10 harmonics", "J1.moving Rz"),),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SEVERAL)
+def test_what_a_number_multiplies_is_said_place_by_place(case: str) -> None:
+    effect, said = SEVERAL[case]
+    assert written(effect) == said
+
+
+def test_effects_chosen_in_one_round_say_so() -> None:
+    first, second, later = (EffectRecord(n, found_by="catalogue", round=r) for n, r in (("a", 1), ("b", 1), ("c", 2)))
+    report = dataclasses.replace(discovered(), effects=(first, second, later))
+    assert found(report, first) == "the catalogue of effects, in round 1, chosen together with 1 other"
+    assert found(report, later) == "the catalogue of effects, in round 2"
+    assert places(EffectRecord("a", "base", "Rx", terms=BASE))[1].startswith("turn about y of the frame at the base")
