@@ -123,6 +123,8 @@ def calibrate(
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     geometry = standard_effects(mechanism, tuple(standard))
     mechanism, poses = sound_poses(mechanism, table, geometry)
+    if isinstance(effects, str):
+        raise InputError(f"{effects!r}, expected a list of effects, as in [{effects!r}]", "effects")
     groups = [named_group(effect, mechanism, poses) for effect in effects]
     train, held = split(poses.dataset, fraction, seed)
     models = growing(geometry, groups)

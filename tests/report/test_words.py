@@ -3,6 +3,8 @@
 import pytest
 
 from gpmodel import wording
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord, TermRecord
 from gpmodel.report.words import found, place, places, written
 
 
@@ -60,7 +62,7 @@ def test_what_a_number_multiplies_is_said_place_by_place(case: str) -> None:
 
 def test_effects_chosen_in_one_round_say_so() -> None:
     first, second, later = (EffectRecord(n, found_by="catalogue", round=r) for n, r in (("a", 1), ("b", 1), ("c", 2)))
-    report = dataclasses.replace(discovered(), effects=(first, second, later))
+    report = Report(effects=(first, second, later))
     assert found(report, first) == "the catalogue of effects, in round 1, chosen together with 1 other"
     assert found(report, later) == "the catalogue of effects, in round 2"
     assert places(EffectRecord("a", "base", "Rx", terms=BASE))[1].startswith("turn about y of the frame at the base")
