@@ -20,7 +20,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.explore import as_candidate, without_poles
+from gpmodel.discovery.programs import as_candidate, without_poles
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.targets import targets

@@ -11,7 +11,8 @@ import numpy as np
 
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Test, Verdict
-from gpmodel.discovery.explore import Exploration, Histogram
+from gpmodel.discovery.explore import Exploration
+from gpmodel.discovery.histogram import Histogram
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.score import Score
 from gpmodel.errors import InputError

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.discovery.explore import as_candidate, readable_inputs, without_poles
+from gpmodel.discovery.programs import as_candidate, without_poles
+from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets

@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.explore import readable_inputs
+from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets

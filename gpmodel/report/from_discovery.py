@@ -9,7 +9,7 @@ from gpmodel.calibration.result import resolved
 from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.explore import Histogram
+from gpmodel.discovery.histogram import Histogram
 from gpmodel.discovery.result import Discovery, Round, Step
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue

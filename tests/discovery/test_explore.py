@@ -8,7 +8,9 @@ from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.explore import expression_text, parts, readable_inputs, referenced, without_poles
+from gpmodel.discovery.histogram import referenced
+from gpmodel.discovery.programs import expression_text, parts, without_poles
+from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression

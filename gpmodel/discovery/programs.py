@@ -1,0 +1,73 @@
+"""Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
+
+import ast
+from collections.abc import Mapping
+from itertools import chain, combinations
+
+import numpy as np
+
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.errors import InputError
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Columns, Expression
+from gpmodel.formula.program import Program
+from gpmodel.model.effect import axis_unit
+from gpmodel.model.sites import Site
+from gpmodel.model.states import States
+
+
+def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:
+    """A program as effects at its site, one an output; None where it is no function of any input."""
+    texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
+    texts = [t for t in dict.fromkeys(texts)]
+    try:
+        bases = [Expression(t) for t in texts]
+    except InputError:
+        return None
+    bases = [b for b in bases if b.inputs]
+    if not bases:
+        return None
+    label = " and ".join(b.text for b in bases)
+    name = f"{label} on {site.name}"
+    unit = axis_unit(site.axis)
+    effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
+    return Candidate(name, effects, "", cost, "evolved")
+
+
+def parts(program: Program) -> list[Program]:
+    """The program, each of its outputs alone, and all but one of three."""
+    count = len(program.outputs)
+    fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
+    return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
+
+
+def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
+    """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
+    for effect in candidate.effects:
+        for term in effect.terms:
+            largest = float(np.max(np.abs(term.basis(between))))
+            if not largest <= criteria.largest_between * float(np.max(np.abs(term.basis(measured)))):
+                return False
+    return True
+
+
+def expression_text(program: Program, names: Mapping[str, str]) -> str:
+    """A one-output program as one line of arithmetic over the table's columns.
+
+    A program that is a bare input is that input unscaled: its coefficient takes the scale up.
+    """
+    infix = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "modulo": "%"}
+    if len(program.nodes) == 1 and program.nodes[0].operator == "input":
+        return str(program.nodes[0].value)
+    texts: list[str] = []
+    for node in program.nodes:
+        arguments = [texts[k] for k in node.arguments]
+        if node.operator == "input":
+            texts.append(names[str(node.value)])
+        elif node.operator == "constant":
+            texts.append(f"({float(node.value or 0.0):.5g})")
+        elif node.operator in infix:
+            texts.append(f"({arguments[0]} {infix[node.operator]} {arguments[1]})")
+        else:
+            texts.append(f"{node.operator}({', '.join(arguments)})")
+    return ast.unparse(ast.parse(texts[program.outputs[0]], mode="eval"))

@@ -1,0 +1,51 @@
+"""The inputs that GP may read: columns of the table and of the states, of order one, and how each is written."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gpmodel.arrays import IntArray
+from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
+from gpmodel.evolution.problems import Inputs
+from gpmodel.model.memory import read_by
+from gpmodel.model.states import States
+
+KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
+"""What a column is a measure of, by its unit; other units are kinds of their own."""
+
+
+def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
+    """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
+
+    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns.
+    """
+    names, values, written = [], [], {}
+    for name, column in states.columns.items():
+        if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
+            continue
+        spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
+        if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if states.units[name] in ("rad", "m"):
+            offset, scale = 0.0, 1.0
+        elif states.units[name] in ("Nm", "N"):
+            offset, scale = 0.0, float(f"{largest:.3g}")
+        else:
+            offset, scale = float(f"{column.mean():.4g}"), float(f"{max(column.std(), 1e-12):.3g}")
+        names.append(name)
+        values.append((column[rows] - offset) / scale)
+        shifted = f"({name} - {offset!r})" if offset else name
+        written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
+    kinds = tuple(kind_of(name, states) for name in names)
+    return Inputs(tuple(names), np.array(values), kinds), written
+
+
+def kind_of(name: str, states: States) -> str:
+    """What a column is a measure of; what the rows before leave of an angle is a travel, which has no period."""
+    unit = states.units[name]
+    if name == "row":
+        return "row"
+    if unit == "rad":
+        short = float(np.ptp(states[name])) < SHORT_RANGE
+        return "travel" if read_by(name) else SHORT if short else ANGLE
+    return NUMBER if unit == "1" else KINDS.get(unit, unit)
