@@ -1,7 +1,7 @@
 """The whole loop: from a measured table to effects that are named and proven."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -131,6 +131,7 @@ def discover(
         raise InputError(f"{search!r}, expected gpmodel.Search(...)", "search")
     if not isinstance(criteria, Criteria | None):
         raise InputError(f"{criteria!r}, expected gpmodel.Criteria(...)", "criteria")
+    _sensible(search or Search(), criteria or Criteria())
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
@@ -144,3 +145,14 @@ def discover(
         keep=keep or (lambda findings, rounds: None), resume=resume,
     )  # fmt: skip
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
+
+
+def _sensible(search: Search, criteria: Criteria) -> None:
+    """Raises InputError that names the first number with which nothing could be looked for, or nothing judged."""
+    for name, least in (("runs", 1), ("workers", 1), ("max_effects", 0)):
+        whole(getattr(search, name), name, least)
+    limit(search.stop_after, "stop_after", 0.0)
+    if not search.strategies:
+        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
+    for rule in fields(criteria):
+        limit(getattr(criteria, rule.name), rule.name, 0.0)

@@ -117,6 +117,12 @@ WRONG = {
     "candidates": lambda arm: gp.discover(arm, GEAR, candidates=("gear",)),
     "table": lambda arm: gp.discover(arm, pd.DataFrame()),
     "runs": lambda arm: gp.evolve(arm, GEAR, runs=0),
+    "workers": lambda arm: gp.discover(arm, GEAR, search=gp.Search(workers=0)),
+    "stop_after": lambda arm: gp.discover(arm, GEAR, search=gp.Search(stop_after=float("nan"))),
+    "max_effects": lambda arm: gp.discover(arm, GEAR, search=gp.Search(max_effects=-1)),
+    "strategies": lambda arm: gp.discover(arm, GEAR, search=gp.Search(strategies=())),
+    "significance": lambda arm: gp.discover(arm, GEAR, criteria=gp.Criteria(significance=float("nan"))),
+    "effects": lambda arm: gp.calibrate(arm, GEAR, effects="base_compliance"),
     "space": lambda arm: gp.evolve(arm, GEAR, space="outer"),
     "population": lambda arm: gp.evolve(arm, GEAR, population=20),
 }
