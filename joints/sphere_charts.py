@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 from joints.budget import Budget
@@ -14,7 +15,7 @@ from joints.solution import Solution
 MICRO = 1e6
 
 
-def budget_chart(figure: Any, budget: Budget, published: float) -> None:
+def budget_chart(figure: Figure, budget: Budget, published: float) -> None:
     """Distribution of the position error and the share of every source (Figs 3.18, 3.19). published: m."""
     left, right = figure.subplots(1, 2)
     shares, edges = budget.histogram()
@@ -29,7 +30,7 @@ def budget_chart(figure: Any, budget: Budget, published: float) -> None:
     right.set(xlabel="share of the mean square [%]", title="whose fault")
 
 
-def contact_chart(figure: Any, types: Sequence[ContactType]) -> None:
+def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
     """Largest residual of every prototype, predicted and before and after calibration (Figs 3.29, 4.30)."""
     ax = figure.subplots()
     at = np.arange(len(types))
@@ -47,7 +48,7 @@ def contact_chart(figure: Any, types: Sequence[ContactType]) -> None:
     ax.legend()
 
 
-def convergence_chart(figure: Any, solutions: Mapping[str, Solution]) -> None:
+def convergence_chart(figure: Figure, solutions: Mapping[str, Solution]) -> None:
     """Distance still moved in each iteration of the solvers."""
     ax = figure.subplots()
     for name, solution in solutions.items():
@@ -57,7 +58,7 @@ def convergence_chart(figure: Any, solutions: Mapping[str, Solution]) -> None:
     ax.legend()
 
 
-def referenced_chart(figure: Any, histogram: Mapping[str, Any]) -> None:
+def referenced_chart(figure: Figure, histogram: Mapping[str, Any]) -> None:
     """Inputs that the evolved programs reference, beside the search on shuffled residuals (Fig 5.13)."""
     ax = figure.subplots()
     at = np.arange(len(histogram["inputs"]))
@@ -68,7 +69,7 @@ def referenced_chart(figure: Any, histogram: Mapping[str, Any]) -> None:
     ax.legend()
 
 
-def compensation_chart(figure: Any, shape: Mapping[str, Any], axis: str) -> None:
+def compensation_chart(figure: Figure, shape: Mapping[str, Any], axis: str) -> None:
     """The translation found on the pitch axis over J1, and as an offset in y of the socket's frame (Fig 5.14).
 
     shape: a report's plot of the effect. axis: Ty or Tz, of the frame that turns with J1.
@@ -84,12 +85,12 @@ def compensation_chart(figure: Any, shape: Mapping[str, Any], axis: str) -> None
     right.set(xlabel="J1 [deg]", ylabel="offset in y [µm]", title="The same as a y-coordinate offset")
 
 
-def distribution_chart(figure: Any, errors: Mapping[str, Array]) -> None:
+def distribution_chart(figure: Figure, errors: Mapping[str, Array]) -> None:
     """Errors on poses held out, model by model, in shared bins (Fig 5.16). errors: m."""
     ax = figure.subplots()
     edges = np.linspace(0.0, MICRO * max(e.max() for e in errors.values()), 16)
     for name, error in errors.items():
         label = f"{name}: mean {MICRO * error.mean():.2f}, max {MICRO * error.max():.1f} µm"
-        ax.hist(MICRO * error, bins=edges, histtype="step", linewidth=1.8, label=label)
+        ax.hist(MICRO * error, bins=edges.tolist(), histtype="step", linewidth=1.8, label=label)
     ax.set(xlabel="error on held-out poses [µm]", ylabel="poses", title="Accuracy distribution")
     ax.legend()

@@ -115,3 +115,25 @@ def test_no_test_is_imported_from() -> None:
 
 def test_every_public_name_is_there() -> None:
     assert all(hasattr(import_module("gpmodel"), name) for name in gpmodel.__all__)
+
+
+TYPED = (
+    "report",
+    "discovery/selection",
+    "calibration",
+    "families",
+    "mechanism",
+    "model",
+    "numerics",
+    "planning",
+    "checks",
+)
+
+
+@pytest.mark.parametrize("package", TYPED)
+def test_nothing_is_untyped_but_what_is_read_or_written_as_json(package: str) -> None:
+    json = {"figures.py", "page.py", "saved.py", "explore.py", "certificate_pdf.py"}
+    files = [p for p in sorted((ROOT / "gpmodel" / package).rglob("*.py")) if p.name not in json]
+    assert [
+        p.name for p in files if re.search(r"^from typing import .*\bAny\b", p.read_text(encoding="utf-8"), re.M)
+    ] == []

@@ -122,7 +122,7 @@ def calibrate(
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     geometry = standard_effects(mechanism, tuple(standard))
-    mechanism, poses = sound_poses(mechanism, table, geometry)
+    mechanism, poses = checked_poses(mechanism, table, geometry)
     if isinstance(effects, str):
         raise InputError(f"{effects!r}, expected a list of effects, as in [{effects!r}]", "effects")
     groups = [named_group(effect, mechanism, poses) for effect in effects]
@@ -138,7 +138,7 @@ def calibrate(
     return CalibrationResult(calibrated, Origin(command, seed, time.perf_counter() - started))
 
 
-def sound_poses(
+def checked_poses(
     mechanism: Mechanism, table: TableLike, standard: tuple[Effect, ...] | None = None
 ) -> tuple[Mechanism, Poses]:
     """The mechanism and the table's poses, judged; a payload hangs at the tool point, which a first fit finds.

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import limit, quantity, share, whole
-from gpmodel.api.calibrate import sound_poses
+from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.display import notebook
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_record, write_results
@@ -137,7 +137,7 @@ def discover(
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
     offers = distinct(candidates)
     geometry = standard_effects(mechanism, tuple(standard))
-    mechanism, poses = sound_poses(mechanism, table, geometry)
+    mechanism, poses = checked_poses(mechanism, table, geometry)
     train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
     found = run_loop(
         mechanism, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,

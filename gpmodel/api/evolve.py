@@ -1,7 +1,7 @@
 """Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,7 @@ import pandas as pd
 
 from gpmodel._version import __version__
 from gpmodel.api.arguments import limit, share, whole
-from gpmodel.api.calibrate import sound_poses, split
+from gpmodel.api.calibrate import checked_poses, split
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.evolve_settings import Space, default_strategies, settings_for
 from gpmodel.api.results import save_record, write_results
@@ -189,7 +189,7 @@ def evolve(
     size = None if population is None else whole(population, "population", 4)
     settings = settings_for(space, default_strategies(space) if strategies is None else strategies, size, asked)
     geometry = standard_effects(mechanism, tuple(standard))
-    arm, poses = sound_poses(mechanism, table, geometry)
+    arm, poses = checked_poses(mechanism, table, geometry)
     train, held = split(poses.dataset, fraction, seed)
     started = time.perf_counter()
     seen = poses.subset(train)
@@ -214,7 +214,7 @@ def evolve(
     return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
 
 
-def _reporter(say: Say, runs: int) -> Any:
+def _reporter(say: Say, runs: int) -> Callable[[str, int, bool, Generation], None] | None:
     if say is silent:
         return None
 

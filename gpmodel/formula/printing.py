@@ -1,7 +1,5 @@
 """Programs in the languages of others: LaTeX and NumPy source."""
 
-from typing import Any
-
 import sympy
 
 from gpmodel.formula.algebra import LARGEST_PIECE, in_pieces
@@ -19,7 +17,7 @@ def latex(program: Program) -> str:
         if not name.isalnum()
     }
 
-    def line(expression: Any) -> str:
+    def line(expression: sympy.Basic) -> str:
         rounded = {number: sympy.Float(number, 6) for number in expression.atoms(sympy.Float)}
         return str(sympy.latex(expression.xreplace(rounded), symbol_names=written))
 

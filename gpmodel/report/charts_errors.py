@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 from textwrap import fill
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 from gpmodel.report.picture import (
@@ -81,7 +81,7 @@ def _which(report: Report) -> str:
     return f"{report.data.heldout} held-out poses" if report.held else "the training poses"
 
 
-def _ladder(figure: Any, report: Report, rungs: list[StepRecord]) -> None:
+def _ladder(figure: Figure, report: Report, rungs: list[StepRecord]) -> None:
     axes = figure.subplots()
     values = [r.errors.rms_mm or 0.0 for r in rungs]
     largest = [r.errors.max_mm or v for r, v in zip(rungs, values, strict=True)]
@@ -95,8 +95,8 @@ def _ladder(figure: Any, report: Report, rungs: list[StepRecord]) -> None:
         colour = AFTER if k == len(rungs) - 1 or rung.beyond_standard else BEFORE
         axes.plot([values[k], largest[k]], [k, k], color=colour, lw=1.2, alpha=0.55, solid_capstyle="butt")
         axes.plot(largest[k], k, "|", color=colour, ms=7, mew=1.2)
-        if train[k] and held[k]:
-            axes.plot(train[k], k, "o", mfc=PAPER, mec=colour, mew=1.4, ms=6.5, zorder=3)
+        if (seen_rms := train[k]) and held[k]:
+            axes.plot(seen_rms, k, "o", mfc=PAPER, mec=colour, mew=1.4, ms=6.5, zorder=3)
         axes.plot(values[k], k, "o", color=colour, ms=8.5, zorder=4)
         axes.annotate(f"{millimetres(values[k])} mm", (values[k], k), (0, 7), textcoords="offset points", ha="center",
                       va="bottom", color=colour if colour == AFTER else MUTED, weight="bold", fontsize=9.5,
@@ -113,7 +113,7 @@ def _ladder(figure: Any, report: Report, rungs: list[StepRecord]) -> None:
     axes.set_xlabel(key)
 
 
-def _histogram(figure: Any, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
+def _histogram(figure: Figure, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
     together = np.concatenate([e for _, e, _ in errors])
     reach = min(together.max(), CLIP * np.percentile(together, 98))
     count = int(np.clip(2 * np.sqrt(min(len(e) for _, e, _ in errors)), 10, 40))
@@ -137,7 +137,7 @@ def _histogram(figure: Any, errors: list[tuple[str, Array, str]], floor: float |
     panels[-1].set_xlim(0, bins[-1])
 
 
-def _cumulative(figure: Any, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
+def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: float | None) -> None:
     axes = figure.subplots()
     named: set[str] = set()
     low = min(np.percentile(e, 2) for _, e, _ in errors)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, log_axis, numbers
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
@@ -56,7 +56,7 @@ def _drawable(parameter: ParameterRecord, unit: str) -> bool:
     return parameter.kept and parameter.value is not None and bool(parameter.stderr) and parameter.unit == unit
 
 
-def _shape(figure: Any, shape: ShapeRecord, x_name: str) -> None:
+def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
     axes = figure.subplots()
     x, y = numbers(shape.x), numbers(shape.partial)
     held = np.array(shape.heldout or np.zeros(len(x)), dtype=bool)
@@ -75,7 +75,7 @@ def _shape(figure: Any, shape: ShapeRecord, x_name: str) -> None:
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
 
 
-def _rank(figure: Any, curve: Sequence[RankRecord], chosen: float | None) -> None:
+def _rank(figure: Figure, curve: Sequence[RankRecord], chosen: float | None) -> None:
     axes = figure.subplots()
     limit, rank, error = (numbers([getattr(c, k) for c in curve]) for k in ("condition_limit", "rank", "cv_rms_mm"))
     log_axis(axes, 0.6 * limit.min(), 1.8 * limit.max())
@@ -98,7 +98,7 @@ def _rank(figure: Any, curve: Sequence[RankRecord], chosen: float | None) -> Non
     axes.grid(axis="both")
 
 
-def _parameters(figure: Any, parameters: Sequence[ParameterRecord], scale: float, unit: str) -> None:
+def _parameters(figure: Figure, parameters: Sequence[ParameterRecord], scale: float, unit: str) -> None:
     axes = figure.subplots()
     value = scale * numbers([p.value for p in parameters])
     deviation = scale * numbers([p.stderr for p in parameters])

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only
 from gpmodel.report.schema import Report
@@ -39,7 +39,7 @@ def pictures(report: Report) -> Iterator[Picture]:
         )  # fmt: skip
 
 
-def _inputs(figure: Any, histogram: HistogramRecord) -> None:
+def _inputs(figure: Figure, histogram: HistogramRecord) -> None:
     axes = figure.subplots()
     names = histogram.inputs
     linear, tree, null = (numbers(c) for c in (histogram.linear, histogram.tree, histogram.shuffled))
@@ -57,13 +57,13 @@ def _inputs(figure: Any, histogram: HistogramRecord) -> None:
             axes.annotate(f"p {chances[k]:.2g}", (use[k], row - 0.18), (4, 0), textcoords="offset points", va="center",
                           color=AFTER, fontsize=8.5, weight="bold")  # fmt: skip
     axes.set_yticks(range(len(order)), [names[k] for k in order])
-    for label, k in zip(axes.get_yticklabels(), order, strict=True):
+    for tick, k in zip(axes.get_yticklabels(), order, strict=True):
         if names[k] in strong:
-            label.set(color=AFTER, weight="bold")
+            tick.set(color=AFTER, weight="bold")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_xlim(0, 1.18 * max(use.max(), null.max(), 1))
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.locator_params(axis="x", integer=True)
     axes.set_xlabel("best programs that refer to the input")
     axes.grid(axis="x")
     real = "linear (filled), tree (hollow)" if tree.any() else "on the residual"
@@ -72,7 +72,7 @@ def _inputs(figure: Any, histogram: HistogramRecord) -> None:
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
 
 
-def _search(figure: Any, rounds: Sequence[RoundRecord]) -> None:
+def _search(figure: Figure, rounds: Sequence[RoundRecord]) -> None:
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 from gpmodel.report.picture import (
@@ -74,7 +74,7 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
 
 
 def _arrows(
-    figure: Any,
+    figure: Figure,
     points: Array,
     residuals: Sequence[tuple[Array, str]],
     plane: tuple[int, int],
@@ -98,14 +98,14 @@ def _arrows(
     axes.text(left, low + 0.02 * span, f"{key:g} mm", color=INK, fontsize=8.5, va="bottom")
     axes.set_aspect("equal")
     axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
+    axes.locator_params(nbins=5)
     for which in (axes.xaxis, axes.yaxis):
-        which.get_major_locator().set_params(nbins=5)
         which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
     axes.tick_params(labelcolor=MUTED)
     axes.grid(axis="both")
 
 
-def _rows(figure: Any, report: Report, before: Array, after: Array) -> None:
+def _rows(figure: Figure, report: Report, before: Array, after: Array) -> None:
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     held = np.array(report.plots.heldout_mask or np.zeros(len(after)), dtype=bool)
     outliers = report.data.outliers

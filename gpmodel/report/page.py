@@ -2,7 +2,7 @@
 
 import base64
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -78,7 +78,7 @@ def script_hash(name: str) -> str:
     return f"sha256-{base64.b64encode(digest).decode()}"
 
 
-def _tiles(report: Report) -> Any:
+def _tiles(report: Report) -> Iterator[dict[str, str]]:
     """The numbers to remember: title, RMS, where it is from and its kind, of the steps that matter."""
     first, standard = report.step(REGISTRATION), report.step(STANDARD)
     last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None

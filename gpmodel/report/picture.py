@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 
@@ -33,10 +34,10 @@ class Picture:
     height: float
     alt: str
     caption: str
-    draw: Callable[[Any], None]
+    draw: Callable[[Figure], None]
 
 
-def numbers(values: Sequence[Any]) -> Array:
+def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -> Array:
     """The list as floats, None as NaN."""
     return np.array(values, dtype=float)
 
@@ -54,7 +55,7 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [t for t in (s * 10.0**d for d in decades for s in steps) if low <= t <= high]
 
 
-def log_axis(axes: Any, low: float, high: float, which: str = "x") -> None:
+def log_axis(axes: Axes, low: float, high: float, which: str = "x") -> None:
     """A logarithmic axis from `low` to `high` with plain numbers."""
     ticks = log_ticks(low, high)
     getattr(axes, f"set_{which}scale")("log")
@@ -63,7 +64,7 @@ def log_axis(axes: Any, low: float, high: float, which: str = "x") -> None:
     getattr(axes, f"set_{which}ticks")([], minor=True)
 
 
-def rows_only(axes: Any, count: int, above: float = 0.75) -> None:
+def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
     """A picture of `count` horizontal rows, the first on top, without a vertical scale."""
     axes.set_ylim(count - 0.5, -above)
     axes.set_yticks([])
