@@ -1,11 +1,13 @@
 """Pictures of the error's size: the ladder, and its distribution before and after."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from functools import partial
 from textwrap import fill
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 from gpmodel.report.picture import (
@@ -25,6 +27,9 @@ from gpmodel.report.picture import (
 )
 from gpmodel.report.schema import REGISTRATION, Report, StepRecord
 from gpmodel.wording import millimetres, shortened
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def pictures(report: Report) -> Iterator[Picture]:

@@ -1,15 +1,20 @@
 """Pictures of the fitted model: shapes of the effects found, error against rank, parameters."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, log_axis, numbers
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, minus, pretty_unit, shortened
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_PARAMETERS = 36
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))

@@ -1,15 +1,20 @@
 """Pictures of the search: inputs beside their null, candidates beside what chance gives."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import HistogramRecord, RoundRecord
 from gpmodel.wording import minus, shortened
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_INPUTS = 18
 

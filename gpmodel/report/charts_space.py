@@ -1,10 +1,12 @@
 """Pictures of where the residual is: arrows in the workspace from three sides, and its course along the rows."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
 from gpmodel.report.picture import (
@@ -23,6 +25,9 @@ from gpmodel.report.picture import (
 )
 from gpmodel.report.schema import Report
 from gpmodel.wording import millimetres, minus
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
 SHARE_OF_SPAN = 0.13

@@ -1,14 +1,19 @@
 """A picture of the report: what it is called, how large it is, what it says in words, and how it is drawn."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gpmodel.arrays import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
