@@ -57,7 +57,7 @@ def before_and_after(report: Report) -> tuple[Accuracy, Accuracy] | None:
     Before is registration and tool alone: what the machine does with its nominal geometry.
     """
     first = report.ladder[0].step if report.ladder else ""
-    steps = (pose_errors(report, (first, report.before_and_after()[1]))) if first else ()
+    steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if (p.heldout or not report.held) and p.before is not None and p.after is not None]
     if len(seen) < 2:
         return None

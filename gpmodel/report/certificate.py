@@ -11,7 +11,7 @@ from gpmodel.report.accuracy import Accuracy, before_and_after
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.picture import numbers
-from gpmodel.report.schema import ParameterRecord, Report
+from gpmodel.report.schema import STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
 Line = tuple[str, str]
@@ -57,7 +57,7 @@ def certificate(report: Report, particulars: Particulars) -> Certificate:
         poses=f"{count} poses {kind}" if report.held else f"{count} poses, {kind}",
         statistics=() if found is None else _statistics(*found),
         repeatability=_repeatability(report),
-        effects=_printed(report.effects),
+        effects=() if report.shipped == STANDARD else _printed(report.effects),
         parameters=_printed(report.geometry()),
         placement=_printed(report.placement),
         record=_record(report),

@@ -189,6 +189,12 @@ class Report:
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]
 
+    @property
+    def shipped(self) -> str:
+        """The step whose model is shipped: the standard one where held-out poses do not confirm what was found."""
+        refused = self.confirmation is not None and not self.confirmation.passed
+        return STANDARD if refused else self.before_and_after()[1]
+
     def geometry(self) -> tuple[ParameterRecord, ...]:
         """The parameters kept that belong to none of the effects."""
         effects = tuple(e.name for e in self.effects)

@@ -1,5 +1,6 @@
 """The certificate: statistics against known distributions, every given particular, and sides of A4."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from gpmodel.report import certificate
 from gpmodel.report.accuracy import accuracy, before_and_after
 from gpmodel.report.certificate_pdf import write_pdf
 from gpmodel.report.particulars import Particulars, read_particulars
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import Confirmation, Report
 
 GIVEN = Particulars(machine="IRB 6400R", serial="64-10291", instrument="tracker", operator="A. N. <Other>")
 
@@ -47,6 +48,17 @@ def test_before_is_registration_and_after_the_last_step_on_held_out_poses() -> N
             assert one.poses == (report.data.heldout or report.data.train)
             assert one.rms == pytest.approx(rung.errors.rms_mm, rel=1e-5)
             assert one.largest == pytest.approx(rung.errors.max_mm, rel=1e-5)
+
+
+def test_what_is_not_confirmed_is_not_certified() -> None:
+    refused = dataclasses.replace(discovered(), confirmation=Confirmation(0.2, 0.4, 0.1, 27, False))
+    assert certificate.certificate(discovered(), GIVEN).effects
+    assert certificate.certificate(refused, GIVEN).effects == ()
+    pair = before_and_after(refused)
+    standard = refused.step("standard")
+    assert pair is not None
+    assert standard is not None
+    assert pair[1].rms == pytest.approx(standard.heldout.rms_mm, abs=1e-5)
 
 
 @pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
