@@ -89,7 +89,9 @@ def _tiles(report: Report) -> Iterator[dict[str, str]]:
     if last is not None:
         count = len(report.effects)
         found = "found" if report.kind == "discover" else "named"
-        yield _tile(f"with {count} effect{'s' if count != 1 else ''} {found}", last, "after")
+        refused = report.shipped == STANDARD
+        title = f"with {count} effect{'s' if count != 1 else ''} {found}{', not shipped' if refused else ''}"
+        yield _tile(title, last, "before" if refused else "after")
 
 
 def _tile(title: str, rung: StepRecord, kind: str) -> dict[str, str]:
