@@ -2,26 +2,29 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauge import stands_still, still_joints
-from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
+from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.discovery.acceptance import Hypothesis, judge
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Turn, explore
+from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.result import Discovery, Finding, Round, Step
+from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.score import best_nats
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
@@ -33,58 +36,6 @@ from gpmodel.progress import Say, Teller, silent
 
 Resumed = tuple[Sequence[Finding], Sequence[Round]]
 Keep = Callable[[Sequence[Finding], Sequence[Round]], None]
-
-
-@dataclass
-class _Loop:
-    """The loop's running state: what is accepted so far and the ladder it has climbed."""
-
-    mechanism: Mechanism
-    poses: Poses
-    train: IntArray
-    heldout: IntArray
-    standard: tuple[Effect, ...]
-    known_effects: tuple[Candidate, ...]
-    offers: tuple[Offer, ...]
-    search: Search
-    criteria: Criteria
-    condition_limit: float | None
-    seed: int
-    say: Teller
-    findings: list[Finding] = field(default_factory=list)
-    rounds: list[Round] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
-
-    @property
-    def found(self) -> tuple[Candidate, ...]:
-        return tuple(f.candidate for f in self.findings)
-
-    @property
-    def evolved(self) -> tuple[Candidate, ...]:
-        """What GP found so far that is offered as groups."""
-        return tuple(c for r in self.rounds for c in r.evolved)
-
-    @property
-    def repeating(self) -> bool:
-        """Whether another round would see what the last one saw."""
-        return bool(self.rounds) and not (self.rounds[-1].evolved or (len(self.rounds) == 1 and self.findings))
-
-    def model(self, found: Sequence[Candidate]) -> ErrorModel:
-        effects = [e for c in (*self.known_effects, *found) for e in c.effects]
-        return ErrorModel(self.mechanism, (*self.standard, *effects))
-
-    def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
-        train = self.poses.subset(self.train)
-        again = without_outlier_marks(start) if start else None
-        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
-
-    def refitted(self, fit: Calibration) -> Calibration:
-        """The same model fitted to all poses, with the condition limit that the training poses chose."""
-        return calibrate(fit.model, self.poses, condition_limit=fit.condition_limit, start=fit, seed=self.seed)
-
-    def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        heldout = errors_on(calibration, self.poses.subset(self.heldout))
-        self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
 
 
 def discover(
@@ -121,7 +72,7 @@ def discover(
     poses, train, heldout = _of_known_places(poses, train, heldout)
     if len(poses) < given:
         say(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
-    loop = _Loop(
+    loop = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
         distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say,
     )  # fmt: skip
@@ -146,7 +97,7 @@ def discover(
 
 
 def _climbed(
-    loop: _Loop, standard_fit: Calibration, calibration: Calibration, started: float, keep: Keep
+    loop: State, standard_fit: Calibration, calibration: Calibration, started: float, keep: Keep
 ) -> tuple[Calibration, str]:
     """Rounds until nothing new is seen or a limit of the search is met, and why they ended."""
     search = loop.search
@@ -175,7 +126,7 @@ def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, known)
 
 
-def _ladder(loop: _Loop, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
+def _ladder(loop: State, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
     """Registration, the standard model, and the findings one after the other, each with its errors."""
     loop.climb("registration", base)
     loop.climb("standard", standard_fit)
@@ -185,12 +136,14 @@ def _ladder(loop: _Loop, base: Calibration, standard_fit: Calibration, calibrati
         loop.climb(f"effect {i + 1}", rung, i)
 
 
-def _round(loop: _Loop, standard_fit: Calibration, calibration: Calibration) -> Calibration:
+def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
     """One round: what GP makes of the residual, then all groups chosen again with what it found among them."""
     number = len(loop.rounds) + 1
     rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
     exploration, judged = _explored(loop, calibration, train, rng)
+    if free_joints(loop.mechanism):
+        return _one_more(loop, standard_fit, calibration, exploration, judged)
     passed = tuple(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
     new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
     if loop.rounds and not new:
@@ -221,8 +174,25 @@ def _round(loop: _Loop, standard_fit: Calibration, calibration: Calibration) -> 
     return found.calibration
 
 
+def _one_more(
+    loop: State, standard_fit: Calibration, calibration: Calibration, exploration: Exploration,
+    judged: tuple[Hypothesis, ...],
+) -> Calibration:  # fmt: skip
+    """Where joints are not measured a pose says too little to choose groups by: the best candidate alone is added."""
+    number = len(loop.rounds) + 1
+    best = next((h for h in judged if h.accepted), None)
+    if best is not None:
+        pointed = bool(set(exploration.histogram.significant) & set(best.candidate.inputs))
+        loop.findings = [*loop.findings, Finding(best, number, pointed)]
+        calibration = loop.fit(loop.model(loop.found), standard_fit)
+        loop.say(f"round {number}: added {best.candidate.name}")
+    new = () if best is None else (best.candidate,)
+    loop.rounds.append(Round(number, judged, exploration, new, exploration.null_nats))
+    return calibration
+
+
 def _explored(
-    loop: _Loop, calibration: Calibration, train: Poses, rng: np.random.Generator
+    loop: State, calibration: Calibration, train: Poses, rng: np.random.Generator
 ) -> tuple[Exploration, tuple[Hypothesis, ...]]:
     """What GP evolves on the residual of a calibration, and the verdicts on the best of it.
 
@@ -244,4 +214,8 @@ def _explored(
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
+    if free_joints(loop.mechanism):
+        named = instances_of(loop.mechanism, residual.poses.states, loop.offers)
+        pool = [*(c for c in named if c.name not in known), *pool]
+        nulls["catalogue"] = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
     return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)

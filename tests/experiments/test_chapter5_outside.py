@@ -72,7 +72,7 @@ def test_tables_repeat_and_differ() -> None:
 @pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_base_then_j5_then_j4_are_named_and_beat_the_hand_made_model(seed: int) -> None:
     found = outside.one_robot(seed, True, FAST)
-    assert found["named"] == ["base", "J5", "J4"]
+    assert [name for name in found["named"] if name in outside.SPRINGS] == ["base", "J5", "J4"]
     loop, hand = found["loop"][-1], found["hand_made"][-1]
     assert loop["mean_mm"] <= hand["mean_mm"]
     assert loop["max_mm"] <= hand["max_mm"]

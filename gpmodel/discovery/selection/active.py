@@ -81,18 +81,22 @@ class Active:
         return self.inverse.T @ (self.inverse @ self.pull)
 
     @cached_property
+    def left(self) -> Array:
+        """Residual (M,), whitened."""
+        left = self.pool.rows.target.copy()
+        for g, at in self.blocks.items():
+            left -= self.pool.columns(g)[:, self.chosen[g]] @ (np.sqrt(self.variances[g]) * self.mean[at])
+        return left
+
+    @property
     def energy(self) -> float:
         """Sum of the squared residual."""
-        y2 = float(self.pool.rows.target @ self.pool.rows.target)
-        return y2 - 2.0 * float(self.pull @ self.mean) + float(self.mean @ self.inner @ self.mean)
+        return float(self.left @ self.left)
 
     @cached_property
     def misfit(self) -> Array:
         """Squared residual (P,) of each pose, whitened, in units of σ²."""
-        rows, left = self.pool.rows, self.pool.rows.target.copy()
-        for g, at in self.blocks.items():
-            left -= self.pool.columns(g)[:, self.chosen[g]] @ (np.sqrt(self.variances[g]) * self.mean[at])
-        return np.bincount(rows.pose_of_row, left**2) / self.sigma2
+        return np.bincount(self.pool.rows.pose_of_row, self.left**2) / self.sigma2
 
     @property
     def unknowns(self) -> float:

@@ -1,0 +1,73 @@
+"""The running state of the loop: what is accepted so far, and the ladder it has climbed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.result import Finding, Round, Step
+from gpmodel.discovery.search import Search
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.offer import Offer
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.progress import Teller
+
+
+@dataclass
+class State:
+    """The loop's running state: what is accepted so far and the ladder it has climbed."""
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    standard: tuple[Effect, ...]
+    known_effects: tuple[Candidate, ...]
+    offers: tuple[Offer, ...]
+    search: Search
+    criteria: Criteria
+    condition_limit: float | None
+    seed: int
+    say: Teller
+    findings: list[Finding] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def found(self) -> tuple[Candidate, ...]:
+        """The findings' candidates, in order."""
+        return tuple(f.candidate for f in self.findings)
+
+    @property
+    def evolved(self) -> tuple[Candidate, ...]:
+        """What GP found so far that is offered as groups."""
+        return tuple(c for r in self.rounds for c in r.evolved)
+
+    @property
+    def repeating(self) -> bool:
+        """Whether another round would see what the last one saw."""
+        return bool(self.rounds) and not (self.rounds[-1].evolved or (len(self.rounds) == 1 and self.findings))
+
+    def model(self, found: Sequence[Candidate]) -> ErrorModel:
+        """The standard model with what is known and what was found."""
+        effects = [e for c in (*self.known_effects, *found) for e in c.effects]
+        return ErrorModel(self.mechanism, (*self.standard, *effects))
+
+    def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
+        """A model fitted to the training poses; start: a fit to go on from, its outliers judged anew."""
+        train = self.poses.subset(self.train)
+        again = without_outlier_marks(start) if start else None
+        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
+
+    def refitted(self, fit: Calibration) -> Calibration:
+        """The same model fitted to all poses, with the condition limit that the training poses chose."""
+        return calibrate(fit.model, self.poses, condition_limit=fit.condition_limit, start=fit, seed=self.seed)
+
+    def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
+        """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""
+        heldout = errors_on(calibration, self.poses.subset(self.heldout))
+        self.steps.append(Step(name, calibration, calibration.error, heldout, finding))
