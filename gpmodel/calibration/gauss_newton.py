@@ -15,14 +15,11 @@ from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 from gpmodel.numerics.rank import RankChoice
 
 ROTATION_WEIGHT = 0.3
 """Metres a radian of measured rotation counts at first: instruments resolve 0.01 mm and 0.03 mrad."""
-
-OUTLIER_SHARE = 0.1
-"""At most this share of the poses is left out: more are no outliers but another model."""
 
 FREE_JOINTS_LIMIT = 50.0
 """Condition limit beside free joints. Source: Robertson (2003), 3.4."""

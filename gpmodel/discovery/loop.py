@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -156,12 +157,11 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     )  # fmt: skip
     found = additive(choice, (*loop.evolved, *new))
     before = {f.candidate.name: f for f in loop.findings}
-    pointing = set(exploration.histogram.significant)
     accepted = [h for h in found.hypotheses if h.accepted]
     loop.findings = [
-        Finding(h, before[h.candidate.name].round, before[h.candidate.name].pointed)
+        replace(before[h.candidate.name], hypothesis=h)
         if h.candidate.name in before
-        else Finding(h, number, bool(pointing & set(h.candidate.inputs)))
+        else _new_finding(h, number, exploration)
         for h in accepted
     ]
     dropped = tuple(n for n in before if n not in {h.candidate.name for h in accepted})
@@ -174,6 +174,12 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     return found.calibration
 
 
+def _new_finding(hypothesis: Hypothesis, number: int, exploration: Exploration) -> Finding:
+    """A finding of this round, and whether its histogram pointed at it."""
+    pointed = set(exploration.histogram.significant) & set(hypothesis.candidate.inputs)
+    return Finding(hypothesis, number, bool(pointed))
+
+
 def _one_more(
     loop: State, standard_fit: Calibration, calibration: Calibration, exploration: Exploration,
     judged: tuple[Hypothesis, ...],
@@ -182,8 +188,7 @@ def _one_more(
     number = len(loop.rounds) + 1
     best = next((h for h in judged if h.accepted), None)
     if best is not None:
-        pointed = bool(set(exploration.histogram.significant) & set(best.candidate.inputs))
-        loop.findings = [*loop.findings, Finding(best, number, pointed)]
+        loop.findings = [*loop.findings, _new_finding(best, number, exploration)]
         calibration = loop.fit(loop.model(loop.found), standard_fit)
         loop.say(f"round {number}: added {best.candidate.name}")
     new = () if best is None else (best.candidate,)

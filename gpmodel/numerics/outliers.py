@@ -7,6 +7,9 @@ from gpmodel.arrays import Array
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which an error is an outlier: of the lengths of 3-D normal errors, one in 10⁵."""
 
+OUTLIER_SHARE = 0.1
+"""At most this share of the poses is left out of a fit: more are no outliers but another model."""
+
 SMALLEST_SPREAD = 1e-9
 """Metres: exact tables have no outliers of rounding."""
 

@@ -9,9 +9,8 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.discovery.selection.noise import Whitening, blocks_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, pose_error
+from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 
-OUTLIER_SIGMAS = 6.0
-OUTLIER_SHARE = 0.1
 ITERATIONS = 12
 SETTLED = 1e-8
 RIDGE = 1e-12
@@ -114,8 +113,6 @@ def _summary(point: Point, poses: Poses, bundle: IntArray, sigma: float) -> Refi
 
 def far_out(error: Array, use: Mask) -> Mask:
     """The poses (N,) in use, judged anew: within 6 robust deviations of the median error, at most a tenth left out."""
-    middle = np.median(error[use])
-    spread = 1.4826 * float(np.median(np.abs(error[use] - middle)))
-    far = error > middle + OUTLIER_SIGMAS * max(spread, 1e-9)
+    far = error > outlier_limit(error[use])
     worst = np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(error)))]
     return ~(far & np.isin(np.arange(len(error)), worst))
