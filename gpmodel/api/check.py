@@ -31,6 +31,11 @@ class CheckResult:
         """Whether a model may be fitted to it."""
         return not any(f.severity == "error" for f in self.findings)
 
+    @property
+    def as_described(self) -> bool:
+        """Whether the mechanism that was measured is the one that is described."""
+        return not any(f.of_mechanism for f in self.findings)
+
     def refuse(self) -> None:
         """Raises InputError with the first error, where there is one."""
         errors = [f.text for f in self.findings if f.severity == "error"]
@@ -41,6 +46,8 @@ class CheckResult:
         """One line a finding, then the verdict."""
         warned = sum(f.severity == "warning" for f in self.findings)
         verdict = "fit to calibrate with" if self.sound else "nothing should be fitted to it"
+        if self.sound and not self.as_described:
+            verdict = f"not fit to calibrate with: {self.mechanism} is not described as it was measured"
         return "\n".join(
             [
                 f"{self.dataset.source}: {len(self.dataset)} poses of {self.mechanism}",

@@ -1,6 +1,6 @@
 """A fitted model: what it predicts, and what makes the real mechanism go where it should."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import pandas as pd
 from gpmodel.api.arguments import limit, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
-from gpmodel.application.compensate import compensate_frame
+from gpmodel.application.compensate import compensated, targets_in
 from gpmodel.application.model_file import SavedModel, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
@@ -32,7 +32,7 @@ class Model:
         """The mechanism that the model corrects."""
         return self.saved.mechanism
 
-    def predict(self, poses: TableLike, *, session: bool = False) -> pd.DataFrame:
+    def predict(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> pd.DataFrame:
         """`poses` with what the instrument would read: x, y, z [mm] in its frame, rx, ry, rz [deg] where rotations
         were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
         inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
@@ -40,7 +40,8 @@ class Model:
 
         poses: joint values and the further columns the model reads, as in a measured table. session: whether they
         belong to the session the model was fitted to; effects that read its rows or time (`left_out`) are kept only
-        then. Outside its ranges a law that nobody named keeps its value at the edge.
+        then. in_order: the rows are in the order in which the poses are taken, which play and hysteresis ask for.
+        Outside its ranges a law that nobody named keeps its value at the edge.
         Raises InputError where a column, a set-up or a tool does not fit the model.
         """
         frame, text, path = frame_to_extend(poses, self.mechanism)
@@ -49,10 +50,17 @@ class Model:
             if text is frame
             else dataset_from(text, path, self.mechanism, need_measurement=False)
         )
+        dataset = replace(dataset, in_order=in_order or dataset.in_order)
         return beside(frame, predicted_columns(usable(self.saved, session=session), dataset))
 
     def compensate(
-        self, targets: TableLike, *, max_move: float = 2.0, session: bool = False, seed: int = 0
+        self,
+        targets: TableLike,
+        *,
+        max_move: float = 2.0,
+        session: bool = False,
+        in_order: bool = False,
+        seed: int = 0,
     ) -> pd.DataFrame:
         """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
         and what is left of it [mm] and [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
@@ -60,18 +68,19 @@ class Model:
         joint values `large move`, `joint limit`, `not reached`.
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
-        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. session: as in
-        `predict`. seed: of the starts from which Cartesian targets are solved.
+        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. session and
+        in_order: as in `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
         degrees = limit(max_move, "max_move", 0.0) or 0.0
         frame, text, path = frame_to_extend(targets, self.mechanism)
         saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
-        return compensate_frame(saved, frame, text, path, float(np.radians(degrees)), rng)
+        return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
-    def misses(self, poses: TableLike, *, session: bool = False) -> Array:
+    def misses(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
         dataset = dataset_of(poses, self.mechanism, need_measurement=False)
+        dataset = replace(dataset, in_order=in_order or dataset.in_order)
         return misses(dataset, predicted_columns(usable(self.saved, session=session), dataset))
 
     @property

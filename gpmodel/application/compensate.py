@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
-from gpmodel.application.matching import matched
+from gpmodel.application.matching import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import of_the_mechanism, outside
@@ -60,28 +60,33 @@ class Compensation:
     outside: tuple[str, ...]
 
 
-def compensate_frame(
-    saved: SavedModel, frame: pd.DataFrame, text: pd.DataFrame, path: Path, max_move: float, rng: np.random.Generator
-) -> pd.DataFrame:
-    """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each row.
+def targets_in(saved: SavedModel, text: pd.DataFrame, path: Path, rng: np.random.Generator, in_order: bool) -> Targets:
+    """The targets in cells of `text`, of `path`: joint values, or else x, y and z in the root frame.
 
-    text: the same as cells of text, of `path`. Raises InputError where they are no targets of this mechanism.
+    in_order: the rows are in the order in which the targets are reached. Raises InputError where they are no targets of
+    this mechanism.
     """
     mechanism = saved.mechanism
     names = {split_header(str(c))[0] for c in text.columns}
     numbered = {f"J{i}" for i in range(1, len(mechanism.joints) + 1)}
     if names & (numbered | {j.name for j in mechanism.joints}):
-        targets = joint_targets(saved, dataset_from(text, path, mechanism, need_measurement=False))
-    elif names & {"x", "y", "z"}:
+        dataset = dataset_from(text, path, mechanism, need_measurement=False)
+        return joint_targets(saved, replace(dataset, in_order=in_order))
+    if names & {"x", "y", "z"}:
         units = {"revolute": "rad", "prismatic": "m"}
         zeros = {f"{j.name} [{units[j.kind]}]": ["0"] * len(text) for j in mechanism.joints}
-        targets = cartesian_targets(saved, dataset_from(text.assign(**zeros), path, mechanism), rng)
-    else:
-        raise InputError(f"{path.name}: no targets; expected joint columns, or x, y and z in the root frame")
+        dataset = dataset_from(text.assign(**zeros), path, mechanism)
+        return cartesian_targets(saved, replace(dataset, in_order=in_order), rng)
+    raise InputError(f"{path.name}: no targets; expected joint columns, or x, y and z in the root frame")
+
+
+def compensated(saved: SavedModel, frame: pd.DataFrame, targets: Targets, max_move: float) -> pd.DataFrame:
+    """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
+    row."""
     found = compensate(saved, targets, max_move)
     corrected = (
         joint_column(f"corrected_{joint.name}", joint.kind, values)
-        for joint, values in zip(mechanism.joints, found.q.T, strict=True)
+        for joint, values in zip(saved.mechanism.joints, found.q.T, strict=True)
     )
     added = dict(corrected) | {
         "correction [mm]": 1e3 * found.correction,
@@ -97,7 +102,7 @@ def joint_targets(saved: SavedModel, dataset: Dataset) -> Targets:
 
     The whole pose with six joints or more, the position with fewer. Raises InputError as `matched`.
     """
-    fitting = matched(saved, dataset)
+    fitting = remembered(saved, matched(saved, dataset))
     return Targets(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
 
 
@@ -118,7 +123,8 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
     frames = se3.exp(np.hstack([np.zeros_like(dataset.position), np.nan_to_num(dataset.rotation)]))
     frames[:, :3, 3] = dataset.position
     whole = bool(turned.all()) and len(saved.mechanism.joints) >= 6
-    return Targets(replace(fitting, q=inverse(saved, fitting, frames, whole, rng)), frames, whole)
+    reached = replace(fitting, q=inverse(saved, fitting, frames, whole, rng))
+    return Targets(remembered(saved, reached), frames, whole)
 
 
 def compensate(saved: SavedModel, targets: Targets, max_move: float = MAX_MOVE) -> Compensation:

@@ -7,6 +7,8 @@ import numpy as np
 from gpmodel.application.model_file import SavedModel
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.memory import read_by
+from gpmodel.model.states import states_of
 from gpmodel.table.dataset import Dataset, with_payload
 
 
@@ -35,3 +37,21 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
             expected = ", ".join(f"'{k}'" for k in known)
             raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
     return replace(dataset, labels=labels)
+
+
+def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
+    """`dataset` with what its rows inherit from those before, as far as the model reads it, as columns of its own.
+
+    Joint values that are then changed by a fraction of a degree, in some of the rows, come from the same side still.
+    Raises InputError where nothing says that the rows are in order.
+    """
+    read = {name for effect in saved.model.effects for name in effect.inputs if read_by(name)}
+    inherited = sorted(read - set(dataset.extras))
+    if not inherited:
+        return dataset
+    states = states_of(saved.mechanism, dataset)
+    return replace(
+        dataset,
+        extras={**dataset.extras, **{name: states[name] for name in inherited}},
+        extra_units={**dataset.extra_units, **dict.fromkeys(inherited, "1")},
+    )

@@ -11,7 +11,7 @@ from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import notes
-from gpmodel.checks.warnings import warnings_of
+from gpmodel.checks.warnings import built_wrong, warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -25,18 +25,22 @@ MINIMUM_DISTANCES, UNLIKE = 12, 0.2
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note"."""
+    """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note".
+
+    of_mechanism: it says that another mechanism was measured than is described.
+    """
 
     severity: str
     text: str
+    of_mechanism: bool = False
 
 
 def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> list[Finding]:
     """What is wrong or odd with `poses`, errors first.
 
     standard: the geometric effects that would be fitted (default: all). Errors: joint values beyond limits, units
-    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `warnings_of`. Notes: see
-    `notes`.
+    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `built_wrong` and
+    `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     errors = [Finding("error", text) for text in _errors(mechanism, poses, standard)]
@@ -44,8 +48,9 @@ def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ..
         return errors
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
+    wrong = [Finding("warning", text, of_mechanism=True) for text in built_wrong(fit)]
     warnings = [Finding("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
-    return [*warnings, *(Finding("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
+    return [*wrong, *warnings, *(Finding("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:

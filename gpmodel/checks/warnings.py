@@ -32,7 +32,7 @@ FEWEST_REPEATS = 5
 
 def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Calibration) -> Iterator[str]:
     """One sentence each: loads that nothing reads, rotations that do not fit, joints that hardly move, rows that repeat
-    others or should but do not, parameters no machine is built with, outliers, and an order of the rows that matters.
+    others or should but do not, outliers, and an order of the rows that matters.
 
     bare: fit of registration and tool. fit: of the standard model.
     """
@@ -46,14 +46,14 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)
     yield from _implausible_repeats(data)
-    yield from _built_wrong(fit)
     yield from _outliers(fit, data)
     yield from order_matters(fit, poses)
     if fit.status != "converged":
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 
 
-def _built_wrong(fit: Calibration) -> Iterator[str]:
+def built_wrong(fit: Calibration) -> Iterator[str]:
+    """One sentence for each parameter that is farther from the description than any machine is built."""
     name = fit.model.mechanism.name
     for effect, value, sigma in zip(fit.model.effects, fit.theta.tolist(), fit.stderr.tolist(), strict=True):
         if abs(value) > BUILT_WRONG and abs(value) > SURE * sigma:

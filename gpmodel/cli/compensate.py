@@ -6,7 +6,7 @@ import click
 
 from gpmodel.api.model import load_model
 from gpmodel.cli.console import session_note, write_frame
-from gpmodel.cli.options import Number, out_file_option, quiet_option, seed_option, session_option
+from gpmodel.cli.options import Number, in_order_option, out_file_option, quiet_option, seed_option, session_option
 
 
 @click.command()
@@ -15,11 +15,12 @@ from gpmodel.cli.options import Number, out_file_option, quiet_option, seed_opti
 @click.option("--max-move", type=Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
               help="No joint is moved by more.")  # fmt: skip
 @session_option
+@in_order_option
 @seed_option
 @out_file_option
 @quiet_option
 def compensate(
-    model: Path, targets: Path, max_move: float, session: bool, seed: int, out: Path | None, quiet: bool
+    model: Path, targets: Path, max_move: float, session: bool, in_order: bool, seed: int, out: Path | None, quiet: bool
 ) -> None:
     """Joint values that make the real mechanism reach nominal TARGETS, a status per row.
 
@@ -29,7 +30,7 @@ def compensate(
     the measured range. Without: large move, joint limit, not reached.
     """
     fitted = load_model(model)
-    corrected = fitted.compensate(targets, max_move=max_move, session=session, seed=seed)
+    corrected = fitted.compensate(targets, max_move=max_move, session=session, in_order=in_order, seed=seed)
     path = write_frame(corrected, out, "compensated.csv")
     if not quiet and fitted.left_out:
         click.echo(session_note(fitted.left_out, session), err=True)

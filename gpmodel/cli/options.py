@@ -59,7 +59,9 @@ holdout_option = click.option(
     "--holdout", default=0.3, show_default=True, type=float, help="Share of the poses nothing is chosen on."
 )
 in_order_option = click.option(
-    "--in-order", is_flag=True, help="The rows are in the order of measurement: effects may depend on those before."
+    "--in-order",
+    is_flag=True,
+    help="The rows are in the order in which the poses are taken: one may depend on those before.",
 )
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted: keep what reads rows and time."

@@ -6,16 +6,17 @@ import click
 
 from gpmodel.api.model import load_model
 from gpmodel.cli.console import session_note, write_frame
-from gpmodel.cli.options import out_file_option, quiet_option, session_option
+from gpmodel.cli.options import in_order_option, out_file_option, quiet_option, session_option
 
 
 @click.command()
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("poses", type=click.Path(path_type=Path))
 @session_option
+@in_order_option
 @out_file_option
 @quiet_option
-def predict(model: Path, poses: Path, session: bool, out: Path | None, quiet: bool) -> None:
+def predict(model: Path, poses: Path, session: bool, in_order: bool, out: Path | None, quiet: bool) -> None:
     """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values.
 
     MODEL is a model.json of calibrate or discover. POSES keeps its columns; where it has x, y, z already, the
@@ -23,14 +24,14 @@ def predict(model: Path, poses: Path, session: bool, out: Path | None, quiet: bo
     `outside` names the inputs beyond the ranges the model was fitted in.
     """
     fitted = load_model(model)
-    predicted = fitted.predict(poses, session=session)
+    predicted = fitted.predict(poses, session=session, in_order=in_order)
     path = write_frame(predicted, out, "predicted.csv")
     if quiet:
         return
     if fitted.left_out:
         click.echo(session_note(fitted.left_out, session), err=True)
     if path is not None:
-        error = fitted.misses(poses, session=session)
+        error = fitted.misses(poses, session=session, in_order=in_order)
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
         beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
         warned = f"; {beyond} of them outside the measured range" if beyond else ""

@@ -49,8 +49,9 @@ class States:
                 return whole if self.rows is None else whole[self.rows]
         if not self.past and memory.read_by(name):
             raise InputError(
-                f"input '{name}' depends on the rows before; expected a table whose rows are said to be in the order "
-                "of measurement, or with a column of times that never falls"
+                f"input '{name}' depends on the rows before; expected rows said to be in the order in which the poses "
+                "are taken, or a column of times that never falls",
+                "in_order",
             )
         available = ", ".join(self.columns)
         raise InputError(f"input '{name}' is not known here; available: {available}")

@@ -12,9 +12,12 @@ from cli_cases import one_line, robot, run, write
 from gpmodel.application.compensate import MAX_MOVE, cartesian_targets, compensate, joint_targets
 from gpmodel.application.model_file import SavedModel, save_model, unfitted
 from gpmodel.arrays import Array
-from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.numerics.se3 import chain, rotation_vector
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.write import frame_of
 
 EFFECTS = {
     "irb6400r": ("base_compliance=3e-7", "gear_harmonic J4=60 arcsec", "J3.moving:Ry:sin(40*J3)=0.1 mrad"),
@@ -173,3 +176,29 @@ def test_bad_targets_are_one_line(header: str, row: str, said: str, tmp_path: Pa
     line = one_line(run("compensate", tmp_path / "model.json", tmp_path / "targets.csv", "--out", tmp_path / "o"), 2)
     assert said in line
     assert not (tmp_path / "o").exists()
+
+
+def test_a_model_that_remembers_needs_the_order_and_keeps_it_while_some_rows_are_solved(tmp_path: Path) -> None:
+    mechanism, made = robot(30, 4, effects=(), geometry_sigma=5e-4)
+    play = drive_effect("play", mechanism.joints[1], Expression("last_move_J2"))
+    model = ErrorModel(mechanism, (*made.model.effects, play))
+    theta = np.append(made.theta, 4e-4)
+    saved = SavedModel(
+        model, theta, np.full(len(theta), np.nan), unfitted(len(theta)), made.placement, 1.0, 3e-5, False, {}
+    )
+    blank = np.full((30, 3), np.nan)
+    dataset = replace(made.dataset, position=blank, rotation=blank.copy(), in_order=True)
+    save_model(tmp_path / "model.json", saved)
+    targets = write(frame_of(dataset, mechanism).filter(regex="^J"), tmp_path / "targets.csv")
+    for command in ("predict", "compensate"):
+        assert "--in-order" in one_line(run(command, tmp_path / "model.json", targets), 2)
+        assert run(command, tmp_path / "model.json", targets, "--in-order").exit_code == 0
+    found = compensate(saved, joint_targets(saved, dataset))
+    given = np.isin(found.status, ["ok", "near singular"])
+    assert given.sum() > 25
+    states = prepare(mechanism, dataset).states
+    real = model.frames(Poses(dataset, mechanism.transforms(np.nan_to_num(found.q)), states), theta)[-1]
+    wanted = chain(mechanism.transforms(dataset.q))[-1]
+    tool = made.placement.tool[""]
+    reached = np.linalg.norm(((real - wanted) @ tool)[given, :3, 3], axis=1)
+    assert reached.max() < 2e-7

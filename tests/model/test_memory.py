@@ -82,7 +82,7 @@ def test_standing_columns_are_there_only_where_the_rows_are_in_order() -> None:
     assert any(n.startswith("lag_temperature_") for n in new)
     assert all(read_by(n) and np.isfinite(states[n]).all() and states.units[n] for n in new)
     assert states.units["last_move_J2"] == "1"
-    with pytest.raises(InputError, match=r"'last_move_J2' depends on the rows before; expected a table whose rows"):
+    with pytest.raises(InputError, match=r"'last_move_J2' depends on the rows before; expected rows said"):
         plain["last_move_J2"]
     with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
         states["lag_colour_4"]
