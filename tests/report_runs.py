@@ -62,7 +62,7 @@ def evolved() -> Report:
     task = slot_task(fit, arm, poses.subset(train), 0)
     settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
     runs = list(run_all(task.problem, Plan(settings, 2, 0)))
-    counted = histogram([run.record() for run in runs], task.problem.inputs.names)
+    counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
     return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))
 
 

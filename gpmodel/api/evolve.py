@@ -20,6 +20,7 @@ from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.problems import cartesian_task, slot_task
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
@@ -209,7 +210,7 @@ def evolve(
         done.append(run)
         if file:
             save_runs(file, request, done)
-    counted = histogram([run.record() for run in done], task.problem.inputs.names)
+    counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
     return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
 

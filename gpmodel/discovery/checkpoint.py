@@ -12,18 +12,18 @@ import numpy as np
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Test, Verdict
 from gpmodel.discovery.explore import Exploration
-from gpmodel.discovery.histogram import Histogram
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.score import Score
 from gpmodel.errors import InputError
 from gpmodel.evolution.chance import Chance
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import Candidate, Inner
 from gpmodel.files import write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 
 NAME = "progress.json"
-SCHEMA = 3
+SCHEMA = 4
 _TYPES = {
     t.__name__: t
     for t in (
@@ -77,6 +77,8 @@ def _encode(value: Any) -> Any:
     match value:
         case np.ndarray():
             return {"array": _encode(value.tolist())}
+        case dict():
+            return {"pairs": [[key, _encode(v)] for key, v in value.items()]}
         case list() | tuple():
             return {"items": [_encode(v) for v in value], "tuple": isinstance(value, tuple)}
         case float() if not math.isfinite(value):
@@ -93,6 +95,8 @@ def _decode(value: Any) -> Any:
         return _TYPES[value["type"]](**{k: _decode(v) for k, v in value["fields"].items()})
     if "array" in value:
         return np.array(_decode(value["array"]), dtype=float)
+    if "pairs" in value:
+        return {key: _decode(v) for key, v in value["pairs"]}
     if "float" in value:
         return float(value["float"])
     items = [_decode(v) for v in value["items"]]

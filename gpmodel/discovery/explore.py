@@ -8,7 +8,6 @@ from itertools import chain
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.discovery.histogram import Histogram, referenced
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.programs import as_candidate, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
@@ -16,6 +15,7 @@ from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
+from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
@@ -90,20 +90,19 @@ def explore(
     ]
     first = [*real, *shuffles] if turn.number == 1 else real
     found = _run(first, search, turn)
-    tried: dict[str, list[Evolution]] = {label(strategy): [] for strategy in search.strategies}
-    for task, run in zip(real, found, strict=False):
-        tried[label(task.settings.representation)].append(run)
     candidates = _candidates(residual, sites, search, names, found[: len(real)])
     by_chance = found[len(real) :]
     if turn.number > 1 and _could_be_accepted(residual, candidates):
         by_chance = _run(shuffles, search, turn)
 
-    def most(run: Evolution) -> float:
-        return _most_saved(residual, search, run, len(sites))
-
-    null = [most(run) for run in by_chance]
-    histogram = referenced(inputs.names, tried, by_chance, most, residual.criteria.input_significance)
-    return Exploration(candidates, np.array(null), histogram)
+    ran = [*zip(real, found, strict=False), *zip(shuffles, by_chance, strict=False)]
+    strengths = [_most_saved(residual, search, run, len(sites)) for _, run in ran]
+    records = [
+        RunRecord(label(task.settings.representation), k >= len(real), run.best.program, strength)
+        for k, ((task, run), strength) in enumerate(zip(ran, strengths, strict=True))
+    ]
+    counted = histogram(records, inputs.names, residual.criteria.input_significance)
+    return Exploration(candidates, np.array(strengths[len(real) :]), counted)
 
 
 def _run(tasks: Sequence[Task], search: Search, turn: Turn) -> list[Evolution]:

@@ -1,6 +1,5 @@
 """Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
 
-import ast
 from collections.abc import Mapping
 from itertools import chain, combinations
 
@@ -14,6 +13,9 @@ from gpmodel.formula.program import Program
 from gpmodel.model.effect import axis_unit
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
+
+DIGITS = 5
+"""Of an evolved constant: what stands in front of the basis is fitted anew, with σ, to all of its digits."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:
@@ -52,22 +54,12 @@ def without_poles(criteria: Criteria, candidate: Candidate, measured: States, be
 
 
 def expression_text(program: Program, names: Mapping[str, str]) -> str:
-    """A one-output program as one line of arithmetic over the table's columns.
+    """A one-output program as one line of arithmetic over the table's columns, its constants to `DIGITS` digits.
 
     A program that is a bare input is that input unscaled: its coefficient takes the scale up.
     """
-    infix = {"add": "+", "subtract": "-", "multiply": "*", "divide": "/", "modulo": "%"}
     if len(program.nodes) == 1 and program.nodes[0].operator == "input":
-        return str(program.nodes[0].value)
-    texts: list[str] = []
-    for node in program.nodes:
-        arguments = [texts[k] for k in node.arguments]
-        if node.operator == "input":
-            texts.append(names[str(node.value)])
-        elif node.operator == "constant":
-            texts.append(f"({float(node.value or 0.0):.5g})")
-        elif node.operator in infix:
-            texts.append(f"({arguments[0]} {infix[node.operator]} {arguments[1]})")
-        else:
-            texts.append(f"{node.operator}({', '.join(arguments)})")
-    return ast.unparse(ast.parse(texts[program.outputs[0]], mode="eval"))
+        return str(program)
+    rounded = program.with_constants(float(f"{value:.{DIGITS}g}") for value in program.constants)
+    written = {name: Expression(names[name]).program for name in rounded.inputs}
+    return rounded.with_inputs(written).written_out()

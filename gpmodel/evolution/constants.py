@@ -21,28 +21,21 @@ def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, A
     Forward mode: each node carries one tangent a constant that reaches it.
     """
     length = max(np.size(column) for column in inputs.values())
-    values: list[Array] = []
+    values = program.values(inputs, length)
     tangents: list[dict[int, Array]] = []
     constants = 0
     with np.errstate(all="ignore"):
         for node in program.nodes:
-            if node.operator == "input":
-                values.append(np.asarray(inputs[str(node.value)], dtype=float))
-                tangents.append({})
-            elif node.operator == "constant":
-                values.append(np.full(length, float(node.value or 0.0)))
-                tangents.append({constants: np.ones(length)})
+            tangent: dict[int, Array] = {}
+            if node.operator == "constant":
+                tangent[constants] = np.ones(length)
                 constants += 1
-            else:
-                operator = BY_NAME[node.operator]
-                arguments = [values[k] for k in node.arguments]
-                values.append(operator.function(*arguments))
-                tangent: dict[int, Array] = {}
-                if any(tangents[k] for k in node.arguments):
-                    for k, partial in zip(node.arguments, operator.derivatives(*arguments), strict=True):
-                        for constant, inner in tangents[k].items():
-                            tangent[constant] = tangent.get(constant, 0.0) + partial * inner
-                tangents.append(tangent)
+            elif any(tangents[k] for k in node.arguments):
+                partials = BY_NAME[node.operator].derivatives(*(values[k] for k in node.arguments))
+                for k, partial in zip(node.arguments, partials, strict=True):
+                    for constant, inner in tangents[k].items():
+                        tangent[constant] = tangent.get(constant, 0.0) + partial * inner
+            tangents.append(tangent)
     found = np.zeros((constants, len(program.outputs), length))
     for place, output in enumerate(program.outputs):
         for constant, tangent_row in tangents[output].items():

@@ -1,18 +1,13 @@
 """The histogram of referenced inputs (thesis Figs 5.9, 5.12, 5.13) over many runs, against what chance refers to."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.chance import chance
 from gpmodel.formula.program import Program
-
-Array = NDArray[np.float64]
-
-SIGNIFICANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -30,79 +25,91 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Runs whose best program references each input in effective code.
+    """Runs whose best program references each input in effective code, on the residual and on shuffled ones.
 
-    ``counts`` and ``shuffled`` map a representation to (inputs,) runs, ``operators`` to runs that use each
-    operator; ``runs`` and ``shuffled_runs`` are how many there were. ``p_values`` (inputs,) are corrected for
-    the number of inputs: an input has to stand out of the shuffled runs both by how often it is referenced and by
-    what the best program that references it explains.
+    ``counts`` and ``shuffled`` map a representation to (inputs,) runs, ``operators`` to the runs that use each
+    operator; ``runs`` and ``shuffled_runs`` say how many there were. ``count_p`` and ``strength_p`` (inputs,) are the
+    two chances of ``p_values``; an input is significant below ``significance``.
     """
 
     inputs: tuple[str, ...]
-    counts: dict[str, NDArray[np.int64]]
-    shuffled: dict[str, NDArray[np.int64]]
-    operators: dict[str, dict[str, int]]
-    runs: dict[str, int]
-    shuffled_runs: dict[str, int]
-    p_values: Array
+    counts: Mapping[str, tuple[int, ...]]
+    shuffled: Mapping[str, tuple[int, ...]]
+    operators: Mapping[str, Mapping[str, int]]
+    runs: Mapping[str, int]
+    shuffled_runs: Mapping[str, int]
+    count_p: tuple[float, ...]
+    strength_p: tuple[float, ...]
+    significance: float
+
+    @property
+    def p_values(self) -> tuple[float, ...]:
+        """The larger of the two chances (inputs,): an input has to stand out both in number and in what it explains."""
+        return tuple(map(max, self.count_p, self.strength_p))
 
     @property
     def significant(self) -> tuple[str, ...]:
-        """Inputs whose corrected p-value is below 0.05."""
-        return tuple(name for name, p in zip(self.inputs, self.p_values, strict=True) if p < SIGNIFICANCE)
+        """Inputs whose p-value is below ``significance``."""
+        return tuple(name for name, p in zip(self.inputs, self.p_values, strict=True) if p < self.significance)
+
+    def referring_by_chance(self) -> tuple[int, ...]:
+        """Shuffled runs (inputs,) of all representations that reference each input."""
+        return tuple(map(sum, zip(*self.shuffled.values(), strict=True)))
 
 
-def histogram(records: Sequence[RunRecord], inputs: Sequence[str]) -> Histogram:
+def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance: float) -> Histogram:
     """Count, over runs of any representations, the inputs and operators of their best programs.
 
+    Both chances of an input are corrected for the number of inputs, each once:
+
+    * count: Fisher's exact test of the runs that reference it against the shuffled runs that do, times the number of
+      inputs (Bonferroni);
+    * strength: the chance that a shuffled run explains as much, by whatever inputs, as the best run that references
+      this one (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall, Young 1993).
+
+    Runs on one residual agree even where there is only noise, so that counting alone would call chance an effect.
     Raises InputError where there is no run at all.
     """
     if not records:
         raise InputError("histogram: no run to count")
     names = tuple(inputs)
     kinds = tuple(dict.fromkeys(record.representation for record in records))
-    real = {kind: [r for r in records if r.representation == kind and not r.shuffled] for kind in kinds}
-    null = {kind: [r for r in records if r.representation == kind and r.shuffled] for kind in kinds}
-    operators = {
-        kind: {
-            name: sum(name in record.program.operator_counts for record in real[kind])
-            for name in sorted({name for record in real[kind] for name in record.program.operator_counts})
-        }
-        for kind in kinds
-    }
-    everything, chance = ([r for group in side.values() for r in group] for side in (real, null))
+    real, null = ([r for r in records if r.shuffled == side] for side in (False, True))
+    of_kind = {kind: [r for r in real if r.representation == kind] for kind in kinds}
+    by_chance = {kind: [r for r in null if r.representation == kind] for kind in kinds}
     return Histogram(
         names,
-        {kind: referencing(real[kind], names) for kind in kinds},
-        {kind: referencing(null[kind], names) for kind in kinds},
-        operators,
-        {kind: len(real[kind]) for kind in kinds},
-        {kind: len(null[kind]) for kind in kinds},
-        corrected_p_values(everything, chance, names),
+        {kind: referencing(runs, names) for kind, runs in of_kind.items()},
+        {kind: referencing(runs, names) for kind, runs in by_chance.items()},
+        {kind: _using(runs) for kind, runs in of_kind.items()},
+        {kind: len(runs) for kind, runs in of_kind.items()},
+        {kind: len(runs) for kind, runs in by_chance.items()},
+        _by_count(real, null, names),
+        _by_strength(real, null, names),
+        significance,
     )
 
 
-def referencing(records: Sequence[RunRecord], inputs: Sequence[str]) -> NDArray[np.int64]:
+def referencing(records: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[int, ...]:
     """Runs (inputs,) whose program references each input."""
-    return np.array([sum(name in r.program.inputs for r in records) for name in inputs], dtype=np.int64)
+    return tuple(sum(name in record.program.inputs for record in records) for name in inputs)
 
 
-def corrected_p_values(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> Array:
-    """The larger of two p-values an input: of its count and of what its best program explains.
+def _using(records: Sequence[RunRecord]) -> dict[str, int]:
+    used = sorted({name for record in records for name in record.program.operator_counts})
+    return {name: sum(name in record.program.operator_counts for record in records) for name in used}
 
-    Count: Fisher's exact test of runs that reference it against shuffled runs that do, times the number of
-    inputs. Strength: the chance that the best shuffled program, whatever it references, reaches the best that
-    references this input (``gpmodel.evolution.chance``); being a maximum over inputs it needs no further correction.
-    """
-    if not real:
-        return np.ones(len(inputs))
+
+def _by_count(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[float, ...]:
     from scipy.stats import hypergeom
 
-    by_chance = np.array([record.strength for record in null])
     total = len(real) + len(null)
-    found = []
-    for name, here, there in zip(inputs, referencing(real, inputs), referencing(null, inputs), strict=True):
-        count = float(hypergeom.sf(here - 1, total, here + there, len(real)))
-        best = max((r.strength for r in real if name in r.program.inputs), default=-np.inf)
-        found.append(min(1.0, max(count * len(inputs), chance(best, by_chance).p)))
-    return np.array(found)
+    pairs = zip(referencing(real, inputs), referencing(null, inputs), strict=True)
+    chances = (float(hypergeom.sf(here - 1, total, here + there, len(real))) for here, there in pairs)
+    return tuple(min(1.0, p * len(inputs)) for p in chances)
+
+
+def _by_strength(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[float, ...]:
+    strongest = {name: max((r.strength for r in real if name in r.program.inputs), default=-np.inf) for name in inputs}
+    by_chance = np.array([record.strength for record in null])
+    return tuple(chance(strongest[name], by_chance).p for name in inputs)

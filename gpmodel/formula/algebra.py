@@ -1,15 +1,15 @@
 """Programs and computer algebra: to sympy and back, and simplified forms."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import sympy
 
-from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.operators import BY_NAME, WRITTEN
 from gpmodel.formula.parse import raise_to
 from gpmodel.formula.program import Builder, Node, Program
 
 _LARGEST_POWER = 64
+Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
 """Operators and leaves of one expression; algebra on longer ones takes minutes."""
 
@@ -18,7 +18,7 @@ _ONE_OPERATOR = 2
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
 
-_SYMPY: dict[str, Callable[..., Any]] = {
+_SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "add": lambda a, b: a + b,
     "subtract": lambda a, b: a - b,
     "multiply": lambda a, b: a * b,
@@ -39,6 +39,9 @@ _SYMPY: dict[str, Callable[..., Any]] = {
     "tanh": sympy.tanh,
     "asin": sympy.asin,
     "reciprocal": lambda a: 1 / a,
+    "sign": sympy.sign,
+    "step": lambda a: sympy.Heaviside(a, 0),
+    "power": lambda a, b: a**b,
 }
 
 
@@ -53,7 +56,7 @@ def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol,
     No expression has more than about `largest` operators and leaves, so that algebra on a long program with many shared
     parts, whose written-out form may be exponentially longer, comes to an end. None: one piece, whatever its size.
     """
-    values: list[Any] = []
+    values: list[sympy.Expr] = []
     sizes: list[int] = []
     pieces: dict[sympy.Symbol, sympy.Expr] = {}
     taken = set(program.inputs)
@@ -70,7 +73,7 @@ def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol,
     return pieces, [values[k] for k in program.outputs]
 
 
-def _value(node: Node, values: list[Any]) -> Any:
+def _value(node: Node, values: list[sympy.Expr]) -> sympy.Expr:
     if node.operator == "input":
         return sympy.Symbol(str(node.value), real=True)
     if node.operator == "constant":
@@ -79,20 +82,25 @@ def _value(node: Node, values: list[Any]) -> Any:
     return _SYMPY[node.operator](*(values[k] for k in node.arguments))
 
 
-def from_sympy(expressions: Sequence[Any], pieces: Mapping[Any, Any] | None = None) -> Program:
+def from_sympy(expressions: Sequence[sympy.Expr], pieces: Pieces | None = None) -> Program:
     """The program of sympy expressions made of our operators; `pieces` are what some of their symbols stand for.
 
     Raises ValueError for a function that no operator computes.
     """
     builder = Builder()
-    built: dict[Any, int] = {}
+    built: dict[sympy.Symbol, int] = {}
     for symbol, expression in (pieces or {}).items():
         built[symbol] = _build(builder, expression, built)
     return builder.program([_build(builder, expression, built) for expression in expressions])
 
 
 def simplify(program: Program) -> Program:
-    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter."""
+    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter.
+
+    One with an operator that is only written, never evolved, stays as it is.
+    """
+    if any(BY_NAME[name].code == WRITTEN for name in program.operator_counts):
+        return program
     best = program
     for largest, change in (
         (_ONE_OPERATOR, _unchanged),
@@ -113,23 +121,19 @@ def _operators_then_size(program: Program) -> tuple[int, int]:
     return sum(program.operator_counts.values()), program.complexity
 
 
-def _unchanged(expression: Any) -> Any:
+def _unchanged(expression: sympy.Expr) -> sympy.Expr:
     return expression
 
 
-_FROM_SYMPY: dict[Any, str] = {
+_FROM_SYMPY: dict[type[sympy.Basic], str] = {
     sympy.Mod: "modulo",
     sympy.Abs: "abs",
     logical_not: "not",
-    **{
-        getattr(sympy, name): name
-        for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")
-        if name in BY_NAME
-    },
+    **{getattr(sympy, name): name for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")},
 }
 
 
-def _build(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
+def _build(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
     if expression.is_Symbol:
         return built[expression] if expression in built else builder.input(expression.name)
     if expression.is_number:
@@ -156,7 +160,7 @@ def _build(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
     return builder.apply(_FROM_SYMPY[expression.func], *(_build(builder, argument, built) for argument in arguments))
 
 
-def _chain(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
+def _chain(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
     """A sum with its negative terms subtracted, or a product with its inverse factors divided by."""
     join, invert = ("add", "subtract") if expression.is_Add else ("multiply", "divide")
     neutral = 0.0 if expression.is_Add else 1.0
@@ -177,12 +181,12 @@ def _chain(builder: Builder, expression: Any, built: Mapping[Any, int]) -> int:
     return total
 
 
-def _magnitude(expression: Any) -> Any:
+def _magnitude(expression: sympy.Expr) -> sympy.Expr:
     """Without an outer absolute value, which ``sqrt`` and ``log`` take anyway."""
     return expression.args[0] if isinstance(expression, sympy.Abs) else expression
 
 
-def _power(builder: Builder, base: Any, exponent: Any, built: Mapping[Any, int]) -> int:
+def _power(builder: Builder, base: sympy.Expr, exponent: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
     if base == sympy.E:
         return builder.apply("exp", _build(builder, exponent, built))
     if exponent.is_number and exponent < 0:

@@ -1,5 +1,8 @@
 """The operators of Table 5.1 of the thesis and a few more, with every choice the thesis leaves open.
 
+This table is the only meaning that an operator has: programs, texts of effects, algebra and the printers read it, and
+the kernels, which compute the same on rows of numbers, are tested against it.
+
 Choices, made once and tested:
 
 * arithmetic is IEEE and unprotected: a division by zero gives an infinity, and a program whose output is
@@ -7,6 +10,7 @@ Choices, made once and tested:
 * ``sqrt`` and ``log`` read the absolute value; ``modulo`` is ``a - b*floor(a/b)``, the sign of the divisor.
 * ``not`` is C's: 1 where the accumulator is 0, else 0.
 * ``min`` and ``max`` hand on a NaN.
+* ``step`` is 1 above 0, else 0; ``power`` is real: a NaN of a negative base and a broken exponent.
 * angles are radians.
 """
 
@@ -28,6 +32,7 @@ TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 class Operator:
     """One operator: its op-code, its function of one or two arguments and the partial derivatives of it.
 
+    ``code`` is ``WRITTEN`` where it stands in texts only and no search evolves it.
     ``smooth`` says that the first derivative is continuous everywhere; ``derivatives`` takes the arguments
     and returns one array an argument (almost everywhere for the others).
     """
@@ -60,6 +65,8 @@ def _between(chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
 INPUT, LOAD, STORE = 0, 1, 2
 """Op-codes that move data and compute nothing."""
 
+WRITTEN = -1
+
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),
     Operator(4, "subtract", 2, True, np.subtract, lambda a, b: (_ones(a), -_ones(b))),
@@ -82,9 +89,20 @@ ARITHMETIC: tuple[Operator, ...] = (
     Operator(21, "asin", 1, False, _arcsin, lambda a: (1.0 / np.sqrt(1.0 - a * a),)),
     Operator(22, "reciprocal", 1, False, lambda a: 1.0 / a, lambda a: (-1.0 / (a * a),)),
 )
-"""All computing operators; codes 3 to 17 are those of Table 5.1, the rest are ours."""
+"""All operators that can be evolved; codes 3 to 17 are those of Table 5.1, the rest are ours."""
 
-BY_NAME: dict[str, Operator] = {operator.name: operator for operator in ARITHMETIC}
+LANGUAGE: tuple[Operator, ...] = (
+    *ARITHMETIC,
+    Operator(WRITTEN, "sign", 1, False, np.sign, lambda a: (np.zeros_like(a),)),
+    Operator(WRITTEN, "step", 1, False, lambda a: (a > 0.0).astype(float), lambda a: (np.zeros_like(a),)),
+    Operator(
+        WRITTEN, "power", 2, False, np.float_power,
+        lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),
+    ),
+)  # fmt: skip
+"""All operators that can be written."""
+
+BY_NAME: dict[str, Operator] = {operator.name: operator for operator in LANGUAGE}
 BY_CODE: dict[int, Operator] = {operator.code: operator for operator in ARITHMETIC}
 
 SETS: dict[str, tuple[str, ...]] = {
@@ -118,11 +136,12 @@ def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
     if isinstance(names, str):
         names = SETS[names] if names in SETS else [name.strip() for name in names.split(",")]
     chosen = set(names)
-    unknown = sorted(chosen - BY_NAME.keys())
+    offered = [operator.name for operator in ARITHMETIC]
+    unknown = sorted(chosen.difference(offered))
     if unknown:
         raise InputError(
             f"operators: unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; "
-            f"operators are {', '.join(BY_NAME)}"
+            f"operators are {', '.join(offered)}"
         )
     if not chosen:
         raise InputError("operators: none given, expected at least one")

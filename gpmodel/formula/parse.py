@@ -1,6 +1,7 @@
-"""Text to program, by Python's own expression grammar."""
+"""Text to program, by Python's own expression grammar: the one reader of everything that is written as text."""
 
 import ast
+import sys
 
 from gpmodel.errors import InputError
 from gpmodel.formula.operators import BY_NAME
@@ -12,25 +13,31 @@ _BINARY: dict[type, str] = {
     ast.Mult: "multiply",
     ast.Div: "divide",
     ast.Mod: "modulo",
+    ast.Pow: "power",
 }
 
+LARGEST_NUMBER = sys.float_info.max
 
-def parse(text: str) -> Program:
-    """``v1 = sin(J1); v1*v1 + 2*'oil temperature', v1`` to a program.
 
-    Functions are the operators' names; ``x**n`` with a whole n is written out. A quoted text is an input
-    whose name is no identifier. Raises InputError with the part that could not be read.
+def parse(text: str, what: str = "program") -> Program:
+    """``v1 = sin(J1); v1*v1 + 2*'oil temperature', v1`` to a program. The text is read, never executed.
+
+    Functions are the operators' names; ``x**n`` with a whole n is written out, any other power is ``power``. A quoted
+    text is an input whose name is no identifier. ``what`` names the text in errors. Raises InputError with the part
+    that could not be read.
     """
     try:
         statements = ast.parse(text.strip()).body
     except SyntaxError as error:
-        raise InputError(f"program {text!r}: {error.msg} near column {error.offset}") from None
+        raise InputError(f"{what} {text!r}: {error.msg} near column {error.offset}") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise InputError(f"{what} {text[:40]!r}: not an expression; write for example sin(2*J4)") from None
     if not statements or not isinstance(statements[-1], ast.Expr):
-        raise InputError(f"program {text!r}: expected an expression at the end")
-    reader = _Reader(text)
+        raise InputError(f"{what} {text!r}: expected an expression at the end, for example sin(2*J4)")
+    reader = _Reader(f"{what} {text!r}")
     for statement in statements[:-1]:
         if not (isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name)):
-            raise InputError(f"program {text!r}: expected 'name = expression' before the last ';'")
+            raise InputError(f"{what} {text!r}: expected 'name = expression' before the last ';'")
         reader.names[statement.targets[0].id] = reader.read(statement.value)
     last = statements[-1].value
     outputs = last.elts if isinstance(last, ast.Tuple) else [last]
@@ -38,37 +45,49 @@ def parse(text: str) -> Program:
 
 
 class _Reader:
-    def __init__(self, text: str) -> None:
-        self.text = text
+    def __init__(self, whole: str) -> None:
+        self.whole = whole
         self.builder = Builder()
         self.names: dict[str, int] = {}
 
     def read(self, node: ast.expr) -> int:
-        builder = self.builder
+        """The number of the node that computes a part of the text."""
         match node:
             case ast.Constant(value=str() as name):
-                return builder.input(name)
+                return self.builder.input(name)
             case ast.Constant(value=bool()):
                 pass
             case ast.Constant(value=int() | float() as value):
-                return builder.constant(float(value))
+                return self.number(value)
             case ast.Name(id=name):
-                return self.names[name] if name in self.names else builder.input(name)
+                return self.names[name] if name in self.names else self.builder.input(name)
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.read(operand)
             case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
-                return builder.constant(-float(value))
+                return self.number(-value)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return builder.apply("multiply", builder.constant(-1.0), self.read(operand))
+                return self.builder.apply("multiply", self.number(-1.0), self.read(operand))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                return builder.apply("not", self.read(operand))
+                return self.builder.apply("not", self.read(operand))
             case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() as power)) if 0 < power < 65:
-                return raise_to(builder, self.read(base), power)
+                return raise_to(self.builder, self.read(base), power)
             case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:
-                return builder.apply(_BINARY[type(operation)], self.read(left), self.read(right))
+                return self.builder.apply(_BINARY[type(operation)], self.read(left), self.read(right))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in BY_NAME:
-                return builder.apply(name, *(self.read(argument) for argument in arguments))
-        raise InputError(
-            f"program {self.text!r}: cannot read {ast.unparse(node)!r}; operators are {', '.join(BY_NAME)}"
-        )
+                return self.call(name, arguments)
+        raise InputError(f"{self.whole}: cannot read {ast.unparse(node)!r}; functions are {', '.join(BY_NAME)}")
+
+    def number(self, value: float) -> int:
+        """A constant. Raises InputError where it is too large for one."""
+        if abs(value) > LARGEST_NUMBER:
+            raise InputError(f"{self.whole}: holds a number that is too large, expected at most {LARGEST_NUMBER:g}")
+        return self.builder.constant(float(value))
+
+    def call(self, name: str, arguments: list[ast.expr]) -> int:
+        """A function of its arguments. Raises InputError where it takes another number of them."""
+        if len(arguments) != BY_NAME[name].arity:
+            raise InputError(f"{self.whole}: {name} takes {BY_NAME[name].arity} arguments, {len(arguments)} given")
+        return self.builder.apply(name, *(self.read(argument) for argument in arguments))
 
 
 def raise_to(builder: Builder, base: int, power: int) -> int:

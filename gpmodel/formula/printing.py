@@ -69,4 +69,7 @@ _NUMPY: dict[str, str] = {
     "tanh": "np.tanh({0})",
     "asin": "np.arcsin({0})",
     "reciprocal": "1.0 / {0}",
+    "sign": "np.sign({0})",
+    "step": "({0} > 0.0).astype(float)",
+    "power": "np.float_power({0}, {1})",
 }

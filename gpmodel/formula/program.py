@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,12 @@ Array = NDArray[np.float64]
 
 _INFIX = {"add": ("+", 1), "subtract": ("-", 1), "multiply": ("*", 2), "divide": ("/", 2), "modulo": ("%", 2)}
 _ATOM = 9
+
+
+class Named(Protocol):
+    """Columns (N,) by name."""
+
+    def __getitem__(self, name: str, /) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -45,17 +52,24 @@ class Program:
         if missing:
             raise InputError(f"program {self}: no input {missing[0]!r}, available: {', '.join(inputs)}")
         length = max((np.size(column) for column in inputs.values()), default=1)
-        values: list[Array] = []
+        values = self.values(inputs, length)
+        return np.stack([values[k] for k in self.outputs]) if self.outputs else np.empty((0, length))
+
+    def values(self, columns: Named, length: int) -> list[Array]:
+        """Values (N,) of every node, N being ``length``, by the functions of ``gpmodel.formula.operators``.
+
+        A value that is no number comes back as NaN or infinity, without a warning.
+        """
+        found: list[Array] = []
         with np.errstate(all="ignore"):
             for node in self.nodes:
                 if node.operator == "input":
-                    values.append(np.asarray(inputs[str(node.value)], dtype=float))
+                    found.append(np.asarray(columns[str(node.value)], dtype=float))
                 elif node.operator == "constant":
-                    values.append(np.full(length, float(node.value or 0.0)))
+                    found.append(np.full(length, float(node.value or 0.0)))
                 else:
-                    arguments = [values[k] for k in node.arguments]
-                    values.append(BY_NAME[node.operator].function(*arguments))
-        return np.stack([values[k] for k in self.outputs]) if self.outputs else np.empty((0, length))
+                    found.append(BY_NAME[node.operator].function(*(found[k] for k in node.arguments)))
+        return found
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
@@ -115,8 +129,27 @@ class Program:
                 copies.append(builder.add(node, copies))
         return builder.program(copies[k] for k in self.outputs)
 
+    def with_inputs(self, programs: Mapping[str, "Program"]) -> "Program":
+        """The same program with one-output programs in the place of the inputs of these names."""
+        builder = Builder()
+        copies: list[int] = []
+        for node in self.nodes:
+            if node.operator == "input" and str(node.value) in programs:
+                other = programs[str(node.value)]
+                copies.append(builder.copy(other)[other.outputs[0]])
+            else:
+                copies.append(builder.add(node, copies))
+        return builder.program(copies[k] for k in self.outputs)
+
     def __str__(self) -> str:
         """Infix text that ``parse`` reads back; shared subexpressions are named first, outputs follow ``;``."""
+        return self._text(named=True)
+
+    def written_out(self) -> str:
+        """The same without names: a shared subexpression stands as often as it is used."""
+        return self._text(named=False)
+
+    def _text(self, named: bool) -> str:
         uses = np.zeros(len(self.nodes), dtype=int)
         for index in self._references():
             uses[index] += 1
@@ -125,7 +158,7 @@ class Program:
         taken = set(self.inputs)
         for index, node in enumerate(self.nodes):
             text, rank = _node_text(node, texts)
-            if node.arguments and uses[index] > 1:
+            if named and node.arguments and uses[index] > 1:
                 name = next(f"v{k}" for k in range(len(lines) + 1, 10**9) if f"v{k}" not in taken)
                 taken.add(name)
                 lines.append(f"{name} = {text}")

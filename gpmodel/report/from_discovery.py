@@ -9,19 +9,18 @@ from gpmodel.calibration.result import resolved
 from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.histogram import Histogram
 from gpmodel.discovery.result import Discovery, Round, Step
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.report import fitted, verdict
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, ranges, repeatability, versions
 from gpmodel.report.quantity import quantity, read_columns, translate
+from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import Confirmation, MechanismRecord, Report, StepRecord
 from gpmodel.report.schema_poses import PlotRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
     EffectRecord,
-    HistogramRecord,
     Rival,
     RoundRecord,
     TermRecord,
@@ -49,7 +48,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         mechanism=MechanismRecord(discovery.mechanism.name, tuple(names[j] for j in data.joints)),
         ladder=tuple(_step(step) for step in discovery.steps),
         effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
-        histograms=tuple(_histogram(r.exploration.histogram, names) for r in discovery.rounds),
+        histograms=tuple(histogram_record(r.exploration.histogram, names) for r in discovery.rounds),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
         parameters=fitted.parameters(final, names),
         placement=fitted.placement(final),
@@ -150,21 +149,6 @@ def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:
     return tuple(
         TestRecord(t.name, fitted.optional(t.value), fitted.optional(t.limit), bool(t.passed))
         for t in hypothesis.verdict.tests
-    )
-
-
-def _histogram(histogram: Histogram, names: Mapping[str, str]) -> HistogramRecord:
-    return HistogramRecord(
-        inputs=tuple(names.get(x, x) for x in histogram.inputs),
-        linear=histogram.linear,
-        tree=histogram.tree,
-        shuffled=histogram.shuffled,
-        p_values=histogram.p_values,
-        count_p=histogram.count_p,
-        strength_p=histogram.strength_p,
-        runs=histogram.runs,
-        shuffled_runs=histogram.shuffled_runs,
-        significant=tuple(names.get(x, x) for x in histogram.significant),
     )
 
 

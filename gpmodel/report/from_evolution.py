@@ -13,8 +13,9 @@ from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted, verdict
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
 from gpmodel.report.quantity import translate
+from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import STANDARD, MechanismRecord, Report, StepRecord
-from gpmodel.report.schema_search import HistogramRecord, ProgramRecord
+from gpmodel.report.schema_search import ProgramRecord
 
 
 def from_evolution(
@@ -40,7 +41,7 @@ def from_evolution(
         ladder=(
             StepRecord(STANDARD, fitted.statistics_mm(fit.error), fitted.statistics_mm(unseen), fit.rank, fit.dropped),
         ),
-        histograms=(_histogram(counted, names),),
+        histograms=(histogram_record(counted, names),),
         runs=tuple(_run(run, names) for run in runs),
         parameters=fitted.parameters(fit, names),
         placement=fitted.placement(fit),
@@ -55,21 +56,6 @@ def from_evolution(
         seconds=origin.seconds,
     )
     return replace(report, verdict=verdict.of_evolution(report))
-
-
-def _histogram(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
-    none = np.zeros(len(counted.inputs), dtype=np.int64)
-    shuffled = sum(counted.shuffled.values(), none)
-    return HistogramRecord(
-        inputs=tuple(names.get(x, x) for x in counted.inputs),
-        linear=tuple(counted.counts.get("linear", none).tolist()),
-        tree=tuple(counted.counts.get("tree", none).tolist()),
-        shuffled=tuple(shuffled.tolist()),
-        p_values=tuple(counted.p_values.tolist()),
-        significant=tuple(names.get(x, x) for x in counted.significant),
-        runs=sum(counted.runs.values()),
-        shuffled_runs=sum(counted.shuffled_runs.values()),
-    )
 
 
 def _run(run: Run, names: Mapping[str, str]) -> ProgramRecord:

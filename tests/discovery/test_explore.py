@@ -1,14 +1,11 @@
 """Evolved programs as effects, and the histogram of the inputs they refer to."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.histogram import referenced
 from gpmodel.discovery.programs import expression_text, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
@@ -81,33 +78,6 @@ def test_constant_columns_and_reactions_are_not_offered() -> None:
     assert {"torque_J2", "moment_base_x"} <= set(names)
 
 
-def runs(*inputs: str) -> list:  # type: ignore[type-arg]
-    """Stand-ins for runs, each with the inputs that its best program refers to, joined by +."""
-    return [SimpleNamespace(best=SimpleNamespace(program=SimpleNamespace(inputs=tuple(i.split("+"))))) for i in inputs]
-
-
-def test_the_histogram_counts_runs_by_representation_beside_the_null() -> None:
-    tried = {"linear": runs("a", "a+b", "a"), "tree": runs("a", "c", "a+c")}
-    histogram = referenced(("a", "b", "c"), tried, runs("b", "c", "b+c"), lambda run: 5.0, 0.05)
-    assert histogram.linear == (3, 1, 0)
-    assert histogram.tree == (2, 0, 2)
-    assert histogram.shuffled == (0, 2, 2)
-    assert all(0.0 <= p <= 1.0 for p in histogram.p_values)
-
-
-def test_an_input_counts_only_where_it_stands_out_of_the_null_in_number_and_in_what_it_saves() -> None:
-    tried = {"linear": runs(*6 * ["a"]), "tree": runs(*6 * ["a"])}
-
-    def significant(by_chance: list, saved: float) -> tuple[str, ...]:  # type: ignore[type-arg]
-        null = np.random.default_rng(0).gumbel(0.0, 1.0, len(by_chance)).tolist()
-        nats = {id(run): value for run, value in zip(by_chance, null, strict=True)}
-        return referenced(("a", "b"), tried, by_chance, lambda run: nats.get(id(run), saved), 0.05).significant
-
-    assert significant(runs(*12 * ["b"]), 40.0) == ("a",)
-    assert significant(runs(*12 * ["a"]), 40.0) == ()
-    assert significant(runs(*12 * ["b"]), 0.5) == ()
-
-
 def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
     answer = found("windup", 0)
     for entry in answer.rounds:
@@ -123,8 +93,8 @@ def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> No
 def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_robot_none() -> None:
     first = found("windup", 0).rounds[0].exploration.histogram
     at = first.inputs.index("torque_J3")
-    real = [a + b for a, b in zip(first.linear, first.tree, strict=True)]
-    assert real[at] == max(real) > first.shuffled[at]
+    real = [sum(counts) for counts in zip(*first.counts.values(), strict=True)]
+    assert real[at] == max(real) > first.referring_by_chance()[at]
     assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
 
 
@@ -135,7 +105,7 @@ def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> 
             h.score.nats > Criteria().minimum_nats for h in entry.hypotheses if h.candidate.found_by == "evolved"
         )
         assert not asked or np.isfinite(null).sum() >= 2
-        assert entry.exploration.histogram.shuffled_runs == len(null)
+        assert sum(entry.exploration.histogram.shuffled_runs.values()) == len(null)
 
 
 def test_nothing_is_accepted_of_a_round_without_a_null() -> None:
