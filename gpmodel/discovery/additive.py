@@ -18,7 +18,8 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.selection.group import Group
 from gpmodel.discovery.selection.result import Kept, Selection
 from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import GENERIC, PAIRS, of_candidates, of_offers, only
+from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_candidates, of_offers, only
+from gpmodel.discovery.selection.waves import combs_of
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue, names
@@ -83,8 +84,11 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     def wanted(group: Group) -> bool:
         return group.name not in without and not all(stands_still(e.slots, still) for e in group.effects)
 
-    offered = [tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ())]
-    return select(choice.standard, choice.train, *offered, shuffles=choice.criteria.shuffles, seed=choice.seed)
+    single, pairs = (tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ()))
+    combs = combs_of(choice.offers, choice.standard.model.mechanism, choice.train.states)
+    combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
+    offering = Offering(single, pairs, combs)
+    return select(choice.standard, choice.train, offering, shuffles=choice.criteria.shuffles, seed=choice.seed)
 
 
 def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:

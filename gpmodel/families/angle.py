@@ -7,7 +7,8 @@ from itertools import chain
 import numpy as np
 
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
-from gpmodel.families.inner import CONSTANT, on_grid
+from gpmodel.families.comb import Comb, comb
+from gpmodel.families.inner import CONSTANT
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
@@ -23,8 +24,9 @@ SMOOTH, SMOOTH_CORNER = 10, 3.0
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
 
-FINE, MOST_PARTS = 60, 4
-"""Per turn, up to where ratios of planetary and RV stages lie between whole numbers; most parts of a whole one."""
+NAMED, HIGHEST = 12, 400
+"""Ripples per turn that are offered by name; up to where any number, whole or not, is looked for: twice the ratio of
+the slowest strain-wave gears."""
 
 Curve = tuple[Effect, ...]
 
@@ -42,21 +44,24 @@ def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Any number per turn, whole or not: a joint that turned by A can tell frequencies 2 π/A apart, and is offered them
-    at half that distance or closer up to FINE, whole ones beyond; each is refined between its neighbours.
-
-    Its cost is the log of how many independent frequencies were looked at.
-    """
-    highest = 12 if len(states) < 300 else 400
+    """Three to twelve per turn: a sin nq + b cos nq on each revolute joint, rad."""
     for j in revolute(mechanism):
-        turns = float(np.ptp(states[j.name])) / (2 * np.pi)
-        parts = int(np.clip(np.ceil(2 * turns), 1, MOST_PARTS))
-        fine = np.arange(3 * parts, min(highest, FINE) * parts + 1) / parts
-        grid = [*fine.tolist(), *np.arange(FINE + 1.0, highest + 1.0).tolist()]
-        independent = min(len(grid), highest * max(turns, 1.0))
+        for n in range(3, NAMED + 1):
+            name, cost = f"transmission ripple, {n} per turn, {j.name}", 4.0 + float(np.log(NAMED))
+            yield pair(name, j, f"{n}*{j.name}", "transmission_ripple", cost)
+
+
+def ripple_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
+    """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
+    for j in revolute(mechanism):
+        travel = float(np.ptp(states[j.name]))
         name = f"transmission ripple, {CONSTANT} per turn, {j.name}"
-        template = pair(name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", 4.0 + float(np.log(independent)))
-        yield from on_grid(template, [float(f"{n:.5g}") for n in grid])
+        lowest = max(3.0, 4 * np.pi / travel) if travel > 0 else np.inf
+        found = comb(
+            name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", (0.0, travel), (lowest, HIGHEST), lambda rate: rate
+        )
+        if found is not None:
+            yield found
 
 
 def _harmonics(name: str, site: Site, angle: str, family: str, spectrum: tuple[int, float, float]) -> Curve:

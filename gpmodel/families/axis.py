@@ -5,11 +5,13 @@ Letters are those of the joint's own frame.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import CONSTANT, on_grid
+from gpmodel.families.candidate import Candidate, pair
+from gpmodel.families.comb import Comb, comb
+from gpmodel.families.inner import CONSTANT
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, drive_effect, effect_at
@@ -20,6 +22,12 @@ LENGTH, ANGLE = 5e-5, 5e-5
 
 WAVES = 6
 """Half waves over the travel: guideways bend and sag over parts of their length, not over less than its sixth."""
+
+LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
+"""mm, nominal leads of ball screws (ISO 3408-2)."""
+
+SHORTEST = 2e-3
+"""m: finer screws drive no robot, and poses repeat to a tenth of it at best."""
 
 TURN = {"x": "A", "y": "B", "z": "C"}
 
@@ -68,21 +76,25 @@ def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> I
 
 
 def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A wave of positioning with the lead of a screw or the pitch of a rack or scale as its period.
-
-    Numbers of waves over the travel from 3 to half the number of poses, each an independent one.
-    """
+    """A wave of positioning once every lead of a screw, in the leads of ISO 3408-2 that the travel holds three of."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
-        most = min(len(states) // 2, 400)
-        if travel > 0 and most > 3:
-            name = f"cyclic error, {CONSTANT} waves a metre, {j.name}"
-            effects = tuple(
-                drive_effect(
-                    f"{name}, {f}", j, Expression(f"{f}({2 * np.pi:.8f}*{CONSTANT}*({j.name} - {start:.6g}))"),
-                    family="cyclic_error", prior=LENGTH,
-                )
-                for f in ("sin", "cos")
-            )  # fmt: skip
-            template = Candidate(name, effects, "cyclic_error", 4.0 + float(np.log(most)))
-            yield from on_grid(template, [float(f"{n / travel:.5g}") for n in np.arange(3.0, most, 0.5)])
+        for lead in LEADS:
+            if 3e-3 * lead <= travel:
+                name = f"cyclic error, every {lead} mm, {j.name}"
+                argument = f"{2e3 * np.pi / lead:.8g}*({j.name} - {start:.6g})"
+                found = pair(name, j, argument, "cyclic_error", 4.0 + float(np.log(len(LEADS))))
+                yield replace(found, effects=tuple(replace(e, prior=LENGTH) for e in found.effects))
+
+
+def cyclic_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
+    """A wave of positioning of any period from SHORTEST to a third of the travel: screws, racks, scales."""
+    for j in prismatic(mechanism):
+        start, travel = _travel(j, states)
+        found = comb(
+            f"cyclic error, every {CONSTANT} mm, {j.name}", j,
+            f"{2e3 * np.pi:.8g}/{CONSTANT}*({j.name} - {start:.6g})", "cyclic_error", (start, travel),
+            (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST), lambda rate: 2e3 * np.pi / rate, LENGTH,
+        )  # fmt: skip
+        if found is not None:
+            yield found

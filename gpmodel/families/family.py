@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.comb import Comb
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -15,18 +16,25 @@ PROVIDERS = "gpmodel.families"
 Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 
 
+def no_combs(mechanism: Mechanism, states: States) -> Iterable[Comb]:
+    """Of a family whose instances can all be named."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Family:
     """A named physical effect.
 
     name: one word, as written on a command line. explanation: what happens physically. source: who described it.
     build: every instance that a mechanism and these columns allow; an effect alone is a candidate of one effect.
+    combs: waves of it at more rates than can be named, which a selection of groups looks through.
     """
 
     name: str
     explanation: str
     source: str
     build: Builder
+    combs: Callable[[Mechanism, States], Iterable[Comb]] = no_combs
 
 
 def installed() -> tuple[Family, ...]:

@@ -1,5 +1,6 @@
 """Groups chosen together: every figure against dense linear algebra, planted robots named, innocent ones left alone."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -12,7 +13,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain
-from gpmodel.discovery.selection.group import Shapes, geometry_groups
+from gpmodel.discovery.selection.group import Shapes, from_candidate, geometry_groups
 from gpmodel.discovery.selection.leave_out import left_out
 from gpmodel.discovery.selection.noise import Whitening, blocks_of
 from gpmodel.discovery.selection.pool import Pool
@@ -21,8 +22,10 @@ from gpmodel.discovery.selection.result import Selection
 from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.scan import Replacements, scan
 from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import GENERIC, PAIRS, of_offers, offered
+from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_offers, offered
+from gpmodel.discovery.selection.waves import combs_of, most_by_chance, spectrum
 from gpmodel.families import catalogue
+from gpmodel.families.comb import Comb
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.bundles import replicates
@@ -34,7 +37,7 @@ PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J
 
 def chosen(truth: Truth) -> Selection:
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    return select(calibrate(model, truth.poses), truth.poses, STANDING, PAIRS, shuffles=19)
+    return select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, PAIRS), shuffles=19)
 
 
 @cache
@@ -216,3 +219,42 @@ def test_the_ratio_of_the_levels_is_recovered() -> None:
 def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
     fit = found().fit
     assert whitened(fit.problem, np.arange(len(fit.error)), 0.0).estimated(fit.problem.residual, 80.0).ratio == 0.0
+
+
+def combs(arm: str) -> list[Comb]:
+    return combs_of(
+        catalogue.catalogue, mechanism(arm), prepare(mechanism(arm), bare(arm, 20, 1, payload=False)).states
+    )
+
+
+def test_a_wave_is_worth_what_its_group_is() -> None:
+    active, _ = problem()
+    rows = active.pool.rows
+    for comb in combs(ARM)[1:4]:
+        there = spectrum(active, comb, rows.target[:, None])
+        for rate in (7.0, 101.37, 250.5):
+            group = from_candidate(comb.at(rate), rows.shapes)
+            assert group is not None
+            pool = Pool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))])
+            beside = Active(pool, active.variances, active.chosen, active.sigma2)
+            assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
+
+
+def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
+    active, _ = problem()
+    noise = np.random.default_rng(1).normal(0, np.sqrt(active.sigma2), (len(active.pool.rows.target), 400))
+    assert np.mean(most_by_chance(active, combs(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
+
+
+@pytest.mark.parametrize("rate", [37.42, 101.4, 160.0])
+def test_a_ripple_at_any_number_per_turn_is_found_and_named(rate: float) -> None:
+    data = bare(ARM, 90, 5, payload=False)
+    ripple = combs(ARM)[1].at(rate).effects
+    truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    selection = select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, combs=combs(ARM)), shuffles=9)
+    (kept,) = selection.kept
+    said = re.fullmatch(r"transmission ripple, ([\d.]+) per turn, (\w+)", kept.group.name)
+    assert said
+    assert float(said[1]) == pytest.approx(rate, abs=0.2)
+    assert said[2] == combs(ARM)[1].joint.name

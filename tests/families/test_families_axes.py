@@ -4,18 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from effect_cases import bare, measure, mechanism, sized
+from effect_cases import bare, mechanism
 
-from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates
-from gpmodel.families.inner import at, refined
-from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.families.catalogue import candidates, catalogue
+from gpmodel.families.comb import Comb
+from gpmodel.model.error_model import prepare
 
 SLIDE = next(j for j in mechanism("dh").joints if j.kind == "prismatic")
 OWN = SLIDE.drive[0][1][1].upper()
@@ -27,12 +21,9 @@ def pool(name: str, poses: int) -> dict[str, Candidate]:
     return {c.name: c for c in candidates(mechanism(name), prepare(mechanism(name), data).states)}
 
 
-def left_by(name: str, effects: tuple[Effect, ...], millimetres: float, poses: int = 150) -> Residual:
-    data = bare(name, poses, 2, payload=False)
-    theta = sized(name, effects, data, millimetres) if effects else ()
-    truth = measure(name, effects, theta, 2, dataset=data)
-    arm = mechanism(name)
-    return residual_of(calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses), truth.poses, Criteria(), 0)
+def combs(name: str) -> list[Comb]:
+    states = prepare(mechanism(name), bare(name, 150, 2, payload=False)).states
+    return [c for f in catalogue for c in f.combs(mechanism(name), states)]
 
 
 def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
@@ -45,41 +36,27 @@ def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
 
 
 def test_a_screw_off_its_centre_is_a_cyclic_error_of_its_lead() -> None:
-    offered = pool("dh", 150)
-    start = next(c for c in offered.values() if c.family == "cyclic_error" and 39 < c.inner.value < 41)
-    truth = at(start, 40.0)
-    there = left_by("dh", tuple(truth.effects), 0.0)
-    assert there.rms < 2e-4
-    free = tuple(Effect(e.name, e.terms, e.unit, e.family) for e in truth.effects)
-    there = left_by("dh", free, 0.15)
-    all_ = tuple(offered.values())
-    best = all_[int(np.argmax([s.nats for s in scores(there, all_)]))]
-    assert best.family == "cyclic_error"
-    found = refined(best, lambda c: scores(there, [c])[0].nats)
-    assert found.inner.value == pytest.approx(40.0, abs=0.3)
+    leads = {c.name for c in pool("dh", 150).values() if c.family == "cyclic_error"}
+    assert f"cyclic error, every 10 mm, {SLIDE.name}" in leads
+    there = next(c for c in combs("dh") if c.joint == SLIDE)
+    truth = there.at(2000 * np.pi / 23.7)
+    assert truth.name == f"cyclic error, every 23.7 mm, {SLIDE.name}"
+    states = prepare(mechanism("dh"), bare("dh", 150, 2, payload=False)).states
+    turn = 2 * np.pi / 0.0237 * (states[SLIDE.name] - there.start)
+    found = [effect.terms[0].basis(states) for effect in truth.effects]
+    np.testing.assert_allclose(found, [np.sin(turn), np.cos(turn)], atol=1e-4)
 
 
-@pytest.mark.parametrize("ratio", [6.4, 10.7])
-def test_a_ripple_between_whole_numbers_is_found_and_refined(ratio: float) -> None:
-    offered = pool("ur5", 150)
-    some = next(c for c in offered.values() if c.family == "transmission_ripple" and c.name.endswith("elbow_joint"))
-    there = left_by("ur5", at(some, ratio).effects, 0.3)
-    all_ = tuple(offered.values())
-    best = all_[int(np.argmax([s.nats for s in scores(there, all_)]))]
-    assert best.family == "transmission_ripple"
-    found = refined(best, lambda c: scores(there, [c])[0].nats)
-    assert found.inner.value == pytest.approx(ratio, abs=0.05)
-    assert found.name == f"transmission ripple, {found.inner.value:.5g} per turn, elbow_joint"
-
-
-def test_a_scan_of_frequencies_pays_for_all_it_looked_at() -> None:
-    """The best of all ripples on noise alone saves nothing more often than e^-5 would have it, some doubled."""
-    ripples = [c for c in pool("ur5", 150).values() if c.family == "transmission_ripple"]
-    there = left_by("ur5", (), 0.0)
-    noise = np.random.default_rng(0).normal(size=(len(there.values), 300))
-    assert np.mean(best_nats(there, ripples, noise) > 5.0) <= 0.01
-    per_joint = len(ripples) / len(mechanism("ur5").joints)
-    assert all(np.exp(c.cost) > per_joint / 4 for c in ripples)
+@pytest.mark.parametrize("name", ["dh", "ur5"])
+def test_a_comb_is_finer_than_its_poses_tell_and_pays_for_all_they_do(name: str) -> None:
+    states = prepare(mechanism(name), bare(name, 150, 2, payload=False)).states
+    for there in combs(name):
+        width = 2 * np.pi / float(np.ptp(states[there.joint.name]))
+        assert there.step <= width / 4 * 1.001
+        independent = (there.rates[-1] - there.rates[0]) / width
+        assert np.exp(there.template.cost - 4.0) == pytest.approx(independent, rel=0.01)
+        rate = float(there.rates[len(there.rates) // 2])
+        assert there.value(there.value(rate)) == pytest.approx(rate)
 
 
 def test_wobble_and_run_out_are_curves_on_every_axis_but_the_drives() -> None:

@@ -1,18 +1,24 @@
 """What the selection would find by chance: the residual of the chosen model put in another order of its bundles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best
 from gpmodel.discovery.selection.scan import beside, reduced
+from gpmodel.discovery.selection.waves import most_by_chance
+from gpmodel.families.comb import Comb
 
 MOST_NUMBERS = 100_000
 """Entries of a class's gain matrices, times the residuals, that are worked on at once: a few megabytes."""
 
 
-def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """The most nats (count,), costs counted, that any group gains on each of `count` permuted residuals.
+def best_by_chance(
+    active: Active, combs: Sequence[Comb], bundle: IntArray, rng: np.random.Generator, count: int
+) -> Array:
+    """The most nats (count,), costs counted, that any group or wave gains on each of `count` permuted residuals.
 
     bundle: (N,) code of the poses that stay together, in the order of the problem's poses. What the model leaves is
     permuted over the bundles, what it explains is put back, and every group scored beside it as in `scan`.
@@ -21,7 +27,7 @@ def best_by_chance(active: Active, bundle: IntArray, rng: np.random.Generator, c
     pulls = pool.atoms.cross(trials)
     table, _ = reduced(active)
     rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
-    place, found = np.arange(len(pool.effects)), np.full(count, -np.inf)
+    place, found = np.arange(len(pool.effects)), most_by_chance(active, combs, trials)
     for c in pool.classes:
         inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)

@@ -61,20 +61,6 @@ def curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
                 yield group_of(name, _curve(name, site, j.name, f"axis_{kind}", *SMOOTH), 6.0, shapes)
 
 
-def single_harmonics(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-    """Ripples above the twelfth harmonic that the catalogue offers only from 300 poses on."""
-    count = len(shapes.states)
-    highest = 0 if count >= 300 else count // 4
-    for j in revolute(mechanism):
-        for n in range(13, highest + 1):
-            name = f"transmission ripple, {n} per turn, {j.name}"
-            effects = [
-                Site(j.drive).effect(f"{name}, {f}", wave(f, n, j.name), "rad", "transmission_ripple")
-                for f in ("sin", "cos")
-            ]
-            yield group_of(name, effects, 4.0 + np.log(highest), shapes)
-
-
 def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
     """Any place that follows another joint's angle: three harmonics, a proxy where no mechanism is known."""
     joints = revolute(mechanism)

@@ -62,7 +62,11 @@ class Rows:
 
     def by_pose(self, site: Site, values: Array) -> Array:
         """Sums (P, K) over the rows of each pose of sensitivity times values (M, K)."""
-        return np.add.reduceat(self.sensitivity(site)[:, None] * values, self._first, axis=0)
+        return self.totals(self.sensitivity(site)[:, None] * values)
+
+    def totals(self, values: Array) -> Array:
+        """Sums (P, K) over the rows of each pose of values (M, K)."""
+        return np.add.reduceat(values, self._first, axis=0)
 
 
 class Atoms:

@@ -18,7 +18,8 @@ from gpmodel.discovery.selection.pool import Pool
 from gpmodel.discovery.selection.refit import Point, Refit, far_out, refit, whitened
 from gpmodel.discovery.selection.result import Selection, summarised
 from gpmodel.discovery.selection.rows import Rows
-from gpmodel.discovery.selection.standing import Builder, offered
+from gpmodel.discovery.selection.standing import Builder, Offering, offered
+from gpmodel.discovery.selection.waves import waves_left
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.table.bundles import replicates
@@ -48,38 +49,25 @@ class _Task:
     shapes: Shapes
 
 
-def select(
-    calibration: Calibration,
-    poses: Poses,
-    builders: Sequence[Builder],
-    pairs: Sequence[Builder] = (),
-    *,
-    shuffles: int = 0,
-    seed: int = 0,
-) -> Selection:
+def select(calibration: Calibration, poses: Poses, offering: Offering, *, shuffles: int, seed: int = 0) -> Selection:
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
-    poses: those the calibration was fitted to. pairs: builders offered once nothing single is left. shuffles: permuted
-    residuals that the groups are scored on, seed: of their order.
+    poses: those the calibration was fitted to. shuffles: permuted residuals that the groups are scored on, seed: of
+    their order.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _select(calibration, poses, builders, pairs, np.random.default_rng(seed), shuffles)
+        return _select(calibration, poses, offering, np.random.default_rng(seed), shuffles)
 
 
 def _select(
-    calibration: Calibration,
-    poses: Poses,
-    builders: Sequence[Builder],
-    pairs: Sequence[Builder],
-    rng: np.random.Generator,
-    shuffles: int,
+    calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, shuffles: int
 ) -> Selection:
     mechanism = calibration.model.mechanism
     bundle = replicates(poses.dataset)
     sample = _sample(bundle)
     shapes = Shapes(resolved(calibration, poses.subset(sample)).states)
     base = list(geometry_groups(calibration.model.effects))
-    single = offered(builders, mechanism, shapes)
+    single = offered(offering.single, mechanism, shapes)
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
     point = Point(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
@@ -87,26 +75,26 @@ def _select(
     task = _Task(mechanism, poses, bundle, sample, shapes)
     state = _with_levels(state, poses, bundle)
     state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
-    groups = [*base, *single, *_pairs_found(task, base, single, pairs, state)]
+    groups = [*base, *single]
+    kept = [g for g in groups if g.standing or g.name in state.variances]
+    waves = waves_left(reestimated(_started(task, kept, state)), offering.combs) if offering.combs else []
+    groups += [*waves, *_pairs_found(task, [*kept, *waves], offering.pairs, state)]
     for _ in range(MOST_LOOKS):
         active, rivals = exchanged(pruned(reestimated(grown(_started(task, groups, state)))))
         before = state
         state, fit = _refitted(active, task, before)
         if _same(before, state):
             break
-    chance = best_by_chance(active, bundle[sample], rng, shuffles)
+    chance = best_by_chance(active, offering.combs, bundle[sample], rng, shuffles)
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
-def _pairs_found(
-    task: _Task, base: Sequence[Group], single: Sequence[Group], pairs: Sequence[Builder], state: _State
-) -> list[Group]:
-    """The groups of two inputs that what is left asks for, beside what is kept."""
+def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder], state: _State) -> list[Group]:
+    """The groups of two inputs that what is left asks for, beside others that are kept or offered."""
     couples = offered(pairs, task.mechanism, task.shapes, blocks=False)
     if not couples:
         return []
-    kept = [g for g in single if g.name in state.variances]
-    trial = grown(_started(task, [*base, *kept, *couples], state))
+    trial = grown(_started(task, [*beside, *couples], state))
     found = {trial.pool.groups[g].name for g in trial.variances}
     return [g for g in couples if g.name in found]
 

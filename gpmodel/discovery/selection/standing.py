@@ -6,10 +6,12 @@ catalogue needs no row: each of its candidates is a group, and those of one kind
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from gpmodel.discovery.selection import curves, loads, pairs
 from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, joined
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.comb import Comb
 from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 
@@ -52,7 +54,6 @@ def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
 
 GENERIC: tuple[Builder, ...] = (
     curves.curves,
-    curves.single_harmonics,
     curves.following,
     curves.session,
     curves.columns_everywhere,
@@ -61,6 +62,19 @@ GENERIC: tuple[Builder, ...] = (
     loads.load_curves,
 )
 PAIRS: tuple[Builder, ...] = (pairs.products, pairs.varying)
+
+
+@dataclass(frozen=True)
+class Offering:
+    """What a selection may choose of.
+
+    single: builders of groups from the start. pairs: of groups of two inputs, offered once nothing single is left.
+    combs: waves at more rates than can be named, likewise.
+    """
+
+    single: Sequence[Builder]
+    pairs: Sequence[Builder] = ()
+    combs: Sequence[Comb] = ()
 
 
 def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *, blocks: bool = True) -> list[Group]:

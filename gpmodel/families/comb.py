@@ -1,0 +1,66 @@
+"""A comb: a sine and cosine on a drive at very many rates, too many to name each; they are looked at together."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.families.candidate import Candidate, Inner
+from gpmodel.families.inner import at
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Joint
+from gpmodel.model.effect import drive_effect
+
+CLOSER = 4
+"""Rates in a width of 2π over the travel, within which two are not told apart: between rates a quarter of it apart the
+best one loses 5 % at most, (1 - sinc²(1/8))."""
+
+
+@dataclass(frozen=True)
+class Comb:
+    """sin and cos of rate · (q - start) on the drive of a joint, at every rate of a range.
+
+    template: the candidate with CONSTANT in the place of what its name tells the rate by. rates: (F,) rad of the
+    argument per rad or metre of the joint's coordinate, equally spaced. value: what stands for CONSTANT at a rate,
+    and the rate of that.
+    Its cost is that of a named effect and the log of how many of the rates the poses can tell apart.
+    """
+
+    template: Candidate
+    joint: Joint
+    start: float
+    rates: Array
+    value: Callable[[float], float]
+
+    @property
+    def step(self) -> float:
+        """Between two rates."""
+        return float(self.rates[1] - self.rates[0])
+
+    def at(self, rate: float, digits: int = 6) -> Candidate:
+        """The candidate at a rate, its constant to so many digits; refinable as far as the rates beside it."""
+        here, *around = (self.value(r) for r in (rate, rate - self.step, rate + self.step))
+        inner = Inner(self.template.name, self.template.effects, here, min(around), max(around))
+        return at(replace(self.template, inner=inner), float(f"{here:.{digits}g}"))
+
+
+def comb(
+    name: str, joint: Joint, argument: str, family: str, travel: tuple[float, float], span: tuple[float, float],
+    value: Callable[[float], float], prior: float = np.inf,
+) -> Comb | None:  # fmt: skip
+    """The comb of an argument written with CONSTANT, over rates from span[0] to span[1], rad per rad or metre.
+
+    travel: where the joint's coordinate starts, and its range. None where its poses cannot tell two rates apart.
+    """
+    start, length = travel
+    width = 2 * np.pi / length if length > 0 else np.inf
+    independent = (span[1] - span[0]) / width
+    if not independent > 1:
+        return None
+    effects = tuple(
+        drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
+        for f in ("sin", "cos")
+    )
+    template = Candidate(name, effects, family, 4.0 + float(np.log(independent)))
+    return Comb(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value)
