@@ -42,7 +42,7 @@ def evolved(model: Calibration, train: Poses, population: int, generations: int)
     """The equation, simplified; the points (3, N) and what it adds to them, m."""
     full = cartesian(model, train)
     problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms", PRICE)
-    sequences = Linear.thesis(operators="smooth", crossover=0.03, mutation=0.03)
+    sequences = replace(Linear.thesis(), operators="smooth", crossover=0.03, mutation=0.03)
     settings = thesis_settings(sequences, population, generations)
     program = evolve(problem, settings, np.random.default_rng(510)).best.program
     return simplify(program), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values

@@ -9,6 +9,7 @@ From the root of the repository: python -m experiments.extrapolation.run [--seed
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,9 @@ from gpmodel.model.sites import sites_of
 def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:
     """Errors, m, on training and held-out poses of the best compensator of the training poses."""
     seen, unseen = (cartesian(model, case.poses.subset(rows)) for rows in (case.train, case.heldout))
-    how = thesis_settings(Linear.thesis(crossover=0.03, mutation=0.03), chosen.population, chosen.generations)
+    how = thesis_settings(
+        replace(Linear.thesis(), crossover=0.03, mutation=0.03), chosen.population, chosen.generations
+    )
     found = evolve(seen, how, rng).best.program
     errors = []
     for problem in (seen, unseen):

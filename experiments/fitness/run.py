@@ -7,6 +7,7 @@ From the root of the repository: python -m experiments.fitness.run [--seeds 5] [
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ def engines(population: int, tree_population: int, generations: int) -> dict[str
     )
     budget = Budget(max(population // 4, 40), generations, seconds=1e9, restart_after=0)
     ours = Settings(sequences, Tournament(2), budget)
-    mixed = Linear.thesis(crossover=0.05, mutation=0.05)
+    mixed = replace(Linear.thesis(), crossover=0.05, mutation=0.05)
     return {
         "linear, thesis, 1 %": thesis_settings(Linear.thesis(), population, generations),
         "linear, thesis, 5 %": thesis_settings(mixed, population, generations),

@@ -2,7 +2,6 @@
 
 import threading
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,6 @@ class Code:
     sizes: NDArray[np.uint16]
     hashes: NDArray[np.uint64]
     constants: Array
-
-    def sink(self) -> tuple[NDArray[Any], ...]:
-        """What decoding fills, in the order of the kernels' arguments."""
-        return self.words, self.outputs, self.count, self.sizes, self.hashes
 
     def take(self, rows: NDArray[np.intp]) -> "Code":
         """The code of some of the programs."""

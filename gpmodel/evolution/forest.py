@@ -34,6 +34,8 @@ class Forest:
 
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
-        bits, kinds = code.constants.view(np.uint64), (layout.done_for, layout.kind_of_rows)
-        decode_forest(self.codes, self.bounds[part], bits, layout.base, *kinds, *code.sink())
+        decode_forest(
+            self.codes, self.bounds[part], code.constants.view(np.uint64), layout.base, layout.done_for,
+            layout.kind_of_rows, code.words, code.outputs, code.count, code.sizes, code.hashes,
+        )  # fmt: skip
         return code

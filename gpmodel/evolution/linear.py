@@ -5,9 +5,8 @@ that takes an operand and stands at the very end is dropped.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.representation import check_ranges
+from gpmodel.evolution.representation import Population, check_ranges
 from gpmodel.evolution.threads import over_slices
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
 from gpmodel.formula.program import Builder, Program
@@ -56,14 +55,11 @@ class Linear:
         operator_set(self.operators)
 
     @staticmethod
-    def thesis(**changes: Any) -> "Linear":
+    def thesis() -> "Linear":
         """Section 5.2.2: 160 elements, the operators and constants of Table 5.1, rates of 1 %."""
-        return replace(
-            Linear(
-                length=160, registers=8, outputs=3, operators="thesis", constants=TABLE_CONSTANTS, own_constants=0,
-                start_inputs=False, direct=False, crossover=0.01, mutation=0.01,
-            ),
-            **changes,
+        return Linear(
+            length=160, registers=8, outputs=3, operators="thesis", constants=TABLE_CONSTANTS, own_constants=0,
+            start_inputs=False, direct=False, crossover=0.01, mutation=0.01,
         )  # fmt: skip
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
@@ -106,9 +102,11 @@ class Sequences:
 
         longest = self.genes.shape[1] + layout.own_constants + 1
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
-        tables = (layout.operator_of, layout.cell_of, layout.read_of, layout.written_of, layout.start_rows)
-        kinds = (layout.done_for, layout.kind_of_cells)
-        decode_sequences(self.genes[part], code.constants.view(np.uint64), *tables, *kinds, layout.base, *code.sink())
+        decode_sequences(
+            self.genes[part], code.constants.view(np.uint64), layout.operator_of, layout.cell_of, layout.read_of,
+            layout.written_of, layout.start_rows, layout.done_for, layout.kind_of_cells, layout.base,
+            code.words, code.outputs, code.count, code.sizes, code.hashes,
+        )  # fmt: skip
         return code
 
     def program(self, row: int, layout: Layout) -> Program:
@@ -144,9 +142,10 @@ class SequenceBreeding:
         return Sequences(genes, rng.normal(size=(population, self.layout.own_constants)))
 
     def offspring(
-        self, parents: Sequences, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
+        self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Sequences:
         """One child a pair of parents, each from a random stream of its own."""
+        assert isinstance(parents, Sequences), "sequences are bred from sequences"
         from gpmodel.evolution.kernels.breeding import breed_sequences
 
         seed = rng.integers(2**63, dtype=np.uint64)

@@ -94,7 +94,12 @@ def program_at(population: Population, row: int, chosen: int, layout: Layout) ->
 
 
 def scored(program: Program, problem: Problem) -> Solution:
-    """A program as a solution of a problem: its best site, gain and coefficients."""
+    """A program as a solution of a problem: its best site, gain and coefficients.
+
+    Slot: all outputs are solved together at each site (``Targets.set_gain``) and the site of the largest gain is
+    taken; where the problem has validation poses, the same coefficients are judged there. Compensator: the norm of the
+    outputs' distances, coefficients of one. Raises InputError where the program reads an input that is not there.
+    """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):
         initial = problem.initial_norm()

@@ -102,7 +102,10 @@ class CartesianProblem:
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
-        """The norm of the distances of points (3, N) to the measured ones."""
+        """Norm of the distances d of points (3, N) to the measured ones: max d, or the root of the mean of d².
+
+        In the unit of ``measured``; infinite or NaN where a point is.
+        """
         with np.errstate(all="ignore"):
             squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
@@ -114,7 +117,10 @@ class CartesianProblem:
         return replace(self, measured=model + error)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Fitness of decoded programs; those above ``hopeless`` may come back infinite."""
+        """Fitness of P decoded programs: their norm plus parsimony times their nodes; gain 1 - norm / initial norm.
+
+        fixed (base, N): rows of inputs and constants. Those above ``hopeless`` may come back infinite.
+        """
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         size = code.sizes.sum(axis=1, dtype=np.int64)

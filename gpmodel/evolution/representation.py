@@ -1,7 +1,7 @@
 """What a representation is to the search: how programs are written down, started and varied."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,12 @@ class Breeding(Protocol):
         """Registers and instructions that the kernels decode its programs by."""
         ...
 
-    def initial(self, population: int, rng: np.random.Generator) -> Any:
+    def initial(self, population: int, rng: np.random.Generator) -> Population:
         """A random population."""
         ...
 
-    def offspring(self, parents: Any, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Any:
-        """One child a pair of rows of ``parents``."""
+    def offspring(self, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Population:
+        """One child a pair of rows of ``parents``, which are of its own representation."""
         ...
 
 

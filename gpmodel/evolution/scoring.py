@@ -46,7 +46,16 @@ class Scores:
 
 
 def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
-    """Every program against every site: the best site and the few outputs worth their size."""
+    """Every program against every site: the best site and the few outputs worth their size.
+
+    Of the outputs Phi (m, N) of a program (rows divided by their largest magnitude) a set is chosen at a site by
+    forward selection; it leaves ``1 - gain`` of the residual energy with coefficients solved together (see
+    ``gpmodel.evolution.projection``), and the least description length of all sets and sites is its score, in nats:
+
+        components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of outputs in it)
+
+    code: P programs; fixed (base, N): rows of inputs and constants. A program with nothing to offer scores 0.
+    """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
     scaled = values(code, fixed)

@@ -1,7 +1,7 @@
 """Binary trees (thesis section 5.2.2): what may be chosen about them."""
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.machine import Layout
@@ -40,11 +40,9 @@ class Tree:
         operator_set(self.operators)
 
     @staticmethod
-    def thesis(**changes: Any) -> "Tree":
+    def thesis() -> "Tree":
         """Section 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
-        return replace(
-            Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8), **changes
-        )
+        return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
         """The primitives over these inputs, and their breeding."""

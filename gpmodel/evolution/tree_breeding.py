@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.forest import OPERATOR_CODES
 from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.representation import Population
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -94,9 +95,10 @@ class TreeBreeding:
             )
 
     def offspring(
-        self, parents: Trees, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
+        self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Trees:
         """One child a pair of parents, by crossover or one of the mutations."""
+        assert isinstance(parents, Trees), "trees are bred from trees"
         children = []
         with _deap_random(rng):
             for mother, father in zip(mothers.tolist(), fathers.tolist(), strict=True):

@@ -1,6 +1,7 @@
 """The search: what it finds, what it never depends on, and what it refuses."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ def test_a_compensator_lowers_the_norm_of_the_distances(representation: str, nor
     inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 40)))
     measured = inputs.values[:3] + np.stack([0.1 * np.ones(40), 0.0 * inputs["y"], 0.001 * np.sin(inputs["J1"])])
     problem = CartesianProblem(inputs, measured, norm)
-    sequences = thesis_settings(Linear.thesis(length=24), 3000, 40)
+    sequences = thesis_settings(replace(Linear.thesis(), length=24), 3000, 40)
     settings = sequences if representation == "linear" else thesis_settings(Tree.thesis(), 1000, 40)
     found = evolve(problem, settings, np.random.default_rng(1))
     assert found.best.gain > (0.5 if representation == "linear" else 0.05)
@@ -189,7 +190,7 @@ def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pyt
     inputs = Inputs(("x", "y", "z", "J1"), rng.uniform(0.5, 2.0, (4, 400)))
     bent = np.stack([0.1 * inputs["J1"], 0.3 * np.sin(inputs["x"]), 0.2 * inputs["z"]])
     problem = CartesianProblem(inputs, inputs.values[:3] + bent)
-    settings = thesis_settings(Linear.thesis(length=40), 1000, 12)
+    settings = thesis_settings(replace(Linear.thesis(), length=40), 1000, 12)
     early = evolve(problem, settings, np.random.default_rng(1))
     monkeypatch.setattr("gpmodel.evolution.problems.BLOCK", 10**6)
     full = evolve(problem, settings, np.random.default_rng(1))

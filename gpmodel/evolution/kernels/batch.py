@@ -3,15 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.kernels.compiler import compiled, reduction
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.kernels.machine import (
     allowed_instructions,
-    compiled,
     decode_sequence,
     decode_trees,
     keep_live,
     reaching_instructions,
-    reduction,
     split_instructions,
 )
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.machine import compiled
+from gpmodel.evolution.kernels.compiler import compiled
 
 Array = NDArray[np.float64]
 
 
 @compiled
-def _next(state: int) -> tuple[int, int]:
+def _next(state: np.uint64) -> tuple[np.uint64, np.uint64]:
     """SplitMix64 (Steele, Lea, Flood 2014): the next state and 64 random bits."""
     state = np.uint64(state + np.uint64(0x9E3779B97F4A7C15))
     z = state
@@ -21,12 +21,12 @@ def _next(state: int) -> tuple[int, int]:
 
 
 @compiled
-def _uniform(bits: int) -> float:
+def _uniform(bits: np.uint64) -> float:
     return (np.float64(bits >> np.uint64(11)) + 0.5) * 1.1102230246251565e-16
 
 
 @compiled
-def _gap(bits: int, log_keep: float, length: int) -> int:
+def _gap(bits: np.uint64, log_keep: float, length: int) -> int:
     """Elements until the next event of a per-element rate: geometric."""
     if log_keep == 0.0:
         return length
@@ -40,7 +40,7 @@ def breed_sequences(
     constants: Array,
     mothers: NDArray[np.int64],
     fathers: NDArray[np.int64],
-    seed: int,
+    seed: np.uint64,
     begin: int,
     crossover: float,
     mutation: float,

@@ -5,10 +5,10 @@ They hold to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the lib
 """
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
+
+from gpmodel.evolution.kernels.compiler import inlined
 
 ANGLE_LIMIT = 1e5
 
@@ -32,8 +32,6 @@ _POWERS_OF_TWO = np.ldexp(1.0, np.arange(-600, 601))
 
 _T = (-9.64399179425052238628e-1, -9.92877231001918586564e1, -1.61468768441708447952e3)
 _U = (1.12811678491632931402e2, 2.23548839060100448583e3, 4.84406305325125486048e3)
-
-inlined: Any = njit(inline="always")
 
 
 @inlined

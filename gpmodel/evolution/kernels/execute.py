@@ -5,8 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.kernels.compiler import compiled
 from gpmodel.evolution.kernels.elementary import ANGLE_LIMIT, arctangent, cosine, exponential, hyperbolic_tangent, sine
-from gpmodel.evolution.kernels.machine import CONSTANT, compiled
+from gpmodel.evolution.kernels.machine import CONSTANT
 
 Array = NDArray[np.float64]
 

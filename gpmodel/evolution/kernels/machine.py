@@ -5,11 +5,10 @@ is one word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one ar
 accumulator and registers are renamed away, and only instructions that reach an output are kept.
 """
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from gpmodel.evolution.kernels.compiler import compiled
 
 CONSTANT = 1
 """Pseudo op-code: fill the row with the program's own constant number ``first``."""
@@ -17,13 +16,9 @@ CONSTANT = 1
 _LAST_BINARY = 9
 _ROW = 0xFFFF
 
-compiled: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-reduction: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
-"""For sums and maxima over rows without a NaN, in the order the processor likes."""
-
 
 @compiled
-def _mix(h: int, v: int) -> int:
+def _mix(h: np.uint64, v: int) -> np.uint64:
     h = (h ^ np.uint64(v)) * np.uint64(0x9E3779B97F4A7C15)
     return h ^ (h >> np.uint64(29))
 
@@ -41,7 +36,7 @@ def keep_live(
     leaf: NDArray[np.uint8],
     place: NDArray[np.uint16],
     live: NDArray[np.uint16],
-) -> tuple[int, int]:
+) -> tuple[int, np.uint64]:
     """Copy live instructions to ``kept_words``; returns (their number, hash of the effective code).
 
     ``sizes[m]`` becomes the operators plus leaf references that reach exactly the outputs of bit set m. The

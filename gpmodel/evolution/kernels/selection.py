@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.machine import compiled, reduction
+from gpmodel.evolution.kernels.compiler import compiled, reduction
 
 Array = NDArray[np.float64]
 
