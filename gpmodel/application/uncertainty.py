@@ -18,15 +18,20 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     """
     if len(saved.stderr) and not np.isfinite(saved.stderr).any():
         return np.full(len(poses), np.nan)
+    return np.linalg.norm(point_factor(saved, poses, observed, placed=placed), axis=(1, 2))
+
+
+def point_factor(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
+    """F (N, 3, K), m, of the predicted points' covariances F Fᵀ = J Σ Jᵀ, in the axes of the instrument."""
     first = len(saved.covariance.placement)
     columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
     if placed:
         columns = np.concatenate([_placement_columns(saved, poses, observed), columns], axis=2)
     values = saved.covariance.values if placed else saved.covariance.values[first:, first:]
     if not values.size:
-        return np.zeros(len(poses))
+        return np.zeros((len(poses), 3, 0))
     size, axes = np.linalg.eigh(values)
-    return np.linalg.norm(columns @ (axes * np.sqrt(np.maximum(size, 0.0))), axis=(1, 2))
+    return columns @ (axes * np.sqrt(np.maximum(size, 0.0)))
 
 
 def _placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:

@@ -9,6 +9,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
 from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.start import start_placement
@@ -17,6 +18,7 @@ from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
 from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 from gpmodel.numerics.rank import RankChoice
+from gpmodel.table.bundles import replicates
 
 ROTATION_WEIGHT = 0.3
 """Metres a radian of measured rotation counts at first: instruments resolve 0.01 mm and 0.03 mrad."""
@@ -26,6 +28,9 @@ FREE_JOINTS_LIMIT = 50.0
 
 ATTEMPTS = 4
 """Fits in all, each without the outliers of the one before."""
+
+RATIO_SETTLED = 0.1
+"""Change of the logarithm of a pose's whole variance that moves no standard deviation by more than a twentieth."""
 
 ROUNDING = 1e-6
 """Relative rise of a sum of squares that is rounding and no worse fit."""
@@ -70,13 +75,14 @@ def _calibrate(
     use = np.ones(len(poses), dtype=bool)
     before: dict[str, float] = {}
     if start is None:
-        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT)
+        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT, replicates(poses.dataset))
         placement = iterate(first, np.zeros(0), start_placement(poses), np.zeros(0, dtype=bool)).placement
         fitting = replace(first, model=model)
     else:
         if robust and len(start.error) == len(poses):
             use[start.outliers] = False
-        fitting, placement = Fitting(model, poses, use, start.rotation_weight), start.placement
+        fitting = Fitting(model, poses, use, start.rotation_weight, replicates(poses.dataset), start.pose_ratio)
+        placement = start.placement
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])
     fresh = poses.dataset.has_rotation and start is None
@@ -106,13 +112,14 @@ def _fit(
         fitted = iterate(fitting, np.where(choices.kept, fitted.theta, 0.0), fitted.placement, choices.kept)
         iterations += fitted.iterations
         use = _without_outliers(fitting, fitted.problem) if manner.robust else fitting.use
-        again = not np.array_equal(use, fitting.use)
         weight = fitting.rotation_weight
+        ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
+        again = not np.array_equal(use, fitting.use) or abs(np.log1p(ratio) - np.log1p(fitting.ratio)) > RATIO_SETTLED
         if manner.weigh and attempt == 0:
             weight, again = _rotation_weight(fitted.problem, fitting.poses), True
         if not again or fitted.status != "converged" or attempt + 1 == ATTEMPTS:
             break
-        fitting = replace(fitting, use=use, rotation_weight=weight)
+        fitting = replace(fitting, use=use, rotation_weight=weight, ratio=ratio)
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
     reason = REASONS[fitted.status]
     fitted, choices, better = _better(fitting, fitted, choices, origin)
@@ -170,6 +177,7 @@ def _calibration(fitting: Fitting, fitted: Fitted, choices: _Choices, iterations
         condition_limit=choices.limit,
         rank_curve=choices.curve,
         rotation_weight=fitting.rotation_weight,
+        pose_ratio=fitting.ratio,
         iterations=iterations,
         status=fitted.status,
         reason=reason,

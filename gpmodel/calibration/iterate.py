@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
+from gpmodel.calibration.noise import decorrelated
 from gpmodel.calibration.priors import TOOL_REACH, prior_rows, residual_sigma, tool_rows
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics import rank as ident
@@ -25,16 +26,23 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Fitting:
-    """What is fitted to what: the model, the poses, those that count (N,), and the weight of rotations, m."""
+    """What is fitted to what: the model, the poses, those that count (N,), and the weight of rotations, m.
+
+    bundle: (N,) code of every pose, the same for repeats. ratio: variance of what these share over that of a
+    measurement.
+    """
 
     model: ErrorModel
     poses: Poses
     use: Mask
     rotation_weight: float
+    bundle: IntArray
+    ratio: float = 0.0
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """The weighted linear problem at one point."""
-        return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
+        """The weighted linear problem at one point, its rows independent."""
+        problem = linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
+        return decorrelated(problem, self.bundle, self.ratio)
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, sigma: float) -> float:
         """Sum of squares, m², of the residual and of the pulls of the priors, weighted by σ, m."""

@@ -41,9 +41,10 @@ class Calibration:
 
     theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
     correlation: (E, E). covariance: of everything fitted. unique_share: (E,). placed: registration and tool, number by
-    number. sigma: m, one component. error: (N,) 3-D error of each pose, m. outliers: indices of poses left out of the
-    fit. rotation_weight: m that a radian of measured rotation counts. status: converged, stalled, diverged or kept
-    previous; reason says why.
+    number. sigma: of one measurement about the model, one component, m. error: (N,) 3-D error of each pose, m.
+    outliers: indices of poses left out of the fit. rotation_weight: m that a radian of measured rotation counts.
+    pose_ratio: variance of what repeats of a pose share over that of their measurements about it, zero where nothing
+    was measured twice. status: converged, stalled, diverged or kept previous; reason says why.
     """
 
     model: ErrorModel
@@ -62,6 +63,7 @@ class Calibration:
     condition_limit: float
     rank_curve: tuple[RankChoice, ...]
     rotation_weight: float
+    pose_ratio: float
     iterations: int
     status: str
     reason: str

@@ -94,6 +94,8 @@ def _same_joints(q: Array) -> IntArray:
     one pose.
     """
     tree = cKDTree(q)
+    if not tree.count_neighbors(tree, SAME_JOINT, p=np.inf) > len(q):
+        return np.arange(len(q))
     out = np.full(len(q), -1, dtype=np.int64)
     for row in range(len(q)):
         if out[row] < 0:

@@ -11,11 +11,11 @@ from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain
 from gpmodel.discovery.selection.group import Shapes, from_candidate, geometry_groups
 from gpmodel.discovery.selection.leave_out import left_out
-from gpmodel.discovery.selection.noise import Whitening, blocks_of
 from gpmodel.discovery.selection.pool import Pool
 from gpmodel.discovery.selection.refit import normal, whitened
 from gpmodel.discovery.selection.result import Selection

@@ -7,7 +7,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
-from gpmodel.discovery.selection.noise import Whitening, blocks_of
+from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, pose_error
 from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 

@@ -7,8 +7,8 @@ from scipy import sparse
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.noise import Whitening
 from gpmodel.discovery.selection.group import Shapes
-from gpmodel.discovery.selection.noise import Whitening
 from gpmodel.mechanism.protocol import AXES, Mechanism, places
 from gpmodel.model.effect import Effect
 from gpmodel.numerics import rank as ident

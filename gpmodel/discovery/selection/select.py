@@ -8,12 +8,12 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
 from gpmodel.discovery.selection.moves import exchanged, grown, pruned, reestimated
-from gpmodel.discovery.selection.noise import blocks_of
 from gpmodel.discovery.selection.pool import Pool
 from gpmodel.discovery.selection.refit import Point, Refit, far_out, refit, whitened
 from gpmodel.discovery.selection.result import Selection, summarised

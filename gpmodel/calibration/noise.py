@@ -1,6 +1,6 @@
 """Noise of two levels: what a pose repeats every time, and what the instrument adds to each measurement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -8,6 +8,9 @@ from scipy import sparse
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
+
+LARGEST_RATIO = 1e4
+"""Where measurements of a pose agree to a hundredth of what they share, their difference says nothing more."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,32 @@ class Whitening:
         within = float(np.sum((residual - means[self.block]) ** 2)) / inside
         between = float(np.sum(sizes * means**2)) / max(len(sizes) - unknowns, 1.0)
         typical = (len(self.block) - np.sum(sizes**2) / len(self.block)) / max(len(sizes) - 1, 1)
-        return Whitening(self.block, max(0.0, between / max(within, 1e-300) - 1.0) / typical)
+        ratio = max(0.0, between / max(within, 1e-300) - 1.0) / typical
+        return replace(self, ratio=min(ratio, LARGEST_RATIO))
+
+
+def decorrelated(problem: Linearised, bundle: IntArray, ratio: float) -> Linearised:
+    """The problem with rows that are independent, those of a pose measured once as they were.
+
+    bundle: (N,) code of every pose, the same for repeats. ratio: between the two levels of the noise.
+    """
+    if ratio == 0.0:
+        return problem
+    noise, alone = replace(blocks_of(problem, bundle), ratio=ratio), float(np.sqrt(1.0 + ratio))
+    columns, residual = alone * noise.whiten(problem.columns), alone * noise.whiten(problem.residual)
+    return replace(problem, columns=columns, residual=residual)
+
+
+def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
+    """The ratio that the residual of a problem says that was whitened by `ratio`, after a fit of the placement and so
+    many effects.
+
+    As it is where nothing was measured twice, or where free joints leave no components to compare.
+    """
+    if problem.left is not None or len(np.unique(bundle)) == len(bundle):
+        return ratio
+    noise = replace(blocks_of(problem, bundle), ratio=ratio)
+    return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
 def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:

@@ -1,0 +1,91 @@
+"""Are the ± right, is nothing found where nothing is, and is what is shipped never worse?
+
+From the root of the repository: python -m experiments.coverage --family known,dependent --seeds 6 --out FILE
+`--quick`: one robot of each case and groups alone, without genetic programming. Results are saved after every robot;
+started again, it leaves out the robots that FILE has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.coverage.cases import FAMILIES
+from experiments.coverage.measure import Row, found, known
+from gpmodel.discovery.search import Search
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--family", default=",".join(FAMILIES), help=f"with commas, of {', '.join(FAMILIES)}")
+    parser.add_argument("--only", default="", help="names of cases, with commas")
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--runs", type=int, default=0, help="GP runs a round; none: groups are chosen, nothing evolved")
+    parser.add_argument("--quick", action="store_true", help="one seed")
+    parser.add_argument("--out", type=Path, help="JSON of results")
+    settings = parser.parse_args()
+    seeds = range(1 if settings.quick else settings.seeds)
+    rows = json.loads(settings.out.read_text())["robots"] if settings.out and settings.out.exists() else []
+    done = {(row["case"], row["seed"]) for row in rows}
+    command = shlex.join(["python", "-m", "experiments.coverage", *sys.argv[1:]])
+    for seed in seeds:
+        for family in settings.family.split(","):
+            for name, case in FAMILIES[family].items():
+                if (name, seed) in done or (settings.only and name not in settings.only.split(",")):
+                    continue
+                started = time.process_time()
+                row = known(case, seed) if family == "known" else found(case, seed, Search(runs=settings.runs))
+                spent = round(time.process_time() - started, 1)
+                rows.append({"case": name, "seed": seed, "family": family, "processor_s": spent, **row})
+                if settings.out:
+                    save(rows, command, settings.out)
+    print(json.dumps(summarised(rows), indent=1))
+
+
+def summarised(rows: list[Row]) -> dict[str, Any]:
+    """Counts over each family, of `known` over each way of measuring."""
+    return {kind: counted(own) for kind, own in _grouped(rows).items()}
+
+
+def _grouped(rows: list[Row]) -> dict[str, list[Row]]:
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        kind = row["case"].split(" ")[1] if row["family"] == "known" else row["family"]
+        out.setdefault(kind, []).append(row)
+    return out
+
+
+def counted(rows: list[Row]) -> dict[str, Any]:
+    """Coverage of ± 2 σ by numbers of the geometry, of effects and by predicted coordinates; additions; comparisons."""
+    out: dict[str, Any] = {"robots": len(rows)}
+    for key in ("geometry", "effect", "deviations"):
+        values = [abs(v) for row in rows for v in row.get(key, [])]
+        if values:
+            out[key] = {"numbers": len(values), "within": round(float(np.mean(np.array(values) <= 2.0)), 3)}
+    out["predictions within"] = round(float(np.mean([row["within"] for row in rows])), 3)
+    if "false" in rows[0]:
+        adding = [f"{row['case']} {row['seed']}: {'; '.join(row['found'])}" for row in rows if row["false"]]
+        out["false additions"] = {"count": sum(row["false"] for row in rows), "robots": adding}
+        out["unconfirmed"] = sum(not row["confirmed"] for row in rows)
+        out["worse"] = [f"{row['case']} {row['seed']}" for row in rows if row["worse"]]
+        out["better"] = sum(row["better"] for row in rows)
+        out["fresh over standard, worst"] = round(max(row["fresh_mm"] / row["standard_mm"] for row in rows), 3)
+    return out
+
+
+def save(rows: list[Row], command: str, file: Path) -> None:
+    """Summary and robots as they stand."""
+    text = json.dumps({"command": command, "summary": summarised(rows), "robots": rows}, indent=1)
+    file.with_suffix(".part").write_text(text + "\n")
+    file.with_suffix(".part").replace(file)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""One blind robot given to the product: what was claimed, how far off, and how sure it was."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.blind.case import Case
+from experiments.blind.files import truth_of, write
+from experiments.blind.generate import make
+from experiments.blind.grading import grade, worse
+from experiments.blind.robot import Robot
+from experiments.coverage.cases import DECLARED
+from gpmodel.api.calibrate import checked_poses
+from gpmodel.api.discover import COMMAND, DiscoveryResult
+from gpmodel.api.table import dataset_of
+from gpmodel.application.matching import matched
+from gpmodel.application.model_file import saved_model
+from gpmodel.application.uncertainty import point_factor
+from gpmodel.application.usable import usable
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.families.by_name import effects_named
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.report.origin import Origin
+from gpmodel.table.split import hold_out
+from robots import load_mechanism
+
+HELD_OUT = 0.3
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A robot as its user has it: mechanism and poses, and tables of other poses with what is true there, m."""
+
+    robot: Robot
+    mechanism: Mechanism
+    poses: Poses
+    fresh: tuple[Poses, ...]
+
+    @property
+    def clean(self) -> np.ndarray:
+        """(N, 3) where the fresh poses are."""
+        return np.vstack([sheet.clean for sheet in self.robot.fresh])
+
+    @property
+    def noisy(self) -> np.ndarray:
+        """(N, 3) where the fresh poses were measured."""
+        return np.vstack([sheet.measured for sheet in self.robot.fresh])
+
+
+def bench(case: Case, seed: int) -> Bench:
+    """The robot of a case and a seed, by the files that its user would have."""
+    robot = make(case, seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(robot, folder)
+        mechanism = load_mechanism(str(folder / "robot.urdf"))
+        mechanism, poses = checked_poses(mechanism, folder / "table.csv", geometric_effects(mechanism))
+        tables = (folder / f"fresh_{k}.csv" for k in range(len(robot.fresh)))
+        fresh = tuple(prepare(mechanism, dataset_of(t, mechanism, need_measurement=False)) for t in tables)
+    return Bench(robot, mechanism, poses, fresh)
+
+
+def known(case: Case, seed: int) -> Row:
+    """The model that is true, fitted: deviations of its numbers and predictions in their standard deviations."""
+    here = bench(case, seed)
+    effects = effects_named(DECLARED[case.name], here.mechanism, here.poses.states)
+    model = ErrorModel(here.mechanism, (*geometric_effects(here.mechanism), *effects))
+    fit = calibrate(model, here.poses, seed=seed)
+    clean = replace(here.poses.dataset, position=here.robot.train.clean)
+    exact = calibrate(
+        model, replace(here.poses, dataset=clean), start=fit, condition_limit=fit.condition_limit, robust=False
+    )
+    both = fit.kept & exact.kept
+    own = np.array([e in effects for e in model.effects])
+    off = np.divide(fit.theta - exact.theta, fit.stderr, where=both, out=np.full(len(both), np.nan))
+    return {
+        "geometry": _rounded(off[both & ~own]), "effect": _rounded(off[both & own]),
+        **predicted(here, fit),
+    }  # fmt: skip
+
+
+def found(case: Case, seed: int, search: Search) -> Row:
+    """What the loop adds to the robot, and whether it predicts better than the standard model."""
+    here = bench(case, seed)
+    data = here.poses.dataset
+    train, heldout = hold_out(data, HELD_OUT, np.random.default_rng(seed))
+    loop = discover(here.mechanism, here.poses, train, heldout, search=search, seed=seed)
+    report = DiscoveryResult(loop, Origin(COMMAND, seed, loop.seconds, None)).record
+    shipped = loop.final if loop.confirmed else None
+    said = [asdict(effect) for effect in report.effects] if shipped else []
+    standard = calibrate(ErrorModel(here.mechanism, loop.standard_model), here.poses, seed=seed)
+    ours = predicted(here, loop.final)
+    plain = _points(here, standard)[0] - here.noisy
+    off = _points(here, loop.final)[0] - here.noisy
+    return {
+        **grade(said, {**truth_of(here.robot), "seed": seed}), "confirmed": loop.confirmed,
+        "unconfirmed": [] if shipped else [effect.name for effect in report.effects],
+        "p": [effect.p_value for effect in report.effects],
+        "standard_mm": _rms_mm(plain), "fresh_mm": _rms_mm(off), "worse": worse(off, plain),
+        "better": worse(plain, off), "seconds": round(loop.seconds, 1), **ours,
+    }  # fmt: skip
+
+
+def predicted(here: Bench, fitted: Calibration) -> Row:
+    """Share of the coordinates of fresh poses within two standard deviations of the predicted ones."""
+    points, deviation = _points(here, fitted)
+    return {"within": round(float(np.mean(np.abs(points - here.clean) <= 2.0 * deviation)), 4)}
+
+
+def _points(here: Bench, fitted: Calibration) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted points (N, 3) of the fresh poses and standard deviation (N, 3) of each coordinate, m."""
+    saved = usable(saved_model(fitted, here.poses), session=here.robot.by_row)
+    points, deviations = [], []
+    for poses in here.fresh:
+        ready = replace(poses, dataset=matched(saved, poses.dataset))
+        observed = observe(saved.model, ready, saved.theta, saved.placement)
+        points.append(observed.tip[:, :3, 3])
+        deviations.append(np.linalg.norm(point_factor(saved, ready, observed), axis=2))
+    return np.vstack(points), np.vstack(deviations)
+
+
+def _rms_mm(error: np.ndarray) -> float:
+    return round(float(1e3 * np.sqrt(np.mean(np.sum(error**2, axis=1)))), 5)
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(v), 2) for v in values]
