@@ -13,17 +13,17 @@ Every name is imported when it is first asked for.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from gpmodel._version import __version__
+from gpmodel._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from gpmodel.api.calibrate import CalibrationResult, calibrate
-    from gpmodel.api.check import CheckResult, check
-    from gpmodel.api.discover import DiscoveryResult, discover
-    from gpmodel.api.evolve import EvolutionResult, evolve
+    from gpmodel.api.calibrate import calibrate
+    from gpmodel.api.check import check
+    from gpmodel.api.discover import discover
+    from gpmodel.api.evolve import evolve
     from gpmodel.api.mechanism import load_mechanism
     from gpmodel.api.model import Model, load_model
-    from gpmodel.api.poses import PosesResult, choose_poses
-    from gpmodel.api.simulate import SimulationResult, simulate
+    from gpmodel.api.poses import choose_poses
+    from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
     from gpmodel.discovery.criteria import Criteria
     from gpmodel.discovery.search import Search
@@ -40,14 +40,10 @@ if TYPE_CHECKING:
     from gpmodel.table.dataset import Dataset
 
 _HOME = {
-    "CalibrationResult": "api.calibrate",
     "Candidate": "families.candidate",
-    "CheckResult": "api.check",
     "Criteria": "discovery.criteria",
     "Dataset": "table.dataset",
-    "DiscoveryResult": "api.discover",
     "Effect": "model.effect",
-    "EvolutionResult": "api.evolve",
     "Expression": "formula.expression",
     "Family": "families.family",
     "InputError": "errors",
@@ -55,9 +51,7 @@ _HOME = {
     "Linear": "evolution.linear",
     "Mechanism": "mechanism.protocol",
     "Model": "api.model",
-    "PosesResult": "api.poses",
     "Search": "discovery.search",
-    "SimulationResult": "api.simulate",
     "States": "model.states",
     "Term": "model.effect",
     "Tree": "evolution.tree",
@@ -75,14 +69,10 @@ _HOME = {
 }
 
 __all__ = [
-    "CalibrationResult",
     "Candidate",
-    "CheckResult",
     "Criteria",
     "Dataset",
-    "DiscoveryResult",
     "Effect",
-    "EvolutionResult",
     "Expression",
     "Family",
     "InputError",
@@ -90,13 +80,10 @@ __all__ = [
     "Linear",
     "Mechanism",
     "Model",
-    "PosesResult",
     "Search",
-    "SimulationResult",
     "States",
     "Term",
     "Tree",
-    "__version__",
     "calibrate",
     "catalogue",
     "check",

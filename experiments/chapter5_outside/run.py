@@ -17,6 +17,8 @@ import pandas as pd
 
 import gpmodel as gp
 from experiments.chapter5_outside.elastic_arm import PAYLOAD, PAYLOAD_CENTRE, POSES, TRAINING, table
+from gpmodel.api.calibrate import CalibrationResult
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.evolution.linear import Linear
 
 HERE = Path(__file__).parent
@@ -26,7 +28,7 @@ SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, ge
 """Small runs of evolution: what is planted is of the catalogue, and twenty robots take minutes."""
 
 
-def as_json(result: gp.DiscoveryResult | gp.CalibrationResult) -> dict[str, Any]:
+def as_json(result: DiscoveryResult | CalibrationResult) -> dict[str, Any]:
     """What report.json has of a result."""
     with TemporaryDirectory() as folder:
         result.save(Path(folder) / "report.json")

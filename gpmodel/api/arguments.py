@@ -2,35 +2,113 @@
 
 import math
 import numbers
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
 
 from gpmodel.errors import InputError
+from gpmodel.evolution.representation import Representation
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}
+SHOWN = 60
+"""Characters of a value that a message shows; of a longer one it says the type."""
+
+Choice = TypeVar("Choice", bound=str)
+
+
+def shown(value: object) -> str:
+    """A value in a message of one line: itself, or its type where that is long."""
+    text = repr(value)
+    return text if len(text) <= SHOWN and "\n" not in text else f"a {type(value).__name__}"
+
+
+@contextmanager
+def naming(argument: str) -> Iterator[None]:
+    """Whatever is wrong with the input of the calls inside is this argument's fault."""
+    try:
+        yield
+    except InputError as error:
+        raise (error if error.argument else InputError(error.said, argument)) from None
 
 
 def whole(value: object, argument: str, least: int = 0) -> int:
     """A whole number from `least` up. Raises InputError naming the argument."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
-        raise InputError(f"{value!r}, expected a whole number from {least} up", argument)
+        raise InputError(f"{shown(value)}, expected a whole number from {least} up", argument)
     return int(value)
 
 
 def share(value: object, argument: str) -> float:
     """A share from 0 to below 1. Raises InputError naming the argument."""
     if not isinstance(value, numbers.Real) or not 0.0 <= float(value) < 1.0:
-        raise InputError(f"{value!r}, expected a share from 0 to below 1, as in 0.3", argument)
+        raise InputError(f"{shown(value)}, expected a share from 0 to below 1, as in 0.3", argument)
     return float(value)
 
 
 def limit(value: object, argument: str, least: float) -> float | None:
     """A finite number from `least` up, or None. Raises InputError naming the argument."""
-    if value is None:
-        return None
+    return None if value is None else number(value, argument, least)
+
+
+def number(value: object, argument: str, least: float) -> float:
+    """A finite number from `least` up. Raises InputError naming the argument."""
     if not isinstance(value, numbers.Real) or not math.isfinite(value) or float(value) < least:
-        raise InputError(f"{value!r}, expected a finite number from {least:g} up", argument)
+        raise InputError(f"{shown(value)}, expected a finite number from {least:g} up", argument)
     return float(value)
+
+
+def among(value: object, choices: Iterable[Choice], argument: str) -> Choice:
+    """One of some words. Raises InputError naming the argument."""
+    known = tuple(choices)
+    for choice in known:
+        if isinstance(value, str) and value == choice:
+            return choice
+    raise InputError(f"{shown(value)}, expected {' or '.join(known)}", argument)
+
+
+def listed(value: object, argument: str, example: str) -> tuple[object, ...]:
+    """The items of a list; one text is none. Raises InputError naming the argument and showing `example`."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"{shown(value)}, expected a list, as in {example}", argument)
+    return tuple(value)
+
+
+def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
+    """A list of texts. Raises InputError naming the argument and showing `example`."""
+    items = listed(value, argument, example)
+    for item in items:
+        if not isinstance(item, str):
+            raise InputError(f"{shown(item)}, expected texts, as in {example}", argument)
+    return tuple(str(item) for item in items)
+
+
+def evolved(value: object) -> tuple[Representation, ...]:
+    """Representations of programs. Raises InputError naming `strategies`."""
+    chosen: list[Representation] = []
+    for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
+        if isinstance(strategy, type) or not isinstance(strategy, Representation):
+            raise InputError(f"{shown(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
+        chosen.append(strategy)
+    if not chosen:
+        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
+    return tuple(chosen)
+
+
+def called(value: object, argument: str) -> Callable[..., object]:
+    """A function. Raises InputError naming the argument."""
+    if not callable(value):
+        raise InputError(f"{shown(value)}, expected a function, as in print", argument)
+    return value
+
+
+def file_path(value: object, argument: str) -> Path:
+    """A path of a file or folder. Raises InputError naming the argument."""
+    if not isinstance(value, str | os.PathLike) or not str(value):
+        raise InputError(f"{shown(value)}, expected a path", argument)
+    return Path(value)
 
 
 def quantity(value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False) -> float:
@@ -40,7 +118,7 @@ def quantity(value: str | float, dimension: str, argument: str, *, least: float 
     """
     number = parse_quantity(value, dimension, argument) if isinstance(value, str) else value
     if not isinstance(number, numbers.Real) or not math.isfinite(number):
-        raise InputError(f"{value!r}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)
+        raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
     return float(number)
@@ -48,16 +126,16 @@ def quantity(value: str | float, dimension: str, argument: str, *, least: float 
 
 def point(value: str | Sequence[float], argument: str) -> tuple[float, ...]:
     """Three lengths, "0,0,120mm" or numbers in m. Raises InputError naming the argument."""
-    parts: list[str | float] = []
+    parts: tuple[object, ...]
     if isinstance(value, str):
         words = [word.strip() for word in value.split(",")]
         unit = words[-1].lstrip("+-.0123456789eE").strip()
-        parts += [w if w.endswith(unit) else f"{w}{unit}" for w in words] if unit else words
+        parts = tuple(w if w.endswith(unit) else f"{w}{unit}" for w in words)
     else:
-        parts += list(value)
+        parts = listed(value, argument, "(0, 0, 0.12)")
     if len(parts) != 3:
-        raise InputError(f"{value!r}, expected three lengths with a unit, as in 0,0,120mm", argument)
+        raise InputError(f"{shown(value)}, expected three lengths with a unit, as in 0,0,120mm", argument)
     out = [parse_quantity(p, "length", argument) if isinstance(p, str) else p for p in parts]
     if not all(isinstance(p, numbers.Real) and math.isfinite(p) for p in out):
-        raise InputError(f"{value!r}, expected three finite lengths in m", argument)
-    return tuple(float(p) for p in out)
+        raise InputError(f"{shown(value)}, expected three finite lengths in m", argument)
+    return tuple(float(p) for p in out if isinstance(p, numbers.Real))

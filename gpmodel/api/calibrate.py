@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import limit, share, whole
+from gpmodel.api.arguments import limit, listed, naming, share, shown, texts, whole
 from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike, read_table
@@ -21,7 +22,7 @@ from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.checks.judge import refuse
 from gpmodel.errors import InputError
-from gpmodel.families.by_name import effects_named
+from gpmodel.families.by_name import check_defined, effects_named
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
@@ -100,7 +101,7 @@ def ladder(record: Report) -> pd.DataFrame:
 
 
 def calibrate(
-    mechanism: Mechanism,
+    mechanism: MechanismLike,
     table: TableLike,
     effects: Sequence[str | Effect] = (),
     *,
@@ -112,6 +113,7 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit registration, tool point, the standard model and the named effects together; say what each gained.
 
+    mechanism, table: as loaded and read, or what they are loaded and read from.
     effects: of the catalogue by name ("base_compliance", "gear_harmonic J4"), written out ("slot:axis:expression"),
     or Effect objects. standard: patterns of the geometric parameters, as "J* R?"; ("none",) for none.
     condition_limit: of the standard model, None for cross-validated. holdout: share of the poses that no step but the
@@ -121,14 +123,14 @@ def calibrate(
     started = time.perf_counter()
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
-    geometry = standard_effects(mechanism, tuple(standard))
-    mechanism, poses = checked_poses(mechanism, table, geometry)
-    if isinstance(effects, str):
-        raise InputError(f"{effects!r}, expected a list of effects, as in [{effects!r}]", "effects")
-    groups = [named_group(effect, mechanism, poses) for effect in effects]
+    named_effects = listed(effects, "effects", "['base_compliance']")
+    arm = mechanism_of(mechanism)
+    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    arm, poses = checked_poses(arm, table, geometry)
+    groups = [named_group(effect, arm, poses) for effect in named_effects]
     train, held = split(poses.dataset, fraction, seed)
     models = growing(geometry, groups)
-    rungs = climb(mechanism, models, poses.subset(train), poses.subset(held), condition_limit, seed)
+    rungs = climb(arm, models, poses.subset(train), poses.subset(held), condition_limit, seed)
     final = fit_model(rungs[-1].fit.model, poses, condition_limit=condition_limit, seed=seed)
     for step, tried in [*((r.step, r.fit) for r in rungs), ("all poses", final)]:
         if tried.status == "diverged":
@@ -152,11 +154,15 @@ def checked_poses(
     return find_lever(mechanism, poses), poses
 
 
-def named_group(effect: str | Effect, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:
-    """A step of the ladder: what it is called, and its effects."""
-    if isinstance(effect, Effect):
-        return effect.name, (effect,)
-    return effect, effects_named(effect, mechanism, poses.states)
+def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:
+    """A step of the ladder: what it is called, and its effects. Raises InputError for what is no effect here."""
+    with naming("effects"):
+        if isinstance(effect, Effect):
+            check_defined(effect, mechanism, poses.states)
+            return effect.name, (effect,)
+        if isinstance(effect, str):
+            return effect, effects_named(effect, mechanism, poses.states)
+    raise InputError(f"{shown(effect)}, expected a name or an Effect", "effects")
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:

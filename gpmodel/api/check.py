@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 
+from gpmodel.api.arguments import file_path, texts
 from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, read_table
 from gpmodel.checks.judge import Finding, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import prepare
 from gpmodel.model.geometric import standard_effects
 from gpmodel.table.dataset import Dataset
@@ -74,11 +75,11 @@ class CheckResult:
 
     def save(self, file: str | Path) -> None:
         """Write check.json. Raises InputError when it cannot be written."""
-        write_text(Path(file), self.to_json())
+        write_text(file_path(file, "file"), self.to_json())
 
     def report(self, folder: str | Path) -> None:
         """Leave check.json in `folder`. Raises InputError when it cannot be written."""
-        with finished_folder(Path(folder)) as draft:
+        with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "check.json", self.to_json())
 
     def __repr__(self) -> str:
@@ -89,15 +90,17 @@ class CheckResult:
 
 
 def check(
-    mechanism: Mechanism, table: TableLike, *, standard: Sequence[str] = ("*",), command: str = "gpmodel.check"
+    mechanism: MechanismLike, table: TableLike, *, standard: Sequence[str] = ("*",), command: str = "gpmodel.check"
 ) -> CheckResult:
     """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
+    mechanism, table: as loaded and read, or what they are loaded and read from.
     standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. command: what
     check.json says made it.
     Raises InputError where the table cannot be read.
     """
-    dataset = read_table(table, mechanism)
-    geometry = standard_effects(mechanism, tuple(standard))
-    findings = check_dataset(mechanism, prepare(mechanism, dataset), geometry)
-    return CheckResult(mechanism.name, dataset, tuple(findings), command)
+    arm = mechanism_of(mechanism)
+    dataset = read_table(table, arm)
+    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    findings = check_dataset(arm, prepare(arm, dataset), geometry)
+    return CheckResult(arm.name, dataset, tuple(findings), command)

@@ -3,14 +3,16 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import limit, quantity, share, whole
+from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, quantity, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
@@ -21,9 +23,11 @@ from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
+from gpmodel.families.by_name import check_defined
+from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
+from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, distinct
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
@@ -100,7 +104,7 @@ class DiscoveryResult:
 
 
 def discover(
-    mechanism: Mechanism,
+    mechanism: MechanismLike,
     table: TableLike,
     *,
     holdout: float = 0.3,
@@ -118,7 +122,8 @@ def discover(
 ) -> DiscoveryResult:
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
 
-    holdout: share of the poses that choose nothing. search: how hard to look; criteria: when a candidate becomes a
+    mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that
+    choose nothing. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
     cross-validated. noise: standard deviation of one coordinate, "0.03 mm" or m, where there are no repeats.
@@ -128,31 +133,41 @@ def discover(
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     if not isinstance(search, Search | None):
-        raise InputError(f"{search!r}, expected gpmodel.Search(...)", "search")
+        raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
     if not isinstance(criteria, Criteria | None):
-        raise InputError(f"{criteria!r}, expected gpmodel.Criteria(...)", "criteria")
+        raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
     _sensible(search or Search(), criteria or Criteria())
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
-    offers = distinct(candidates)
-    geometry = standard_effects(mechanism, tuple(standard))
-    mechanism, poses = checked_poses(mechanism, table, geometry)
+    offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
+    called(progress, "progress")
+    arm = mechanism_of(mechanism)
+    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    arm, poses = checked_poses(arm, table, geometry)
+    given = [o.effects if isinstance(o, Candidate) else (o,) for o in offers if not isinstance(o, Family)]
+    with naming("candidates"):
+        for effect in chain.from_iterable(given):
+            check_defined(effect, arm, poses.states)
     train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
     found = run_loop(
-        mechanism, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,
+        arm, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,
         condition_limit=condition_limit, seed=seed, progress=progress,
         keep=keep or (lambda findings, rounds: None), resume=resume,
     )  # fmt: skip
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
 
 
+LEAST = {"runs": 1, "workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
+"""Of the numbers with less of which nothing could be looked for, or nothing judged; all others may be zero."""
+
+
 def _sensible(search: Search, criteria: Criteria) -> None:
-    """Raises InputError that names the first number with which nothing could be looked for, or nothing judged."""
-    for name, least in (("runs", 1), ("workers", 1), ("max_effects", 0)):
-        whole(getattr(search, name), name, least)
+    """Raises InputError that names the first field that is no such number."""
     limit(search.stop_after, "stop_after", 0.0)
-    if not search.strategies:
-        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
-    for rule in fields(criteria):
-        limit(getattr(criteria, rule.name), rule.name, 0.0)
+    evolved(search.strategies)
+    for field, value in ((f, getattr(owner, f.name)) for owner in (search, criteria) for f in fields(owner)):
+        if isinstance(field.default, int):
+            whole(value, field.name, LEAST.get(field.name, 0))
+        elif isinstance(field.default, float):
+            number(value, field.name, 0.0)

@@ -5,16 +5,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import limit, share, whole
+from gpmodel.api.arguments import among, called, evolved, file_path, limit, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, split
 from gpmodel.api.display import aligned, notebook
-from gpmodel.api.evolve_settings import Space, default_strategies, settings_for
+from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
@@ -27,7 +28,6 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import Plan, Run, load_runs, run_all, save_runs
 from gpmodel.evolution.search import Generation
 from gpmodel.files import to_json, write_text
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import standard_effects
@@ -37,6 +37,9 @@ from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 
 COMMAND = "gpmodel.evolve"
+Norm = Literal["max", "rms"]
+SPACES: tuple[Space, ...] = get_args(Space)
+NORMS: tuple[Norm, ...] = get_args(Norm)
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +56,7 @@ class EvolutionResult:
     poses: Poses
     train: IntArray
     sites: tuple[str, ...]
-    request: Mapping[str, Any]
+    request: Mapping[str, object]
     origin: Origin
 
     @cached_property
@@ -74,7 +77,7 @@ class EvolutionResult:
     def inputs(self) -> pd.DataFrame:
         """One row an input: runs that refer to it by representation, shuffled ones that do, corrected p-value."""
         counted = self.histogram
-        columns: dict[str, Any] = {"input": counted.inputs}
+        columns: dict[str, object] = {"input": counted.inputs}
         for kind in counted.counts:
             columns |= {kind: counted.counts[kind], f"{kind} shuffled": counted.shuffled[kind]}
         return pd.DataFrame(columns | {"p_value": counted.p_values})
@@ -154,7 +157,7 @@ class EvolutionResult:
 
 
 def evolve(
-    mechanism: Mechanism,
+    mechanism: MechanismLike,
     table: TableLike,
     *,
     strategies: Sequence[Representation] | None = None,
@@ -163,7 +166,7 @@ def evolve(
     population: int | None = None,
     generations: int | None = None,
     seconds: float | None = None,
-    norm: Literal["max", "rms"] = "max",
+    norm: Norm = "max",
     standard: Sequence[str] = ("*",),
     holdout: float = 0.3,
     threads: int = 0,
@@ -174,37 +177,39 @@ def evolve(
 ) -> EvolutionResult:
     """Evolve programs on what the standard model leaves; every run again on shuffled errors (thesis, chapter 5).
 
+    mechanism, table: as loaded and read, or what they are loaded and read from.
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 4K trees; 1024 and 512 at a slot; 100 generations).
     norm: of a compensator's errors. threads: 0 for all cores; no number depends on it. checkpoint: a file that keeps
     finished runs; given again, the rest is done. Raises InputError for an argument out of range.
     """
-    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
-    budget = {
-        "generations": None if generations is None else whole(generations, "generations"),
-        "seconds": limit(seconds, "seconds", 0.0),
-        "threads": whole(threads, "threads"),
-    }
-    asked = {name: value for name, value in budget.items() if value is not None}
-    size = None if population is None else whole(population, "population", 4)
-    settings = settings_for(space, default_strategies(space) if strategies is None else strategies, size, asked)
-    geometry = standard_effects(mechanism, tuple(standard))
-    arm, poses = checked_poses(mechanism, table, geometry)
+    fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
+    space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
+    called(progress, "progress")
+    file = None if checkpoint is None else file_path(checkpoint, "checkpoint")
+    effort = Effort(
+        None if population is None else whole(population, "population", 4),
+        None if generations is None else whole(generations, "generations"),
+        limit(seconds, "seconds", 0.0),
+        whole(threads, "threads"),
+    )
+    settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
+    arm = mechanism_of(mechanism)
+    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    arm, poses = checked_poses(arm, table, geometry)
     train, held = split(poses.dataset, fraction, seed)
     started = time.perf_counter()
     seen = poses.subset(train)
     fit = calibrate(ErrorModel(arm, geometry), seen, seed=seed)
     task = cartesian_task(fit, poses, train, held, norm) if space == "cartesian" else slot_task(fit, arm, seen, seed)
     request = {
-        "sha256": poses.dataset.sha256, "mechanism": choice_of(mechanism).name, "space": space, "norm": norm,
+        "sha256": poses.dataset.sha256, "mechanism": choice_of(arm).name, "space": space, "norm": norm,
         "seed": seed, "holdout": fraction, "standard": list(standard),
         "settings": [repr(s.with_budget(threads=0)) for s in settings.values()],
     }  # fmt: skip
-    file = None if checkpoint is None else Path(checkpoint)
     finished = load_runs(file, request) if file else []
     done: list[Run] = []
-    count = whole(runs, "runs", 1)
     plan = Plan(settings, count, seed)
     for run in run_all(task.problem, plan, task.heldout, finished, _reporter(progress, count)):
         done.append(run)

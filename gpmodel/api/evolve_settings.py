@@ -1,8 +1,8 @@
 """What evolves where: the thesis' settings in Cartesian space, the defaults at a slot."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
@@ -12,8 +12,21 @@ from gpmodel.evolution.tree import Tree
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 4096}, "slot": {"linear": 1024, "tree": 512}}
+"""The thesis' own (section 5.2.2) of compensators; at a slot, where one law of one input is sought, what finds it."""
 GENERATIONS = 100
-UNLIMITED = 1_000_000
+"""The thesis' own."""
+UNLIMITED, NO_END = 1_000_000, 1e9
+"""Generations of a run that only the clock ends, and seconds of one that only its generations end."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a run was asked to take, None for the defaults. threads: 0 for all cores."""
+
+    population: int | None = None
+    generations: int | None = None
+    seconds: float | None = None
+    threads: int = 0
 
 
 def default_strategies(space: Space) -> tuple[Representation, ...]:
@@ -21,25 +34,25 @@ def default_strategies(space: Space) -> tuple[Representation, ...]:
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
-def settings_for(
-    space: Space, strategies: Sequence[Representation], population: int | None, budget: Mapping[str, Any]
-) -> dict[str, Settings]:
+def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
     """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot.
 
-    budget: fields of Budget that were asked for. Raises InputError for a population too small to select from.
+    Raises InputError for two of one name, or a population too small to select from.
     """
-    if space not in POPULATIONS:
-        raise InputError(f"{space!r}, expected {' or '.join(POPULATIONS)}", "space")
-    chosen = {}
+    generations = effort.generations
+    if generations is None:
+        generations = GENERATIONS if effort.seconds is None else UNLIMITED
+    seconds = NO_END if effort.seconds is None else effort.seconds
+    chosen: dict[str, Settings] = {}
     for strategy in strategies:
         name = label(strategy)
-        size = population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
+        if name in chosen:
+            raise InputError(f"two are called '{name}', expected each name once", "strategies")
+        size = effort.population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
         settings = (
-            thesis_settings(strategy, size, GENERATIONS)
+            thesis_settings(strategy, size, generations)
             if space == "cartesian"
-            else Settings(strategy, budget=Budget(size, GENERATIONS, seconds=1e9))
+            else Settings(strategy, budget=Budget(size, generations))
         )
-        if "seconds" in budget and "generations" not in budget:
-            settings = settings.with_budget(generations=UNLIMITED)
-        chosen[name] = replace(settings, budget=replace(settings.budget, **budget))
+        chosen[name] = settings.with_budget(seconds=seconds, threads=effort.threads)
     return chosen

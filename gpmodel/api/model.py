@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import limit, whole
+from gpmodel.api.arguments import file_path, number, whole
 from gpmodel.api.display import aligned, notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensated, targets_in
 from gpmodel.application.model_file import SavedModel, save_model
@@ -44,9 +44,9 @@ class Model:
         Outside its ranges a law that nobody named keeps its value at the edge.
         Raises InputError where a column, a set-up or a tool does not fit the model.
         """
-        frame, text, path = frame_to_extend(poses, self.mechanism)
+        frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
-            dataset_of(poses, self.mechanism, need_measurement=False)
+            dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
             if text is frame
             else dataset_from(text, path, self.mechanism, need_measurement=False)
         )
@@ -72,14 +72,14 @@ class Model:
         in_order: as in `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
-        degrees = limit(max_move, "max_move", 0.0) or 0.0
-        frame, text, path = frame_to_extend(targets, self.mechanism)
+        degrees = number(max_move, "max_move", 0.0)
+        frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
         saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
     def misses(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
-        dataset = dataset_of(poses, self.mechanism, need_measurement=False)
+        dataset = dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
         return misses(dataset, predicted_columns(usable(self.saved, session=session), dataset))
 
@@ -88,9 +88,12 @@ class Model:
         """Effects that read the rows or the time of the session they were fitted to, and nothing else of another."""
         return tuple(effect.name for effect in of_the_session(self.saved))
 
-    def save(self, file: str | Path, **more: Any) -> None:
-        """Write model.json. Raises InputError: not writable, or a basis that has no text (a Python function)."""
-        save_model(Path(file), self.saved, **more)
+    def save(self, file: str | Path, **more: object) -> None:
+        """Write model.json. more: kept with it, as JSON, and ignored when it is read.
+
+        Raises InputError: not writable, or a basis that has no text (a Python function).
+        """
+        save_model(file_path(file, "file"), self.saved, **more)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row an effect: name, family, value, stderr, unit, slot, basis."""
@@ -125,10 +128,10 @@ class Model:
         return notebook(self.summary())
 
 
-def load_model(file: str | Path, mechanism: Mechanism | None = None) -> Model:
+def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Model:
     """The model in a model.json of calibrate or discover.
 
-    mechanism: the one it was made for, where it was built in Python and cannot be loaded by name.
+    mechanism: the one it was made for, where it was built in Python, or was moved and is not found by its name.
     Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its mechanism has changed.
     """
-    return Model(read_saved(Path(file), mechanism))
+    return Model(read_saved(file_path(file, "file"), None if mechanism is None else mechanism_of(mechanism)))

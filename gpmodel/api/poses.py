@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import quantity, whole
+from gpmodel.api.arguments import among, file_path, quantity, whole
 from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.planning.poses import observable_poses, spacing, spread_poses
@@ -39,7 +39,7 @@ class PosesResult:
 
     def save(self, file: str | Path) -> None:
         """Write the poses as .csv. Raises InputError when it cannot be written."""
-        write_text(Path(file), table_text(self.to_dataframe()))
+        write_text(file_path(file, "file"), table_text(self.to_dataframe()))
 
     def __repr__(self) -> str:
         return f"<{self.summary()}>"
@@ -49,7 +49,7 @@ class PosesResult:
 
 
 def choose_poses(
-    mechanism: Mechanism,
+    mechanism: MechanismLike,
     count: int = 40,
     *,
     criterion: Literal["spread", "observability"] = "spread",
@@ -63,9 +63,9 @@ def choose_poses(
     tip over the root frame, "200 mm" or m. Collisions are not known here. Raises InputError: too few poses for
     observability, nothing above that height.
     """
-    if criterion not in CRITERIA:
-        raise InputError(f"{criterion!r}, expected {' or '.join(CRITERIA)}", "criterion")
+    search = CRITERIA[among(criterion, CRITERIA, "criterion")]
     lowest = -np.inf if above is None else quantity(above, "length", "above", least=-np.inf)
     rng = np.random.default_rng(whole(seed, "seed"))
-    q = CRITERIA[criterion](mechanism, whole(count, "count", 1), rng, lowest)
-    return PosesResult(mechanism, q, spacing(mechanism, q) if len(q) > 1 else np.inf)
+    arm = mechanism_of(mechanism)
+    q = search(arm, whole(count, "count", 1), rng, lowest)
+    return PosesResult(arm, q, spacing(arm, q))

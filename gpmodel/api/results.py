@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from gpmodel.api.arguments import file_path
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
@@ -14,7 +15,7 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
     Raises InputError when they cannot be written.
     """
-    with finished_folder(Path(folder)) as draft:
+    with finished_folder(file_path(folder, "folder")) as draft:
         write_report(record, draft)
         for write in beside:
             write(draft)
@@ -22,4 +23,4 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 def save_record(record: Report, file: str | Path) -> None:
     """Write the content of report.json to `file`. Raises InputError when it cannot be written."""
-    write_text(Path(file), to_json(record))
+    write_text(file_path(file, "file"), to_json(record))

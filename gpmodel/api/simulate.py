@@ -3,20 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import quantity, whole
+from gpmodel.api.arguments import file_path, naming, quantity, shown, texts, whole
 from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, dataset_of
 from gpmodel.application.model_file import SavedModel, unfitted
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import Simulation, random_tool_point
@@ -43,12 +42,14 @@ class SimulationResult:
         """How many poses, of what, and what is true."""
         return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
 
-    def save(self, file: str | Path, **more: Any) -> Path:
+    def save(self, file: str | Path, **more: object) -> Path:
         """Write the table as .csv and the truth beside it as .truth.json, whose path is returned.
+
+        more: kept with the truth, as JSON, and ignored when it is read.
 
         Raises InputError when they cannot be written.
         """
-        path = Path(file)
+        path = file_path(file, "file")
         write_text(path, table_text(self.to_dataframe()))
         self.truth.save(path.with_suffix(".truth.json"), **more)
         return path.with_suffix(".truth.json")
@@ -61,7 +62,7 @@ class SimulationResult:
 
 
 def simulate(
-    mechanism: Mechanism,
+    mechanism: MechanismLike,
     effects: Sequence[str] = (),
     *,
     poses: int | TableLike = 90,
@@ -81,23 +82,28 @@ def simulate(
     spread = quantity(noise, "length", "noise")
     sigma = quantity(geometry_sigma, "length", "geometry_sigma")
     rng = np.random.default_rng(whole(seed, "seed"))
-    given = None if isinstance(poses, int) else dataset_of(poses, mechanism, need_measurement=False)
+    arm = mechanism_of(mechanism)
+    planted = texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
+    given = None if isinstance(poses, int) else dataset_of(poses, arm, need_measurement=False, argument="poses")
     count = len(given) if given is not None else whole(poses, "poses", 1)
+    if not isinstance(inputs, Mapping | None):
+        raise InputError(f"{shown(inputs)}, expected columns, as in {{'temperature [degC]': '20:30'}}", "inputs")
     columns = [_column(header, values, count, rng) for header, values in (inputs or {}).items()]
     payload = next((values for name, _, values in columns if name == "payload"), None)
-    carried = choice_of(mechanism).payload
+    carried = choice_of(arm).payload
     if payload is None and carried is not None:
         payload = np.full(count, carried)
     tool_point = random_tool_point(rng)
-    if payload is not None and isinstance(mechanism, LoadedMechanism) and mechanism.choice.payload_com is None:
-        mechanism = mechanism.carrying_at(tool_point)
-    made = measure(
-        mechanism, random_poses(mechanism, count, rng) if given is None else given.q, effects, rng,
-        noise=spread, geometry_sigma=sigma, payload=payload,
-        inputs={n: v for n, _, v in columns if n != "payload"},
-        input_units={n: u for n, u, _ in columns if n != "payload"},
-        tool_point=tool_point,
-    )  # fmt: skip
+    if payload is not None and isinstance(arm, LoadedMechanism) and arm.choice.payload_com is None:
+        arm = arm.carrying_at(tool_point)
+    with naming("effects"):
+        made = measure(
+            arm, random_poses(arm, count, rng) if given is None else given.q, planted, rng,
+            noise=spread, geometry_sigma=sigma, payload=payload,
+            inputs={n: v for n, _, v in columns if n != "payload"},
+            input_units={n: u for n, u, _ in columns if n != "payload"},
+            tool_point=tool_point,
+        )  # fmt: skip
     return SimulationResult(made.dataset, Model(_truth(made)))
 
 
@@ -118,7 +124,7 @@ def _truth(made: Simulation) -> SavedModel:
 
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
     """Name, unit and values (count,) of one further column."""
-    name, unit = split_header(header)
+    name, unit = split_header(str(header))
     if unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")
     if isinstance(values, str):
@@ -126,7 +132,10 @@ def _column(header: str, values: Values, count: int, rng: np.random.Generator) -
             low, high = (convert(v, unit, "inputs") for v in values.split(":", 1))
             return name, unit, rng.uniform(low, high, count)
         return name, unit, rng.choice([convert(v, unit, "inputs") for v in values.split("|")], count)
-    array = np.asarray(values, dtype=float)
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
     if array.shape != (count,) or not np.isfinite(array).all():
         raise InputError(f"'{header}': expected {count} finite values, one a pose", "inputs")
     return name, unit, array

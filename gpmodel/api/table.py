@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from gpmodel.api.arguments import shown
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
@@ -27,8 +29,8 @@ class Cells:
     sha256: str
 
 
-def read_table(source: TableLike, mechanism: Mechanism, *, in_order: bool = False) -> Dataset:
-    """Measured poses of `mechanism` from a .csv or .xlsx file, or a data frame with the same headers.
+def read_table(table: TableLike, mechanism: MechanismLike, *, in_order: bool = False) -> Dataset:
+    """Measured poses of `mechanism` (or of its name or file) from a .csv or .xlsx file, or a data frame alike.
 
     Units are in the headers, in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism is
     carried in every row. in_order: the rows are in the order of measurement, so that effects may depend on the poses
@@ -36,36 +38,36 @@ def read_table(source: TableLike, mechanism: Mechanism, *, in_order: bool = Fals
     Raises InputError: file missing or empty, a column without or with an unknown unit, joints missing or in surplus,
     text among numbers, nothing measured, a payload column beside the mechanism's payload.
     """
-    dataset = dataset_of(source, mechanism, need_measurement=True)
+    dataset = dataset_of(table, mechanism_of(mechanism), need_measurement=True)
     return replace(dataset, in_order=True) if in_order else dataset
 
 
-def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool) -> Dataset:
-    """The same; poses that nobody measured as well where `need_measurement` is False."""
+def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table") -> Dataset:
+    """The same; poses that nobody measured as well where `need_measurement` is False. argument: that errors name."""
     payload = choice_of(mechanism).payload
     if isinstance(source, Dataset):
         named = tuple(joint.name for joint in mechanism.joints)
         if source.joints != named:
             raise InputError(
-                f"{source.source} was read for joints {', '.join(source.joints)}; expected {', '.join(named)}", "table"
+                f"{source.source} was read for joints {', '.join(source.joints)}; expected {', '.join(named)}", argument
             )
         carried = payload is not None and not source.payload_given
         return with_payload(source, payload) if carried else source
-    cells = cells_of(source)
+    cells = cells_of(source, argument)
     dataset = dataset_from(cells.text, cells.path, mechanism, need_measurement=need_measurement, sha256=cells.sha256)
     return with_payload(dataset, payload)
 
 
-def cells_of(source: pd.DataFrame | str | Path) -> Cells:
+def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cells:
     """Cells of a file or data frame. Raises InputError where there is no row, or it is neither."""
-    if isinstance(source, str | Path):
+    if isinstance(source, str | Path) and str(source):
         path = Path(source)
         frame, digest = read_frame(path)
         return Cells(frame, frame, path, digest)
     if not isinstance(source, pd.DataFrame):
-        raise InputError(f"{type(source).__name__}, expected a file or a pandas.DataFrame", "table")
+        raise InputError(f"{shown(source)}, expected a file or a pandas.DataFrame", argument)
     if source.empty:
-        raise InputError("the data frame has no rows; expected one row per pose", "table")
+        raise InputError("the data frame has no rows; expected one row per pose", argument)
     kept = source.reset_index(drop=True)
     text = pd.DataFrame({i: kept.iloc[:, i].map(_cell) for i in range(kept.shape[1])}, dtype=object)
     text.columns = pd.Index([str(header) for header in kept.columns])
@@ -73,12 +75,12 @@ def cells_of(source: pd.DataFrame | str | Path) -> Cells:
     return Cells(kept, text, Path("data frame"), digest)
 
 
-def frame_to_extend(source: TableLike, mechanism: Mechanism) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
+def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
     """What new columns are put beside, the same as cells of text, and what messages call it."""
     if isinstance(source, Dataset):
         frame = frame_of(source, mechanism)
         return frame, frame, Path(source.source)
-    cells = cells_of(source)
+    cells = cells_of(source, argument)
     return cells.given, cells.text, cells.path
 
 

@@ -91,7 +91,7 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
     return direct | remembered | torques | ({clock} if clock else set())
 
 
-def model_text(saved: SavedModel, **more: Any) -> str:
+def model_text(saved: SavedModel, **more: object) -> str:
     """The text of model.json. more: further JSON content to keep with it, ignored when read.
 
     Raises InputError for a basis whose text is no expression: such a model lives only in Python.
@@ -144,7 +144,7 @@ def model_text(saved: SavedModel, **more: Any) -> str:
     return to_json(content)
 
 
-def save_model(path: Path, saved: SavedModel, **more: Any) -> None:
+def save_model(path: Path, saved: SavedModel, **more: object) -> None:
     """Write model.json. Raises InputError when it cannot be written."""
     write_text(path, model_text(saved, **more))
 

@@ -1,7 +1,7 @@
 """What a representation is to the search: how programs are written down, started and varied."""
 
 from collections.abc import Callable
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,7 @@ class Breeding(Protocol):
         ...
 
 
+@runtime_checkable
 class Representation(Protocol):
     """The choices of a representation, ``Linear`` and ``Tree`` among them."""
 

@@ -18,11 +18,21 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     `gear_harmonic J4` is one instance of a family, `gear_harmonic` all of them where they are few.
     Raises InputError for an unknown name, slot, axis or input, or where the effect is not finite at some pose.
     """
-    effects = _written_out(name, mechanism) if name.count(":") == 2 else _of_catalogue(name, mechanism, states)
-    for term in (t for effect in effects for t in effect.terms):
-        if not np.isfinite(term.basis(states)).all():
-            raise InputError(f"effect '{name}': '{term.basis}' is infinite or undefined at some poses")
+    effects = _written_out(name) if name.count(":") == 2 else _of_catalogue(name, mechanism, states)
+    for effect in effects:
+        check_defined(effect, mechanism, states, name)
     return effects
+
+
+def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: str = "") -> None:
+    """Raises InputError, naming the effect as `name`, where it acts at no place of the mechanism, reads what these
+    poses do not have, or is not finite at some of them."""
+    said = f"effect '{name or effect.name}'"
+    for term in effect.terms:
+        if term.slot not in places(mechanism):
+            raise InputError(f"{said}: slot '{term.slot}' is unknown; available: {', '.join(places(mechanism))}")
+        if not np.isfinite(term.basis(states)).all():
+            raise InputError(f"{said}: '{term.basis}' is infinite or undefined at some poses")
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
@@ -38,10 +48,8 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
     return effects_named(name, mechanism, states)
 
 
-def _written_out(name: str, mechanism: Mechanism) -> tuple[Effect, ...]:
+def _written_out(name: str) -> tuple[Effect, ...]:
     slot, axis, text = (part.strip() for part in name.split(":"))
-    if slot not in places(mechanism):
-        raise InputError(f"effect '{name}': slot '{slot}' is unknown; available: {', '.join(places(mechanism))}")
     return (effect_at(name, slot, axis, Expression(text)),)
 
 

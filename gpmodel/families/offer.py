@@ -17,17 +17,18 @@ PLAIN_COST = 4.0
 as many as there are places in an arm with six joints."""
 
 
-def distinct(offers: Iterable[Offer]) -> tuple[Offer, ...]:
+def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
     """The same offers. Raises InputError for one of another kind, or two of one name."""
-    given = tuple(offers)
-    names: set[str] = set()
-    for offer in given:
+    kept: dict[str, Offer] = {}
+    for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):
-            raise InputError(f"candidates: {offer!r} is of type {type(offer).__name__}; expected a Family or an Effect")
-        if offer.name in names:
-            raise InputError(f"candidates: '{offer.name}' is offered twice; expected each name once")
-        names.add(offer.name)
-    return given
+            raise InputError(
+                f"{offer!r} is of type {type(offer).__name__}; expected a Family or an Effect", "candidates"
+            )
+        if offer.name in kept:
+            raise InputError(f"'{offer.name}' is offered twice; expected each name once", "candidates")
+        kept[offer.name] = offer
+    return tuple(kept.values())
 
 
 def instances(offer: Offer, mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -33,6 +33,7 @@ class Joint:
     measured: bool = True
 
 
+@runtime_checkable
 class Mechanism(Protocol):
     """A chain of nominal frames.
 

@@ -41,3 +41,7 @@ class Seen:
     def column(self, name: str) -> Array | None:
         """The column (N,) of that name, None where there is none."""
         return self.columns.get(name) if name.startswith(PREFIX) else None
+
+    def unit(self, name: str) -> str:
+        """m or rad."""
+        return UNITS[name.removeprefix(PREFIX)]

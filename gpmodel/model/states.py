@@ -59,6 +59,13 @@ class States:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
+    def unit(self, name: str) -> str:
+        """The unit of a column, also of one that is derived. Raises InputError where there is none of that name."""
+        if name in self.units:
+            return self.units[name]
+        self[name]
+        return next(d.unit(name) for d in (self.past, self.weights, self.seen) if d and d.column(name) is not None)
+
     def subset(self, rows: IntArray | Mask) -> "States":
         """The same columns at some poses only; what they remember is still that of the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]

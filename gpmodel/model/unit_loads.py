@@ -22,3 +22,7 @@ class UnitLoads:
     def column(self, name: str) -> Array | None:
         """The load (N,) of that name, None where there is none."""
         return self.columns.get(name) if "_of_" in name else None
+
+    def unit(self, name: str) -> str:
+        """N·m; of a first moment of mass (`_of_J4_x`) N·m a kg·m, which is m/s²."""
+        return "m/s^2" if name[-2:] in ("_x", "_y", "_z") else "Nm"

@@ -64,9 +64,8 @@ def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) ->
     """The ranges of some inputs over the poses; angles in degrees, lengths in mm."""
     out = []
     for name in inputs:
-        factor, unit = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}.get(
-            states.units[name], (1.0, states.units[name])
-        )
+        si = states.unit(name)
+        factor, unit = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm")}.get(si, (1.0, si))
         low, high = float(factor * states[name].min()), float(factor * states[name].max())
         out.append(Range(names.get(name, name), low, high, unit))
     return tuple(out)

@@ -44,7 +44,7 @@ def shape_record(
     partial = own + np.sum(column * residual, axis=1) / np.where(seen, strength, 1.0)
     read = term.basis.inputs if candidate.kind == "single" else candidate.inputs
     inputs = tuple(read) or ("row",)
-    x, unit = poses.states[inputs[0]], poses.states.units[inputs[0]]
+    x, unit = poses.states[inputs[0]], poses.states.unit(inputs[0])
     x, unit = (np.degrees(x), "deg") if unit == "rad" else (x, unit)
     scale, y_unit = (1e6, "µrad") if term.axis.startswith("R") else (1e3, "mm")
     order = np.argsort(x) if len(inputs) == 1 else np.zeros(0, dtype=int)

@@ -12,6 +12,7 @@ import pytest
 from cli_cases import run, table, write
 
 import gpmodel as gp
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.cli import discover as discover_command
 
 DEMO = Path(str(files("gpmodel") / "data" / "demo.csv"))
@@ -20,7 +21,7 @@ GEAR = table(70, effects=("gear_harmonic J4=200 arcsec",))
 
 
 @pytest.fixture(scope="module")
-def found() -> gp.DiscoveryResult:
+def found() -> DiscoveryResult:
     return gp.discover(gp.load_mechanism("irb6400r"), GEAR, search=SMALL(runs=1), noise="0.03 mm")
 
 
@@ -59,7 +60,7 @@ def test_on_the_shipped_demo_the_default_search_finds_the_compliance_and_gives_w
     assert found.record.ladder[-1].heldout.rms_mm == pytest.approx(0.036, abs=0.001)
 
 
-def test_a_result_says_what_was_found_and_keeps_it(found: gp.DiscoveryResult, tmp_path: Path) -> None:
+def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_path: Path) -> None:
     assert [f.name for f in found.findings] == ["gear error, 2 per turn, J4"]
     assert found.verdict in " ".join(found.summary().split())
     rows = found.to_dataframe()

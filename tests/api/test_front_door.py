@@ -33,6 +33,15 @@ def test_every_public_name_is_there_and_none_of_them_loads_the_command_line() ->
         _ = gp.nonsense
 
 
+def test_the_public_names_are_those_a_user_writes() -> None:
+    """What the README and the tour write, and what an outside mechanism, family or effect is made of."""
+    ten_lines = {"load_mechanism", "read_table", "calibrate", "discover", "load_model", "evolve", "simulate", "check"}
+    choices = {"choose_poses", "catalogue", "Search", "Criteria", "Linear", "Tree", "InputError", "Model", "Dataset"}
+    own = {"Effect", "Term", "Expression", "effect_at", "Candidate", "Family", "Mechanism", "Joint", "States"}
+    assert set(gp.__all__) == ten_lines | choices | own
+    assert gp.__version__
+
+
 def test_a_frame_and_a_file_are_the_same_table(tmp_path: Path) -> None:
     arm = gp.load_mechanism("irb6400r")
     path = write(FRAME.assign(group="a", note=""), tmp_path / "t.csv")

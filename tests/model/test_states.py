@@ -49,6 +49,17 @@ def test_what_the_payload_alone_exerts_is_the_difference_it_makes(name: str) -> 
     assert max(np.ptp(states[f"payload_torque_{joint.name}"]) for joint in arm.joints) > 1.0
 
 
+def test_a_derived_column_has_a_unit_as_a_listed_one_has() -> None:
+    data = bare("irb6400r", 11)
+    states = states_of(mechanism("irb6400r"), replace(data, position=data.q[:, :3].copy(), in_order=True))
+    units = {"temperature": "degC", "lag_temperature_41p7": "degC", "last_move_J2": "1", "play_J2_0p01": "rad"}
+    units |= {"instrument_azimuth": "rad", "torque_J2_of_J2_x": "m/s^2", "torque_J2_of_J4": "Nm"}
+    assert {name: states.unit(name) for name in units} == units
+    assert not set(states.columns) & {"play_J2_0p01", "lag_temperature_41p7", "instrument_azimuth"}
+    with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
+        states.unit("lag_colour_4")
+
+
 def test_an_unknown_input_names_what_there_is() -> None:
     with pytest.raises(InputError, match=r"'J9' is not known here; available: .*temperature.*row"):
         states_of(mechanism("irb6400r"), bare("irb6400r", 11))["J9"]

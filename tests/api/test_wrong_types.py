@@ -1,0 +1,154 @@
+"""Every argument of every public function, given what it cannot be: one line that names the argument."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import table, write
+
+import gpmodel as gp
+from gpmodel.api.calibrate import CalibrationResult
+
+TABLE = table(60, effects=("base_compliance=3e-7",))
+ARM = gp.load_mechanism("irb6400r")
+RESULTS = {
+    "calibrate": lambda: gp.calibrate(ARM, TABLE),
+    "check": lambda: gp.check(ARM, TABLE),
+    "simulate": lambda: gp.simulate(ARM),
+    "choose_poses": lambda: gp.choose_poses(ARM, 3),
+}
+NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT = None, "nonsense", 7.5, [7], pd.DataFrame(), object()
+ANY = (NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT)
+NO_NUMBER = (TEXT, LIST, FRAME, OBJECT, float("nan"))
+NO_TEXTS = (NOTHING, TEXT, NUMBER, LIST, OBJECT)
+NO_FILE = (NOTHING, NUMBER, LIST, FRAME, "")
+
+CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = {
+    "load_mechanism": (
+        lambda **a: gp.load_mechanism(**({"source": "irb6400r"} | a)),
+        {"source": NO_FILE[:-1], "payload": NO_NUMBER, "frame": (NUMBER, LIST, FRAME), "payload_com": NO_NUMBER},
+    ),
+    "read_table": (
+        lambda **a: gp.read_table(**({"table": TABLE, "mechanism": ARM} | a)),
+        {"table": NO_FILE, "mechanism": ANY},
+    ),
+    "check": (
+        lambda **a: gp.check(**({"mechanism": ARM, "table": TABLE} | a)),
+        {"mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS},
+    ),
+    "calibrate": (
+        lambda **a: gp.calibrate(**({"mechanism": ARM, "table": TABLE} | a)),
+        {
+            "mechanism": ANY, "table": NO_FILE, "effects": NO_TEXTS, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY,
+            "condition_limit": NO_NUMBER,
+        },
+    ),
+    "discover": (
+        lambda **a: gp.discover(**({"mechanism": ARM, "table": TABLE} | a)),
+        {
+            "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY,
+            "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
+            "noise": NO_NUMBER, "progress": ANY,
+        },
+    ),
+    "Search": (
+        lambda **a: gp.discover(ARM, TABLE, search=gp.Search(**a)),
+        {"strategies": (*NO_TEXTS, FRAME, (gp.Linear,)), "runs": ANY, "stop_after": NO_NUMBER, "max_effects": ANY,
+         "population": ANY, "nats_per_node": (NOTHING, *NO_NUMBER)},
+    ),
+    "Criteria": (
+        lambda **a: gp.discover(ARM, TABLE, criteria=gp.Criteria(**a)),
+        {"significance": (*ANY[:2], *ANY[3:]), "folds": ANY},
+    ),
+    "evolve": (
+        lambda **a: gp.evolve(**({"mechanism": ARM, "table": TABLE} | a)),
+        {
+            "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY, "space": ANY,
+            "norm": ANY, "strategies": (*NO_TEXTS[1:], FRAME, (gp.Linear(), gp.Linear())), "runs": ANY,
+            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "threads": ANY,
+            "checkpoint": NO_FILE[1:], "progress": ANY,
+        },
+    ),
+    "simulate": (
+        lambda **a: gp.simulate(**({"mechanism": ARM} | a)),
+        {
+            "mechanism": ANY, "effects": NO_TEXTS, "poses": NO_FILE, "noise": (NOTHING, *NO_NUMBER),
+            "geometry_sigma": (NOTHING, *NO_NUMBER), "seed": ANY,
+            "inputs": (TEXT, NUMBER, LIST, OBJECT, {"t [s]": None}, {"t [s]": "a:b"}, {7: "1:2"}, {"t [s]": "9:1:2"}),
+        },
+    ),
+    "choose_poses": (
+        lambda **a: gp.choose_poses(**({"mechanism": ARM, "count": 3} | a)),
+        {"mechanism": ANY, "count": ANY, "criterion": ANY, "above": NO_NUMBER, "seed": ANY},
+    ),
+    "load_model": (lambda **a: gp.load_model(**({"file": "nothing.json"} | a)), {"file": NO_FILE}),
+}  # fmt: skip
+WRONG = [(name, argument, value) for name, call in CALLS.items() for argument in call[1] for value in call[1][argument]]
+
+
+def refused(call: Callable[[], object], argument: str) -> None:
+    with pytest.raises(gp.InputError) as caught:
+        call()
+    assert str(caught.value).startswith(f"{argument}: "), str(caught.value)
+    assert caught.value.argument == argument
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "argument", "value"), WRONG)
+def test_a_wrong_argument_of_a_function_is_one_line_that_names_it(name: str, argument: str, value: object) -> None:
+    refused(lambda: CALLS[name][0](**{argument: value}), argument)
+
+
+@pytest.fixture(scope="module")
+def fit() -> CalibrationResult:
+    return gp.calibrate(ARM, TABLE, holdout=0)
+
+
+METHODS = {
+    "predict": ("poses", NO_FILE),
+    "misses": ("poses", NO_FILE),
+    "compensate": ("targets", NO_FILE),
+    "save": ("file", NO_FILE),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_wrong_argument_of_a_model_is_one_line_that_names_it(method: str, fit: CalibrationResult) -> None:
+    argument, values = METHODS[method]
+    for value in values:
+        refused(lambda value=value: getattr(fit.model, method)(value), argument)
+    for more in ({"max_move": "far"}, {"seed": 0.5}) if method == "compensate" else ():
+        refused(lambda more=more: fit.model.compensate(TABLE, **more), next(iter(more)))
+
+
+@pytest.mark.parametrize("result", RESULTS)
+def test_a_result_goes_to_a_path_and_nowhere_else(result: str) -> None:
+    made = RESULTS[result]()
+    for value in NO_FILE:
+        refused(lambda value=value: made.save(value), "file")
+        if hasattr(made, "report"):
+            refused(lambda value=value: made.report(value), "folder")
+
+
+def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> None:
+    path = write(TABLE, tmp_path / "table.csv")
+    by_name = gp.calibrate("irb6400r", path)
+    assert by_name.record.verdict == gp.calibrate(ARM, TABLE).record.verdict.replace("data frame", "table.csv")
+    assert gp.check("irb6400r", path).sound
+    assert len(gp.read_table(path, "irb6400r")) == len(TABLE)
+    np.testing.assert_array_equal(gp.choose_poses("irb6400r", 4).q, gp.choose_poses(ARM, 4).q)
+    np.testing.assert_array_equal(gp.simulate("ur5").table.q, gp.simulate(gp.load_mechanism("ur5")).table.q)
+    by_name.model.save(tmp_path / "model.json")
+    assert gp.load_model(tmp_path / "model.json", "irb6400r").summary() == by_name.model.summary()
+
+
+def test_an_effect_that_cannot_be_here_is_refused_before_the_search() -> None:
+    for wrong in (
+        gp.effect_at("mine", "J9.moving", "Rz", gp.Expression("sin(J4)")),
+        gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("humidity")),
+        gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("1/(row-3)")),
+    ):
+        refused(lambda wrong=wrong: gp.discover(ARM, TABLE, candidates=(*gp.catalogue, wrong)), "candidates")
+        refused(lambda wrong=wrong: gp.calibrate(ARM, TABLE, [wrong]), "effects")
