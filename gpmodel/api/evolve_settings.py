@@ -1,7 +1,7 @@
 """What evolves where: the thesis' settings in Cartesian space, the defaults at a slot."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from gpmodel.errors import InputError
@@ -54,5 +54,5 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
             if space == "cartesian"
             else Settings(strategy, budget=Budget(size, generations))
         )
-        chosen[name] = settings.with_budget(seconds=seconds, threads=effort.threads)
+        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=effort.threads))
     return chosen
