@@ -16,7 +16,8 @@ from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import standard_effects
-from gpmodel.report.from_calibration import Calibrated, from_calibration
+from gpmodel.report.build import Ladder
+from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.from_evolution import from_evolution
 from gpmodel.report.origin import Origin
@@ -46,10 +47,10 @@ def calibrated(holdout: float = 0.3) -> Report:
     train, held = np.arange(60), np.zeros(0, dtype=np.int64)
     if holdout:
         train, held = hold_out(poses.dataset, holdout, np.random.default_rng(0))
-    rungs = climb(arm, growing(geometry, [("base_compliance", effects)]), poses.subset(train), poses.subset(held))
-    final = calibrate(rungs[-1].fit.model, poses)
+    steps = climb(arm, growing(geometry, [("base_compliance", effects)]), poses.subset(train), poses.subset(held))
+    final = calibrate(steps[-1].calibration.model, poses)
     return from_calibration(
-        Calibrated(poses, train, held, rungs, final, effects), Origin("gpmodel calibrate measured.csv", 0, 0.4)
+        Ladder(poses, train, steps, final, effects), Origin("gpmodel calibrate measured.csv", 0, 0.4)
     )
 
 

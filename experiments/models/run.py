@@ -28,11 +28,10 @@ def one_robot(seed: int, runs: int) -> dict[str, Any]:
     rungs = climb(
         case.mechanism, growing(effects_of(case), named), case.poses.subset(case.train), case.poses.subset(case.heldout)
     )[1:]
-    table = [[r.train.mean, r.train.max, r.heldout.mean, r.heldout.max] for r in rungs]
     search = Search(runs=runs, workers=1, strategies=(Linear(),))
     found = discover(case.mechanism, case.poses, case.train, case.heldout, search=search, seed=seed)
-    last = found.steps[-1]
-    table.append([last.train_error.mean(), last.train_error.max(), last.heldout_error.mean(), last.heldout_error.max()])
+    sides = [(s.train_error, s.heldout_error) for s in (*rungs, found.steps[-1])]
+    table = [[value for errors in side for value in (errors.mean(), errors.max())] for side in sides]
     return {
         "seed": seed,
         "stiffness": {k: round(v) for k, v in case.stiffness.items()},

@@ -27,7 +27,8 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
 from gpmodel.model.geometric import standard_effects
-from gpmodel.report.from_calibration import Calibrated, from_calibration
+from gpmodel.report.build import Ladder
+from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.report.text import summary
@@ -41,7 +42,7 @@ COMMAND = "gpmodel.calibrate"
 class CalibrationResult:
     """Registration, the standard model, then one effect after the other, and the last of them fitted to all poses."""
 
-    calibrated: Calibrated
+    calibrated: Ladder
     origin: Origin
 
     @cached_property
@@ -130,14 +131,14 @@ def calibrate(
     groups = [named_group(effect, arm, poses) for effect in named_effects]
     train, held = split(poses.dataset, fraction, seed)
     models = growing(geometry, groups)
-    rungs = climb(arm, models, poses.subset(train), poses.subset(held), condition_limit, seed)
-    final = fit_model(rungs[-1].fit.model, poses, condition_limit=condition_limit, seed=seed)
-    for step, tried in [*((r.step, r.fit) for r in rungs), ("all poses", final)]:
+    steps = climb(arm, models, poses.subset(train), poses.subset(held), condition_limit, seed)
+    final = fit_model(steps[-1].calibration.model, poses, condition_limit=condition_limit, seed=seed)
+    for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
             raise InputError(f"{poses.dataset.source}: the fit of {step} diverged: {tried.reason}")
     named = tuple(effect for _, group in groups for effect in group)
-    calibrated = Calibrated(poses, train, held, rungs, final, named)
-    return CalibrationResult(calibrated, Origin(command, seed, time.perf_counter() - started))
+    made = Origin(command, seed, time.perf_counter() - started)
+    return CalibrationResult(Ladder(poses, train, steps, final, named), made)
 
 
 def checked_poses(

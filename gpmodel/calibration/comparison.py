@@ -15,29 +15,18 @@ from gpmodel.table.dataset import Dataset
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Statistics of 3-D errors, m: mean, root mean square, maximum; NaN over no poses."""
+class Step:
+    """One model of the ladder: its name, its fit to the training poses, its 3-D errors there (N,) and on the poses held
+    out (M,), m.
 
-    mean: float
-    rms: float
-    max: float
+    An error is NaN at a pose of a set-up or tool not trained on. finding: which one it adds, of a discovery.
+    """
 
-
-def summarise(error: Array) -> Errors:
-    """Statistics of errors (N,), m."""
-    if len(error) == 0:
-        return Errors(np.nan, np.nan, np.nan)
-    return Errors(float(np.mean(error)), float(np.sqrt(np.mean(error**2))), float(np.max(error)))
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One model: its name, its fit to the training poses, its errors there and on the poses held out."""
-
-    step: str
-    fit: Calibration
-    train: Errors
-    heldout: Errors
+    name: str
+    calibration: Calibration
+    train_error: Array
+    heldout_error: Array
+    finding: int | None = None
 
 
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
@@ -57,19 +46,23 @@ def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
 def climb(
     mechanism: Mechanism, models: Models, seen: Poses, unseen: Poses, condition_limit: float | None = None,
     seed: int = 0,
-) -> tuple[Rung, ...]:  # fmt: skip
-    """One model after the other, each fitted anew to the poses `seen` and measured against those `unseen`.
-
-    Of these, the ones of a set-up or tool not trained on are left out.
-    """
-    unseen = unseen.subset(known_rows(seen.dataset, unseen.dataset))
-    rungs: list[Rung] = []
-    for step, of_model in models:
-        start = without_outlier_marks(rungs[-1].fit) if rungs else None
+) -> tuple[Step, ...]:  # fmt: skip
+    """One model after the other, each fitted anew to the poses `seen` and measured against those `unseen`."""
+    steps: list[Step] = []
+    for name, of_model in models:
+        start = without_outlier_marks(steps[-1].calibration) if steps else None
         fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, start=start, seed=seed)
-        errors = errors_on(fit, unseen) if len(unseen) else np.zeros(0)
-        rungs.append(Rung(step, fit, summarise(fit.error), summarise(errors)))
-    return tuple(rungs)
+        steps.append(step_of(name, fit, seen, unseen))
+    return tuple(steps)
+
+
+def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
+    """A fit to the poses `seen` with its errors on them and on those `unseen`."""
+    known = known_rows(seen.dataset, unseen.dataset)
+    errors = np.full(len(unseen), np.nan)
+    if len(known):
+        errors[known] = errors_on(fit, unseen.subset(known))
+    return Step(name, fit, fit.error, errors)
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.calibration.comparison import summarise
 from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
@@ -23,8 +22,8 @@ def notes(mechanism: Mechanism, data: Dataset, bare: Calibration, fit: Calibrati
     """One sentence each: residuals of registration and standard model, values an unknown, loads, what was left out,
     the noise floor, and what to measure next. bare: fit of registration and tool. fit: of the standard model."""
     yield (
-        f"registration and tool alone leave {1e3 * summarise(bare.error).rms:.4g} mm RMS, the standard model "
-        f"{1e3 * summarise(fit.error).rms:.4g} mm, on the poses it is fitted to"
+        f"registration and tool alone leave {_rms_mm(bare):.4g} mm RMS, the standard model "
+        f"{_rms_mm(fit):.4g} mm, on the poses it is fitted to"
     )
     poses, values = int(bundles(data).max()) + 1, measured_values(data)
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
@@ -44,6 +43,10 @@ def notes(mechanism: Mechanism, data: Dataset, bare: Calibration, fit: Calibrati
     yield known
     if wanted := list(_wanted(mechanism, data, values / fit.rank, fit.rank)):
         yield f"to measure next: {'; '.join(wanted)}"
+
+
+def _rms_mm(fit: Calibration) -> float:
+    return float(1e3 * np.sqrt(np.mean(fit.error**2)))
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.confirmation import Confirmation
@@ -42,17 +43,6 @@ class Round:
     evolved: tuple[Candidate, ...]
     null_nats: Array
     dropped: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Step:
-    """One rung of the ladder: a fitted model and its 3-D errors, m, on training and held-out poses."""
-
-    name: str
-    calibration: Calibration
-    train_error: Array
-    heldout_error: Array
-    finding: int | None = None
 
 
 @dataclass(frozen=True)

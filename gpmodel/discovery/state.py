@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from gpmodel.arrays import IntArray
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.result import Finding, Round, Step
+from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.offer import Offer

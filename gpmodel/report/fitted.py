@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
@@ -19,10 +20,10 @@ CHAIN_POSES = 60
 
 
 def statistics_mm(error: Array) -> ErrorsMm:
-    """Mean, RMS and maximum of 3-D errors (N,) in m, given in mm."""
-    if len(error) == 0:
+    """Mean, RMS and maximum in mm of the 3-D errors (N,), m, that are known; nothing where none is."""
+    mm = 1e3 * error[np.isfinite(error)]
+    if len(mm) == 0:
         return ErrorsMm()
-    mm = 1e3 * error
     return ErrorsMm(float(mm.mean()), float(np.sqrt(np.mean(mm**2))), float(mm.max()))
 
 
@@ -108,12 +109,13 @@ def _known(calibration: Calibration, poses: Poses) -> IntArray:
     return np.flatnonzero(known)
 
 
-def plots(poses: Poses, train: IntArray, steps: Sequence[tuple[str, Calibration, Array, Array]]) -> PlotRecord:
-    """Errors and residuals pose by pose. steps: name, fit and errors (m) on training and held-out poses, in order."""
+def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
+    """Errors and residuals pose by pose, of a ladder fitted to the rows `train`."""
     heldout = np.ones(len(poses), dtype=bool)
     heldout[train] = False
-    fits = {name: fit for name, fit, _, _ in steps}
-    shown = {n: fits[n] for n in (REGISTRATION, STANDARD) if n in fits} | {"final": steps[-1][1]}
+    fits = {step.name: step.calibration for step in steps}
+    last = steps[-1].calibration
+    shown = {n: fits[n] for n in (REGISTRATION, STANDARD) if n in fits} | {"final": last}
     drawn = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), CHAIN_POSES)).astype(int))
     arms = 1e3 * chain(poses.transforms[:, drawn])[:, :, :3, 3]
     return PlotRecord(
@@ -121,8 +123,8 @@ def plots(poses: Poses, train: IntArray, steps: Sequence[tuple[str, Calibration,
         points_mm=vectors(1e3 * np.column_stack([poses.states[a] for a in "xyz"])),
         heldout_mask=tuple(heldout.tolist()),
         residual_mm={name: vectors(1e3 * root_residual(fit, poses)) for name, fit in shown.items()},
-        error_mm={name: SideErrors(finite(1e3 * seen), finite(1e3 * unseen)) for name, _, seen, unseen in steps},
-        slots=tuple(fits[steps[-1][0]].model.mechanism.slots),
+        error_mm={s.name: SideErrors(finite(1e3 * s.train_error), finite(1e3 * s.heldout_error)) for s in steps},
+        slots=tuple(last.model.mechanism.slots),
         chain_poses=tuple(drawn.tolist()),
         chain_mm=tuple(vectors(np.round(arm, 2)) for arm in np.swapaxes(arms, 0, 1)),
     )

@@ -9,15 +9,16 @@ from gpmodel.calibration.result import resolved
 from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.result import Discovery, Round, Step
+from gpmodel.discovery.result import Discovery, Round
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.report import fitted, verdict
-from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, ranges, repeatability, versions
+from gpmodel.report.build import Ladder, build
+from gpmodel.report.origin import Origin, names_of, ranges
 from gpmodel.report.quantity import quantity, read_columns, translate
 from gpmodel.report.referenced import histogram_record
-from gpmodel.report.schema import Confirmation, MechanismRecord, Report, StepRecord
-from gpmodel.report.schema_poses import PlotRecord
+from gpmodel.report.schema import Confirmation, Report
+from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
     EffectRecord,
@@ -35,50 +36,22 @@ MOST_TERMS = 6
 def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     """Everything the loop found, tried and left, under the table's own names."""
     poses, final = discovery.poses, discovery.final
-    data = poses.dataset
-    names = names_of(data)
-    floor, source = floor_mm(data, origin.noise)
+    names = names_of(poses.dataset)
     absorbed = tuple(translate(name, names) for name in absorbed_families(final, poses))
-    report = Report(
-        kind="discover",
-        command=origin.command,
-        versions=versions(),
-        seed=origin.seed,
-        data=data_record(poses, len(discovery.train), final),
-        mechanism=MechanismRecord(discovery.mechanism.name, tuple(names[j] for j in data.joints)),
-        ladder=tuple(_step(step) for step in discovery.steps),
+    common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
+    report = replace(
+        common,
         effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
         histograms=tuple(histogram_record(r.exploration.histogram, names) for r in discovery.rounds),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
-        parameters=fitted.parameters(final, names),
-        placement=fitted.placement(final),
         rank_curve=fitted.rank_curve(discovery.steps[1].calibration),
-        condition_limit=final.condition_limit,
-        status=final.status,
-        reason=final.reason,
         stopped=discovery.stopped,
-        sigma_mm=1e3 * final.sigma,
-        noise_floor_mm=floor,
-        noise_from=source,
-        repeatability=repeatability(data),
         confirmation=_confirmation(discovery),
         absorbed=absorbed,
-        plots=_plots(discovery, names),
-        seconds=origin.seconds,
+        plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
     sentences = (verdict.of_discovery(report), absorbed_in_words(final, absorbed), rivals_in_words(final, poses))
     return replace(report, verdict=" ".join(filter(None, sentences)))
-
-
-def _step(step: Step) -> StepRecord:
-    return StepRecord(
-        step=step.name,
-        train=fitted.statistics_mm(step.train_error),
-        heldout=fitted.statistics_mm(step.heldout_error),
-        rank=step.calibration.rank,
-        dropped=step.calibration.dropped,
-        effect=step.finding,
-    )
 
 
 def _confirmation(discovery: Discovery) -> Confirmation | None:
@@ -183,14 +156,9 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
     )
 
 
-def _plots(discovery: Discovery, names: Mapping[str, str]) -> PlotRecord:
+def _shapes(discovery: Discovery, names: Mapping[str, str]) -> tuple[ShapeRecord, ...]:
     poses, last = discovery.poses, discovery.steps[-1].calibration
     heldout = np.zeros(len(poses), dtype=bool)
     heldout[discovery.heldout] = True
-    steps = [(s.name, s.calibration, s.train_error, s.heldout_error) for s in discovery.steps]
-    shapes = [
-        replace(found, effect=i)
-        for i, finding in enumerate(discovery.findings)
-        if (found := shape_record(last, poses, finding.candidate, heldout, names))
-    ]
-    return replace(fitted.plots(poses, discovery.train, steps), shapes=tuple(shapes))
+    found = (shape_record(last, poses, finding.candidate, heldout, names) for finding in discovery.findings)
+    return tuple(replace(shape, effect=i) for i, shape in enumerate(found) if shape)

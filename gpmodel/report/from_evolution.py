@@ -6,15 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.calibration.comparison import step_of
+from gpmodel.calibration.result import Calibration
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
 from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted, verdict
-from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
+from gpmodel.report.build import Ladder, build
+from gpmodel.report.origin import Origin, names_of
 from gpmodel.report.quantity import translate
 from gpmodel.report.referenced import histogram_record
-from gpmodel.report.schema import STANDARD, MechanismRecord, Report, StepRecord
+from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import ProgramRecord
 
 
@@ -26,34 +28,13 @@ def from_evolution(
     fit: of the training rows of `poses`. evolved: the finished runs and their histogram of referenced inputs.
     """
     runs, counted = evolved
-    data = poses.dataset
-    names = names_of(data)
-    heldout = np.setdiff1d(np.arange(len(poses)), train)
-    unseen = errors_on(fit, poses.subset(heldout)) if len(heldout) else np.zeros(0)
-    floor, source = floor_mm(data, origin.noise)
-    report = Report(
-        kind="evolve",
-        command=origin.command,
-        versions=versions(),
-        seed=origin.seed,
-        data=data_record(poses, len(train), fit),
-        mechanism=MechanismRecord(fit.model.mechanism.name, tuple(names[j] for j in data.joints)),
-        ladder=(
-            StepRecord(STANDARD, fitted.statistics_mm(fit.error), fitted.statistics_mm(unseen), fit.rank, fit.dropped),
-        ),
+    names = names_of(poses.dataset)
+    unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
+    step = step_of(STANDARD, fit, poses.subset(train), unseen)
+    report = replace(
+        build("evolve", Ladder(poses, train, (step,), fit), origin),
         histograms=(histogram_record(counted, names),),
         runs=tuple(_run(run, names) for run in runs),
-        parameters=fitted.parameters(fit, names),
-        placement=fitted.placement(fit),
-        rank_curve=fitted.rank_curve(fit),
-        condition_limit=fit.condition_limit,
-        status=fit.status,
-        reason=fit.reason,
-        sigma_mm=1e3 * fit.sigma,
-        noise_floor_mm=floor,
-        noise_from=source,
-        plots=fitted.plots(poses, train, [(STANDARD, fit, fit.error, unseen)]),
-        seconds=origin.seconds,
     )
     return replace(report, verdict=verdict.of_evolution(report))
 

@@ -23,6 +23,7 @@ from gpmodel.report.schema_search import (
 SCHEMA = 1
 REGISTRATION, STANDARD = "registration", "standard"
 NoiseSource = Literal["repeats", "instrument"]
+Kind = Literal["calibrate", "discover", "evolve"]
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Report:
 
     command: str = ""
     schema: int = SCHEMA
-    kind: Literal["calibrate", "discover", "evolve"] = "discover"
+    kind: Kind = "discover"
     versions: dict[str, str] = field(default_factory=dict)
     seed: int = 0
     data: DataRecord = DataRecord()

@@ -1,0 +1,66 @@
+"""What every report says, whatever call made it: the one builder, of a ladder of fits and the model that is shipped."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.comparison import Step
+from gpmodel.calibration.result import Calibration
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
+from gpmodel.report import fitted
+from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, repeatability, versions
+from gpmodel.report.schema import Kind, MechanismRecord, Report, StepRecord
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Fits to the rows `train` of `poses`, one after the other, and the model to ship, fitted to all of them.
+
+    named: effects beside the standard model that were asked for; they are no parameters of it.
+    """
+
+    poses: Poses
+    train: IntArray
+    steps: Sequence[Step]
+    final: Calibration
+    named: tuple[Effect, ...] = ()
+
+
+def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
+    """The part of a Report that every call has, under the table's own names; each adds what is its own."""
+    poses, final = ladder.poses, ladder.final
+    data, names = poses.dataset, names_of(poses.dataset)
+    floor, source = floor_mm(data, origin.noise)
+    return Report(
+        kind=kind,
+        command=origin.command,
+        versions=versions(),
+        seed=origin.seed,
+        data=data_record(poses, len(ladder.train), final),
+        mechanism=MechanismRecord(final.model.mechanism.name, tuple(names[j] for j in data.joints)),
+        ladder=tuple(_step(step) for step in ladder.steps),
+        parameters=fitted.parameters(final, names, frozenset(e.name for e in ladder.named)),
+        placement=fitted.placement(final),
+        rank_curve=fitted.rank_curve(final),
+        condition_limit=final.condition_limit,
+        status=final.status,
+        reason=final.reason,
+        sigma_mm=1e3 * final.sigma,
+        noise_floor_mm=floor,
+        noise_from=source,
+        repeatability=repeatability(data),
+        plots=fitted.plots(poses, ladder.train, ladder.steps),
+        seconds=origin.seconds,
+    )
+
+
+def _step(step: Step) -> StepRecord:
+    return StepRecord(
+        step=step.name,
+        train=fitted.statistics_mm(step.train_error),
+        heldout=fitted.statistics_mm(step.heldout_error),
+        rank=step.calibration.rank,
+        dropped=step.calibration.dropped,
+        effect=step.finding,
+    )
