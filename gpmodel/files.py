@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -70,13 +69,13 @@ def write_text(path: Path, text: str) -> None:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def to_json(value: Any) -> str:
+def to_json(value: object) -> str:
     """JSON text of nested dicts, sequences and NumPy numbers; a row of numbers is a line, not finite ones are null."""
     text = json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False)
     return _NUMBERS.sub(lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     match value:
         case dict():
             return {str(k): _plain(v) for k, v in value.items()}

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -98,7 +98,12 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
     from joints.studies.study import plain
 
-    record = {"schema": 1, "command": f"joint {name}", "seed": seed, **plain(study.data)}
+    record = {
+        "schema": 1,
+        "command": f"joint {name}",
+        "seed": seed,
+        **{key: plain(value) for key, value in study.data.items()},
+    }
     numbers = (json.dumps(record, indent=1) + "\n").encode()
     files: dict[Path, bytes] = {}
     if json_file is not None:
@@ -160,12 +165,12 @@ def fitting(table: Table, width: int) -> list[Table]:
     ]
 
 
-def _columns(table: Table) -> list[list[Any]]:
+def _columns(table: Table) -> list[list[object]]:
     """Every column with its head first."""
     return [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.columns)]
 
 
-def _widths(column: Sequence[Any]) -> tuple[int, int]:
+def _widths(column: Sequence[object]) -> tuple[int, int]:
     """Characters a column needs at least, numbers whole and text broken between words, and those it would like."""
     parts = [part for cell in column for part in (cell.split() if isinstance(cell, str) else [_cell(cell)])]
     return max(map(len, parts), default=1), max(len(_cell(cell)) for cell in column)
@@ -184,7 +189,7 @@ def _rich(table: Table, width: int) -> RichTable:
     return rich
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -188,12 +188,7 @@ def evolve(
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
     called(progress, "progress")
     file = None if checkpoint is None else file_path(checkpoint, "checkpoint")
-    effort = Effort(
-        None if population is None else whole(population, "population", 4),
-        None if generations is None else whole(generations, "generations"),
-        limit(seconds, "seconds", 0.0),
-        whole(threads, "threads"),
-    )
+    effort = _effort(population, generations, seconds, threads)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
@@ -218,6 +213,16 @@ def evolve(
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
     return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
+
+
+def _effort(population: object, generations: object, seconds: object, threads: object) -> Effort:
+    """What was asked of a run. Raises InputError that names the first number that is none."""
+    return Effort(
+        None if population is None else whole(population, "population", 4),
+        None if generations is None else whole(generations, "generations"),
+        limit(seconds, "seconds", 0.0),
+        whole(threads, "threads"),
+    )
 
 
 def _reporter(say: Say, runs: int) -> Callable[[str, int, bool, Generation], None] | None:

@@ -29,7 +29,7 @@ class Effort:
     threads: int = 0
 
 
-def default_strategies(space: Space) -> tuple[Representation, ...]:
+def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
     """The thesis' own in Cartesian space, those that search a slot's shape else."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import click
 
@@ -78,7 +78,7 @@ def strategies_named(
     names: str, space: Literal["cartesian", "slot"], operators: str | None
 ) -> tuple[Representation, ...]:
     """The representations of `linear,tree`, with other operators where given. Raises InputError for another name."""
-    known: dict[str, Any] = {label(strategy): strategy for strategy in default_strategies(space)}
+    known = {label(strategy): strategy for strategy in default_strategies(space)}
     chosen: list[Representation] = []
     for name in (part.strip() for part in names.split(",")):
         if name not in known:

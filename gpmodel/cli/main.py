@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
@@ -65,7 +65,7 @@ class Program(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> object:
         """Run the command; errors of input end it with one line."""
         try:
             return super().invoke(ctx)
@@ -75,12 +75,11 @@ class Program(click.Group):
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
             raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error
 
-    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> NoReturn:  # type: ignore[override]
+    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: object) -> NoReturn:  # type: ignore[override]
         """Run as a program, and exit."""
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
-        extra["standalone_mode"] = False
         try:
-            status = super().main(arguments, prog_name or "gpmodel", **extra)
+            status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
             sys.exit(status if isinstance(status, int) else DONE)
         except click.Abort:
             _end(INTERRUPTED, "interrupted")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -30,7 +30,7 @@ class Number(click.ParamType):
         return number
 
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Command = TypeVar("Command", bound=Callable[..., object])
 
 seed_option = click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random."
@@ -75,13 +75,13 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
     def add(command: Command) -> Command:
         @wraps(command)
         def wrapped(
-            *args: Any,
+            *args: object,
             mechanism: str | None,
             frame: str | None,
             payload: str | None,
             payload_com: str | None,
-            **rest: Any,
-        ) -> Any:
+            **rest: object,
+        ) -> object:
             loaded = mechanism and load_mechanism(mechanism, payload, frame=frame, payload_com=payload_com)
             return command(*args, mechanism=loaded, **rest)
 

@@ -2,17 +2,20 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget
 
+Task = TypeVar("Task")
+Done = TypeVar("Done")
+
 
 class Mapper(Protocol):
     """Runs tasks in order, wherever: `map`, or an executor's."""
 
-    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterable[Any]: ...
+    def __call__(self, function: Callable[[Task], Done], tasks: Sequence[Task], /) -> Iterable[Done]: ...
 
 
 @dataclass(frozen=True)

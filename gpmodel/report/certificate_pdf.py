@@ -1,9 +1,10 @@
 """The certificate as PDF: sides of A4, drawn line by line."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import Literal
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_pdf import PdfPages
@@ -22,9 +23,21 @@ STEP = 0.0145
 PER_COLUMN = 2
 """Parameters stand in this many columns."""
 
-LOOK: dict[str, Any] = {"fontsize": 8, "color": INK, "va": "baseline"}
 
-Cell = tuple[float, str, dict[str, Any]]
+@dataclass(frozen=True)
+class Look:
+    """How a text is set: its size in points, colour, weight, and which of its ends stands at its place."""
+
+    size: float = 8.0
+    colour: str = INK
+    weight: Literal["normal", "bold"] = "normal"
+    end: Literal["left", "right"] = "left"
+
+
+PLAIN, FAINT, RIGHT_END = Look(), Look(colour=MUTED), Look(end="right")
+HEADING, BOLD_END = Look(10.0, weight="bold"), Look(weight="bold", end="right")
+
+Cell = tuple[float, str, Look]
 Row = tuple[float, list[Cell], bool]
 
 
@@ -40,13 +53,19 @@ def write_pdf(found: Certificate, path: Path) -> None:
                 height, cells, ruled = rows.pop(0)
                 y -= height * STEP
                 for x, text, look in cells:
-                    figure.text(x, y, text, **(LOOK | look))
+                    _write(figure, x, y, text, look)
                 if ruled:
                     _rule(figure, y - 0.35 * STEP)
-            figure.text(RIGHT, 0.035, f"{number}", fontsize=7, color=MUTED, ha="right")
-            figure.text(LEFT, 0.035, found.title, fontsize=7, color=MUTED)
+            _write(figure, RIGHT, 0.035, f"{number}", Look(7.0, MUTED, end="right"))
+            _write(figure, LEFT, 0.035, found.title, Look(7.0, MUTED))
             pdf.savefig(figure)
             number += 1
+
+
+def _write(figure: Figure, x: float, y: float, text: str, look: Look) -> None:
+    figure.text(
+        x, y, text, fontsize=look.size, color=look.colour, weight=look.weight, ha=look.end, va="baseline"
+    )  # fmt: skip
 
 
 def _together(rows: Sequence[Row]) -> Sequence[Row]:
@@ -60,16 +79,15 @@ def _rule(figure: Figure, y: float) -> None:
 
 def _rows(found: Certificate) -> Iterator[Row]:
     """Height in lines, cells and whether a rule follows, from the top of the first side."""
-    yield 1.2, [(LEFT, found.title, {"fontsize": 14, "weight": "bold"})], False
+    yield 1.2, [(LEFT, found.title, Look(14.0, weight="bold"))], False
     for title, lines in (("", found.particulars), ("Scope", found.scope)):
         yield from _block(title, lines)
     if found.statistics:
-        right = {"ha": "right"}
-        heads: list[Cell] = [(0.62, "before, mm", right), (0.82, "after, mm", right)]
-        yield 2.2, [(LEFT, f"Accuracy over {found.poses}", {"fontsize": 10, "weight": "bold"})], False
+        heads: list[Cell] = [(0.62, "before, mm", RIGHT_END), (0.82, "after, mm", RIGHT_END)]
+        yield 2.2, [(LEFT, f"Accuracy over {found.poses}", HEADING)], False
         yield 1.3, heads, True
         for name, before, after in found.statistics:
-            yield 1.3, [(LEFT, name, {}), (0.62, before, right), (0.82, after, right | {"weight": "bold"})], True
+            yield 1.3, [(LEFT, name, PLAIN), (0.62, before, RIGHT_END), (0.82, after, BOLD_END)], True
     yield from _block("Repeatability", found.repeatability)
     yield from _parameters("Tool in the flange, root in the instrument's frame, ± σ", found.placement)
     yield from _block("Effects", [(name, f"{v} ± {s} {unit}") for name, v, s, unit in found.effects])
@@ -77,24 +95,24 @@ def _rows(found: Certificate) -> Iterator[Row]:
     yield from _block("Record", found.record)
     yield 1.0, [], False
     for line in wrap(SMALL_PRINT, 132):
-        yield 0.95, [(LEFT, line, {"fontsize": 6.5, "color": MUTED})], False
-    yield 4.0, [(LEFT, "Date, signature: ____________________________", {})], False
+        yield 0.95, [(LEFT, line, Look(6.5, MUTED))], False
+    yield 4.0, [(LEFT, "Date, signature: ____________________________", PLAIN)], False
 
 
 def _block(title: str, lines: Sequence[tuple[str, str]]) -> Iterator[Row]:
     if lines and title:
-        yield 2.2, [(LEFT, title, {"fontsize": 10, "weight": "bold"})], False
+        yield 2.2, [(LEFT, title, HEADING)], False
     for name, value in lines:
         parts = wrap(value, 84) or [""]
         for k, part in enumerate(parts):
-            heading: list[Cell] = [(LEFT, name, {"color": MUTED})] if k == 0 else []
-            yield 1.3, [*heading, (0.34, part, {})], k == len(parts) - 1
+            heading: list[Cell] = [(LEFT, name, FAINT)] if k == 0 else []
+            yield 1.3, [*heading, (0.34, part, PLAIN)], k == len(parts) - 1
 
 
 def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
     if not entries:
         return
-    yield 2.2, [(LEFT, title, {"fontsize": 10, "weight": "bold"})], False
+    yield 2.2, [(LEFT, title, HEADING)], False
     width = (RIGHT - LEFT) / PER_COLUMN
     rows = -(-len(entries) // PER_COLUMN)
     for k in range(rows):
@@ -103,7 +121,7 @@ def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
             x = LEFT + column * width
             short = wording.shortened(name, 22)
             cells += [
-                (x, short, {}), (x + 0.235, value, {"ha": "right", "weight": "bold"}),
-                (x + 0.24, f"± {deviation} {unit}", {"color": MUTED}),
+                (x, short, PLAIN), (x + 0.235, value, BOLD_END),
+                (x + 0.24, f"± {deviation} {unit}", FAINT),
             ]  # fmt: skip
         yield 1.2, cells, True

@@ -1,8 +1,6 @@
 """explore.html: the arm, its poses and their residuals before and after, in a view that turns; a pure function of a
 Report."""
 
-from typing import Any
-
 import numpy as np
 
 from gpmodel.arrays import Array
@@ -43,7 +41,7 @@ def _titles(report: Report) -> tuple[str, str]:
     return (report.title(before) if before else "before", report.title(after) if after else "after")
 
 
-def figure_of(report: Report) -> tuple[dict[str, Any], float]:
+def figure_of(report: Report) -> tuple[dict[str, object], float]:
     """Traces and layout as the library reads them, and how many times residuals are enlarged."""
     plots = report.plots
     every = every_so_many(report)
@@ -99,7 +97,7 @@ def _plain(values: Array) -> list[float | None]:
     return [round(float(v), 3) if np.isfinite(v) else None for v in values]
 
 
-def _arrows(points: Array, residual: Array, magnification: float, name: str, colour: str) -> dict[str, Any]:
+def _arrows(points: Array, residual: Array, magnification: float, name: str, colour: str) -> dict[str, object]:
     """Lines from each point along its residual, enlarged; a gap between any two."""
     ends = points + magnification * residual
     gap = np.full_like(points, np.nan)
@@ -110,7 +108,7 @@ def _arrows(points: Array, residual: Array, magnification: float, name: str, col
     }  # fmt: skip
 
 
-def _dots(points: Array, said: list[tuple[int, str]]) -> dict[str, Any]:
+def _dots(points: Array, said: list[tuple[int, str]]) -> dict[str, object]:
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],
         "customdata": [row for row, _ in said], "marker": {"size": 3, "color": COLOURS["before"]},
@@ -118,7 +116,7 @@ def _dots(points: Array, said: list[tuple[int, str]]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _arm(chain: Array, slots: tuple[str, ...], name: str) -> dict[str, Any]:
+def _arm(chain: Array, slots: tuple[str, ...], name: str) -> dict[str, object]:
     return {
         "type": "scatter3d", "mode": "lines+markers", "name": name, "hoverinfo": "text", "text": list(slots),
         "line": {"color": COLOURS["arm"], "width": 8}, "marker": {"size": 5, "color": COLOURS["arm"]},

@@ -1,11 +1,13 @@
 """Draws the report's pictures: PNG files, and SVG that takes its colours from the page."""
 
+from __future__ import annotations
+
 import io
 import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -14,8 +16,11 @@ from gpmodel.report import charts_errors, charts_findings, charts_search, charts
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
 
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
+
 DOTS_PER_INCH = 192
-STYLE: dict[Any, Any] = {
+STYLE: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "text.color": INK,

@@ -5,7 +5,6 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -37,7 +36,7 @@ def html(report: Report, drawings: Mapping[str, str]) -> str:
     )
 
 
-def render(template: str, **content: Any) -> str:
+def render(template: str, **content: object) -> str:
     """A page from one of the templates, with the formats and sentences all of them use."""
     return str(_environment().get_template(template).render(**content))
 

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -16,7 +15,7 @@ NAME = "report.json"
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
-def as_dict(report: Report) -> dict[str, Any]:
+def as_dict(report: Report) -> dict[str, object]:
     """The content of report.json. `histogram` is that of the first round."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else HistogramRecord()

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -65,7 +64,7 @@ def read_map(path: Path) -> ColumnMap:
     return ColumnMap(columns, None if orientation is None else _orientation(orientation, path.name), path.name)
 
 
-def _orientation(content: Any, where: str) -> Orientation:
+def _orientation(content: object, where: str) -> Orientation:
     if not isinstance(content, dict) or set(content) != {"columns", "convention"}:
         raise InputError(f'{where}: [orientation]: expected `columns = [...]` and `convention = "intrinsic XYZ"`')
     convention, columns = content["convention"], content["columns"]
@@ -75,7 +74,7 @@ def _orientation(content: Any, where: str) -> Orientation:
     return Orientation(tuple(columns), convention)
 
 
-def _reader(convention: Any, where: str) -> tuple[Callable[[Array], Rotation], int]:
+def _reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
     """What turns rows of numbers (radians) into rotations, and how many numbers it needs."""
     if convention == "rotation vector":
         return Rotation.from_rotvec, 3
@@ -101,7 +100,7 @@ def import_file(path: Path, columns: ColumnMap) -> pd.DataFrame:
     """
     frame, _ = read_frame(path)
     frame.columns = frame.columns.astype(str).str.strip()
-    out: dict[str, Any] = {}
+    out: dict[str, pd.Series | list[str]] = {}
     for name, text in columns.columns.items():
         where = f"{columns.source}: {name}"
         if name in LABELS:

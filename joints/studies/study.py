@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ class Table:
 
     title: str
     columns: Sequence[str]
-    rows: Sequence[Sequence[Any]]
+    rows: Sequence[Sequence[object]]
     note: str = ""
 
 
@@ -27,12 +26,12 @@ class Study:
     """Tables to print, `data` for JSON (units in the key names), figures and HTML pages by file name."""
 
     tables: Sequence[Table]
-    data: Mapping[str, Any]
+    data: Mapping[str, object]
     figures: Mapping[str, Figure] = field(default_factory=dict)
     pages: Mapping[str, str] = field(default_factory=dict)
 
 
-def plain(value: Any) -> Any:
+def plain(value: object) -> object:
     """`value` with NumPy arrays and numbers as lists and Python numbers, and nan or inf as None, ready for JSON."""
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
