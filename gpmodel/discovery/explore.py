@@ -15,7 +15,7 @@ from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
-from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram
+from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
@@ -72,13 +72,15 @@ def explore(
     After the first round the shuffled ones are left out where nothing evolved saves what a finding has to, for nothing
     could be accepted; half as many are enough where their maxima are pooled with those of rounds before.
     Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
-    with both); what it finds is scored on all.
+    with both); what it finds is scored on all. No runs: nothing is evolved, and the histogram is empty.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     inputs, names = readable_inputs(residual.poses.states, rows)
     problem = SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node)
+    if not search.runs:
+        return Exploration((), np.zeros(0), without_runs(inputs.names, residual.criteria.input_significance))
     budget = search.budget(turn.opening)
     settings = [Settings(strategy, budget=budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]

@@ -54,7 +54,7 @@ class Histogram:
 
     def referring_by_chance(self) -> tuple[int, ...]:
         """Shuffled runs (inputs,) of all representations that reference each input."""
-        return tuple(map(sum, zip(*self.shuffled.values(), strict=True)))
+        return tuple(map(sum, zip(*self.shuffled.values(), strict=True))) or (0,) * len(self.inputs)
 
 
 def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance: float) -> Histogram:
@@ -88,6 +88,12 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
         _by_strength(real, null, names),
         significance,
     )
+
+
+def without_runs(inputs: Sequence[str], significance: float) -> Histogram:
+    """The histogram of a search that was not made: every count is zero and every chance one."""
+    certain = (1.0,) * len(inputs)
+    return Histogram(tuple(inputs), {}, {}, {}, {}, {}, certain, certain, significance)
 
 
 def referencing(records: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[int, ...]:

@@ -25,6 +25,9 @@ A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 DEGREE = 3
 """Of a smooth field over the volume: a bend and an s-shape along each direction."""
 
+FINE, FINE_POSES = 5, 200
+"""Half waves, along all directions together, of a field with more detail, and the poses that can carry its numbers."""
+
 WAVES = 8
 """Of a walk along the rows: the eighth carries a 225th of the variance of the first."""
 
@@ -99,6 +102,24 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
             label = "".join(f"{c}{k}" for c, k in zip("xyz", power, strict=True) if k)
             effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", LENGTH / 2))
     yield Candidate(name, tuple(effects), "instrument_field", 5.0)
+    if len(states) >= FINE_POSES:
+        yield _waves(scaled)
+
+
+def _waves(scaled: list[str]) -> Candidate:
+    """Products of cosines of up to FINE half waves in all, deviations as 1/(1 + k²): what polynomials cannot follow."""
+    name = "detailed smooth error of the instrument over the volume"
+    effects = []
+    for orders in product(range(FINE + 1), repeat=3):
+        if not 1 <= sum(orders) <= FINE:
+            continue
+        shape = "*".join(f"cos({0.5 * np.pi * k:.6f}*({u} + 1))" for u, k in zip(scaled, orders, strict=True) if k)
+        label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
+        size = LENGTH / (1.0 + sum(k * k for k in orders))
+        for axis in ("Tx", "Ty", "Tz"):
+            term = Term(INSTRUMENT, axis, Expression(shape))
+            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", size))
+    return Candidate(name, tuple(effects), "instrument_field", 6.0)
 
 
 def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
