@@ -39,9 +39,9 @@ class Model:
         `predicted_x`.
 
         poses: joint values and the further columns the model reads, as in a measured table. session: whether they
-        belong to the session the model was fitted to; effects that read its rows or time (`left_out`) are kept only
-        then. in_order: the rows are in the order in which the poses are taken, which play and hysteresis ask for.
-        Outside its ranges a law that nobody named keeps its value at the edge.
+        belong to the session the model was fitted to; otherwise effects that read its rows or time (`averaged`) keep
+        their mean over it. in_order: the rows are in the order in which the poses are taken, which play and hysteresis
+        ask for. Outside its ranges a law that nobody named keeps its value at the edge.
         Raises InputError where a column, a set-up or a tool does not fit the model.
         """
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
@@ -84,8 +84,8 @@ class Model:
         return misses(dataset, predicted_columns(usable(self.saved, session=session), dataset))
 
     @property
-    def left_out(self) -> tuple[str, ...]:
-        """Effects that read the rows or the time of the session they were fitted to, and nothing else of another."""
+    def averaged(self) -> tuple[str, ...]:
+        """Effects that read the rows or the time of the session they were fitted to: of another they keep the mean."""
         return tuple(effect.name for effect in of_the_session(self.saved))
 
     def save(self, file: str | Path, **more: object) -> None:

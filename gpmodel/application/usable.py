@@ -19,6 +19,8 @@ MARGIN = 0.01
 one part in its number short of the limits the poses were drawn from."""
 SHAPES = ("", "joint_curve")
 """Families that say how an effect looks over the measured poses and not why: beyond those they say nothing."""
+MOMENTS = 100
+"""Moments of a session that an average over it is taken at."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +53,71 @@ class _Within:
         return len(self.states)
 
 
+@dataclass(frozen=True)
+class Averaged:
+    """A basis in the middle of a session that is over: its mean over moments spread evenly along the clocks' ranges.
+
+    Without it the registration would be that of the moment where the basis happens to be zero.
+    """
+
+    basis: Basis
+    clocks: Mapping[str, tuple[float, float]]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(name for name in self.basis.inputs if name not in self.clocks)
+
+    def __call__(self, states: Columns) -> Array:
+        shares = (np.arange(MOMENTS) + 0.5) / MOMENTS
+        moments = ({c: low + share * (high - low) for c, (low, high) in self.clocks.items()} for share in shares)
+        return np.mean([self.basis(_At(states, moment)) for moment in moments], axis=0)
+
+    def __str__(self) -> str:
+        return str(self.basis)
+
+
+@dataclass(frozen=True)
+class _At:
+    states: Columns
+    moment: Mapping[str, float]
+
+    def __getitem__(self, name: str) -> Array:
+        return np.full(len(self), self.moment[name]) if name in self.moment else self.states[name]
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+
+def clocks_of(saved: SavedModel) -> set[str]:
+    """The row number and the times that the model reads."""
+    return {"row", *(name for name, unit in saved.input_units.items() if is_time(unit))}
+
+
 def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
     """Effects that read the row number or a time: what they say belongs to the session that was fitted."""
-    clocks = {"row", *(name for name, unit in saved.input_units.items() if is_time(unit))}
+    clocks = clocks_of(saved)
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
 def usable(saved: SavedModel, *, session: bool = False) -> SavedModel:
-    """The model for other poses: what reads the session is left out unless `session`, and a law that nobody named is
-    clamped, so that beyond the ranges of its inputs it keeps its value at the edge."""
-    left_out = () if session else of_the_session(saved)
-    found = _without(saved, left_out)
+    """The model for other poses: what reads the session keeps its average over it unless `session`, and a law that
+    nobody named is clamped, so that beyond the ranges of its inputs it keeps its value at the edge."""
+    found = saved if session else _after_the_session(saved)
     effects = tuple(_clamped(effect, saved.ranges) for effect in found.model.effects)
     return replace(found, model=ErrorModel(saved.mechanism, effects))
+
+
+def _after_the_session(saved: SavedModel) -> SavedModel:
+    clocks = {name: saved.ranges[name] for name in clocks_of(saved) if name in saved.ranges}
+    own = of_the_session(saved)
+    effects = tuple(
+        replace(effect, terms=tuple(replace(t, basis=Averaged(t.basis, clocks)) for t in effect.terms))
+        if effect in own
+        else effect
+        for effect in saved.model.effects
+    )
+    model = ErrorModel(saved.mechanism, effects)
+    return replace(saved, model=model, input_units=_still_read(saved, model))
 
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:
@@ -77,17 +131,22 @@ def _without(saved: SavedModel, left_out: tuple[Effect, ...]) -> SavedModel:
     rows = np.concatenate([np.ones(len(saved.covariance.placement), dtype=bool), kept])
     effects = tuple(effect for effect in saved.model.effects if effect not in left_out)
     covariance = saved.covariance
-    reads = {name for effect in effects for name in effect.inputs}
-    lags = any(name.startswith("lag_") for name in reads)
-    unread = {name for effect in left_out for name in effect.inputs if not lags} - reads
+    model = ErrorModel(saved.mechanism, effects)
     return replace(
         saved,
-        model=ErrorModel(saved.mechanism, effects),
+        model=model,
         theta=saved.theta[kept],
         stderr=saved.stderr[kept],
         covariance=Covariance(covariance.values[np.ix_(rows, rows)], covariance.placement, covariance.centre),
-        input_units={k: v for k, v in saved.input_units.items() if k not in unread},
+        input_units=_still_read(saved, model),
     )
+
+
+def _still_read(saved: SavedModel, model: ErrorModel) -> dict[str, str]:
+    """Units of the columns a smaller model needs: all of them where it has a lag, which runs along a clock."""
+    before, reads = ({name for effect in m.effects for name in effect.inputs} for m in (saved.model, model))
+    unread = set() if any(name.startswith("lag_") for name in reads) else before - reads
+    return {name: unit for name, unit in saved.input_units.items() if name not in unread}
 
 
 def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effect:

@@ -28,8 +28,8 @@ def predict(model: Path, poses: Path, session: bool, in_order: bool, out: Path |
     path = write_frame(predicted, out, "predicted.csv")
     if quiet:
         return
-    if fitted.left_out:
-        click.echo(session_note(fitted.left_out, session), err=True)
+    if fitted.averaged:
+        click.echo(session_note(fitted.averaged, session), err=True)
     if path is not None:
         error = fitted.misses(poses, session=session, in_order=in_order)
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""

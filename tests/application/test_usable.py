@@ -1,4 +1,4 @@
-"""What a model says of poses nobody measured: how well, within which ranges, and without another session's effects."""
+"""What a model says of poses nobody measured: how well, within which ranges, and of another session on average."""
 
 from dataclasses import replace
 
@@ -68,9 +68,18 @@ def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
                   input_units={"clock": "s"})  # fmt: skip
     arm = gp.load_mechanism("irb6400r")
     fitted = gp.calibrate(arm, frame, ["J1.moving:Rz:clock"]).model
-    assert fitted.left_out == ("J1.moving:Rz:clock",)
+    assert fitted.averaged == ("J1.moving:Rz:clock",)
     bare = frame.drop(columns="clock [s]")
     assert len(fitted.predict(bare)) == 60
     with pytest.raises(gp.InputError, match="column 'clock \\[s\\]' is missing"):
         fitted.predict(bare, session=True)
     assert fitted.misses(frame, session=True).mean() < fitted.misses(frame).mean()
+
+
+def test_of_another_session_the_mean_is_kept_however_the_law_is_written() -> None:
+    """A drift written from the first row or from the last leaves the same registration behind, that of the middle."""
+    frame = table(60, effects=("J1.moving:Rz:row=3e-5",))
+    arm = gp.load_mechanism("irb6400r")
+    first, last = (gp.calibrate(arm, frame, [f"base:Tx:{law}"]).model for law in ("row", "row - 60"))
+    points = [m.predict(frame)[[f"predicted_{c}" for c in LENGTHS]].to_numpy() for m in (first, last)]
+    np.testing.assert_allclose(points[0], points[1], atol=1e-5)
