@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,22 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from experiments.irb6400r_truth import Case
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.problems import cartesian_problem
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.report.origin import versions
 
 POSITION = ("x", "y", "z")
 ANGLES = ("J1", "J2", "J3", "J4", "J5", "J6")
 KINDS = (*["length"] * 3, *["angle"] * 6)
 THESIS_INPUTS = (*POSITION, *ANGLES)
+DIGITS = 6
 HAND_MADE = (("base compliance", "base_compliance"), ("joint bending", "joint_compliance J5"))
 
 
@@ -40,22 +44,14 @@ def fit(case: Case, names: tuple[str, ...] = ()) -> Calibration:
     return calibrate(ErrorModel(case.mechanism, effects_of(case, names)), case.poses.subset(case.train))
 
 
-def cartesian(calibration: Calibration, poses: Poses, shuffle: np.random.Generator | None = None) -> CartesianProblem:
-    """Points of the model against measured ones, both in the robot's root frame, m; joint angles in rad.
+def cartesian(calibration: Calibration, poses: Poses, norm: str = "max") -> CartesianProblem:
+    """Points of the model against measured ones, mm, and joint angles, rad: the thesis' nine inputs, of any kind.
 
-    shuffle: permutes the errors over the poses, for the null.
+    Rounded to a nanometre, so that the last bits of another machine's linear algebra do not turn evolution elsewhere.
     """
-    frame = calibration.placement.registration[""]
-
-    def in_root(points: Array) -> Array:
-        return (points - frame[:3, 3]) @ frame[:3, :3]
-
-    predicted = in_root(observe(calibration.model, poses, calibration.theta, calibration.placement).tip[:, :3, 3])
-    error = in_root(poses.dataset.position) - predicted
-    if shuffle is not None:
-        error = error[shuffle.permutation(len(error))]
-    inputs = Inputs(THESIS_INPUTS, np.vstack([predicted.T, poses.dataset.q.T]))
-    return CartesianProblem(inputs, np.ascontiguousarray((predicted + error).T))
+    problem = cartesian_problem(calibration, poses, np.arange(len(poses)), norm)
+    values = problem.inputs.select(THESIS_INPUTS).values
+    return replace(problem, inputs=Inputs(THESIS_INPUTS, values.round(DIGITS)), measured=problem.measured.round(DIGITS))
 
 
 def against_chance(real: IntArray, null: IntArray, runs: int) -> dict[str, Any]:
@@ -81,7 +77,11 @@ def options(text: str | None, folder: str, arguments: list[str] | None, **defaul
 def save(chosen: argparse.Namespace, results: dict[str, Any], figures: dict[str, Figure]) -> None:
     """results.json and figures/NAME.png under --out."""
     (chosen.out / "figures").mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"command": chosen.command, **results}, indent=1, default=lambda v: np.asarray(v).tolist())
+    text = json.dumps(
+        {"command": chosen.command, "versions": versions(), **results},
+        indent=1,
+        default=lambda v: np.asarray(v).tolist(),
+    )
     (chosen.out / "results.json").write_text(text + "\n")
     for name, figure in figures.items():
         figure.savefig(chosen.out / "figures" / f"{name}.png", dpi=110)

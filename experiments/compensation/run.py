@@ -3,11 +3,12 @@
 Smooth operators only, x, y and z as inputs, root-mean-square fitness and a price on length: on top of registration
 alone, of the standard model, and of all that the loop finds but the base compliance. Beside them that base compliance:
 how far it moves the tip, against position.
-From the root of the repository: python -m experiments.compensation.run [--population 65536] [--generations 150]
+From the root of the repository: python -m experiments.compensation.run [--seeds 5] (and -h)
 """
 
 from __future__ import annotations
 
+from argparse import Namespace
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from experiments.irb6400r_truth import measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.discovery.problems import MILLIMETRE
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem
 from gpmodel.evolution.search import evolve
@@ -38,13 +40,20 @@ def linear_share(move: Array, coordinate: Array) -> float | None:
     return round(float(1.0 - left.var() / move.var()), 3) if move.std() > 1e-9 else None
 
 
-def evolved(model: Calibration, train: Poses, population: int, generations: int) -> tuple[Program, Array, Array]:
-    """The equation, simplified; the points (3, N) and what it adds to them, m."""
-    full = cartesian(model, train)
-    problem = CartesianProblem(full.inputs.select(POSITION), full.measured, "rms", PRICE)
-    sequences = replace(Linear.thesis(), operators="smooth", crossover=0.03, mutation=0.03)
-    settings = thesis_settings(sequences, population, generations)
-    program = evolve(problem, settings, np.random.default_rng(510)).best.program
+def in_metres(model: Calibration, train: Poses) -> CartesianProblem:
+    """The problem with points in metres: sin and atan of millimetres are no smooth functions of a place."""
+    mm = cartesian(model, train)
+    points = mm.inputs.select(POSITION)
+    return replace(mm, inputs=replace(points, values=points.values / MILLIMETRE), measured=mm.measured / MILLIMETRE)
+
+
+def evolved(model: Calibration, train: Poses, chosen: Namespace) -> tuple[Program, Array, Array]:
+    """The best equation of all seeds, simplified; the points (3, N) and what it adds to them, m."""
+    problem = replace(in_metres(model, train), norm="rms", parsimony=PRICE)
+    sequences = Linear.thesis(operators="smooth", crossover=0.03, mutation=0.03)
+    settings = thesis_settings(sequences, chosen.population, chosen.generations)
+    runs = [evolve(problem, settings, np.random.default_rng([510, seed])) for seed in range(chosen.seeds)]
+    program = min(runs, key=lambda run: run.history["best"].min()).best.program
     return simplify(program), problem.inputs.values, program.evaluate(problem.inputs.mapping()) - problem.inputs.values
 
 
@@ -59,7 +68,7 @@ def rms_mm(error: Array) -> Any:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    chosen = options(__doc__, "compensation", arguments, population=65536, generations=150)
+    chosen = options(__doc__, "compensation", arguments, seeds=5, population=65536, generations=150)
     case = measured_robot(0)
     train, heldout = case.poses.subset(case.train), case.poses.subset(case.heldout)
     bare = ErrorModel(case.mechanism, effects_of(case)[:0])
@@ -69,8 +78,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     results: dict[str, Any] = {"equations": {}, "share linear in own coordinate": {}}
     moves: dict[str, Array] = {}
     for name, model in models.items():
-        program, points, moves[f"equation on {name}"] = evolved(model, train, chosen.population, chosen.generations)
-        seen = cartesian(model, train).measured - points - moves[f"equation on {name}"]
+        program, points, moves[f"equation on {name}"] = evolved(model, train, chosen)
+        seen = in_metres(model, train).measured - points - moves[f"equation on {name}"]
         results["equations"][name] = {
             "equation": str(program),
             "latex": latex(program),

@@ -21,6 +21,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.problems import MILLIMETRE
 from gpmodel.discovery.programs import as_candidate, without_poles
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.score import scores
@@ -44,7 +45,7 @@ def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: n
     for problem in (seen, unseen):
         tip = problem.inputs.select(POSITION).values
         compensated = found.evaluate(problem.inputs.mapping()) if found.outputs else tip
-        errors.append(np.linalg.norm(compensated - problem.measured, axis=0))
+        errors.append(np.linalg.norm(compensated - problem.measured, axis=0) / MILLIMETRE)
     return errors
 
 

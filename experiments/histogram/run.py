@@ -8,7 +8,6 @@ From the root of the repository: python -m experiments.histogram.run [--seeds 20
 from __future__ import annotations
 
 from argparse import Namespace
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,10 +33,9 @@ POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("
 
 
 def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
-    settings = thesis_settings(
-        replace(Linear.thesis(), crossover=0.03, mutation=0.03), chosen.population, chosen.generations
-    )
-    return cartesian(model, case.poses.subset(case.train), null), settings.with_budget(threads=1)
+    settings = thesis_settings(Linear.thesis(crossover=0.03, mutation=0.03), chosen.population, chosen.generations)
+    problem = cartesian(model, case.poses.subset(case.train))
+    return problem.shuffled(null) if null else problem, settings.with_budget(threads=1)
 
 
 def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
@@ -54,14 +52,21 @@ SEARCHES = {"Cartesian": cartesian_search, "slot": slot_search}
 
 
 def count(search: str, case: Case, model: str, chosen: Namespace, rng: np.random.Generator) -> dict[str, Any]:
-    """Runs that reference each input, on real and on shuffled errors, and Fisher's one-sided p times the inputs."""
+    """Runs that reference each input, on real and on shuffled errors, and Fisher's one-sided p times the inputs.
+
+    left: the share of its error that the best program of each run leaves: of the largest one, Cartesian, of the squares
+    at a slot.
+    """
     calibration = fit(case, MODELS[model])
     real, null = np.zeros((2, len(THESIS_INPUTS)), dtype=int)
-    for counts, shuffle in ((real, None), (null, rng)):
+    left: dict[str, list[float]] = {"real": [], "shuffled": []}
+    for gains, counts, shuffle in zip(left.values(), (real, null), (None, rng), strict=True):
         for _ in range(chosen.runs):
-            found = evolve(*SEARCHES[search](case, calibration, chosen, shuffle), rng).best.program.inputs
-            counts += [name in found for name in THESIS_INPUTS]
-    return {"search": search, "model": model, "runs": chosen.runs, **against_chance(real, null, chosen.runs)}
+            best = evolve(*SEARCHES[search](case, calibration, chosen, shuffle), rng).best
+            counts += [name in best.program.inputs for name in THESIS_INPUTS]
+            gains.append(round(1.0 - best.gain, 4))
+    head = {"search": search, "model": model, "runs": chosen.runs}
+    return {**head, **against_chance(real, null, chosen.runs), "left": left}
 
 
 def pooled(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -72,8 +77,9 @@ def pooled(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         hits = {to: sum(bool({*row["outside"]} & {*names}) for row in those) for to, names in POINTS_AT.items()}
         real, null = (np.sum([row[key] for row in those], axis=0) for key in ("real", "shuffled"))
         runs = sum(row["runs"] for row in those)
+        left = {key: round(float(np.median([row["left"][key] for row in those])), 3) for key in ("real", "shuffled")}
         head = {"search": search, "model": model, "runs": runs, "robots": len(those), "robots pointing at": hits}
-        out.append({**head, **against_chance(real, null, runs)})
+        out.append({**head, **against_chance(real, null, runs), "median left": left})
     return out
 
 
@@ -83,7 +89,8 @@ def draw(rows: list[dict[str, Any]]) -> Figure:
         for shift, key, shade in ((-0.2, "real", "tab:blue"), (0.2, "shuffled", "0.7")):
             axes.bar(np.arange(len(THESIS_INPUTS)) + shift, row[key], 0.4, color=shade, label=f"{key} errors")
         axes.set_xticks(range(len(THESIS_INPUTS)), [f"{n}*" if n in row["outside"] else n for n in THESIS_INPUTS])
-        axes.set_title(f"{row['search']} search: {row['model']}, {row['runs']} runs", fontsize=9)
+        left = "leaves {real:.0%} of the error, of shuffled errors {shuffled:.0%}".format(**row["median left"])
+        axes.set_title(f"{row['search']} search: {row['model']}, {row['runs']} runs\n{left}", fontsize=9)
     figure.axes[0].legend(fontsize=8, frameon=False)
     figure.supylabel("runs that reference the input (* p < 0.05)", fontsize=9)
     return figure

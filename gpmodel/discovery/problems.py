@@ -28,18 +28,19 @@ class TrainingProblem:
     heldout: Callable[[Program], float] | None
 
 
+MILLIMETRE = 1e3
+"""Compensators read and write points in millimetres. The constants of Table 5.1 and the values of sin, cos and atan are
+of order one, and so is what is to be compensated in millimetres; in metres it is a thousandth of that."""
+
+
 def cartesian_task(
     fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
 ) -> TrainingProblem:
-    """Thesis Fig 5.2: the model's points (x, y, z; metres, in the root frame) against the measured ones.
-
-    train, held: rows of ``poses``. The inputs are those of Table 5.1: the point, the joints, and any column of
-    the table that varies. Raises InputError where no pose has all three coordinates.
-    """
-    problem = _cartesian(fit, poses, train, norm)
+    """The compensator of the training rows, and its gain on the held-out ones."""
+    problem = cartesian_problem(fit, poses, train, norm)
     if not len(held):
         return TrainingProblem(problem, None)
-    other = _cartesian(fit, poses, held, norm)
+    other = cartesian_problem(fit, poses, held, norm)
 
     def heldout(program: Program) -> float:
         if not program.outputs:
@@ -58,14 +59,19 @@ def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) ->
     return TrainingProblem(SlotProblem(inputs, targets(residual, sites, rows), parsimony=Search().nats_per_node), None)
 
 
-def _cartesian(fit: Calibration, poses: Poses, rows: IntArray, norm: str) -> CartesianProblem:
+def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
+    """Thesis Fig 5.2: the model's points (x, y, z; mm, in the root frame) against the measured ones at some rows.
+
+    The inputs are those of Table 5.1: the point, the joints, and any column of the table that varies.
+    Raises InputError where no pose has all three coordinates.
+    """
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):
         raise InputError(f"{poses.dataset.source}: no pose has x, y and z; a compensator needs all three")
     chosen = resolved(fit, poses.subset(rows))
     tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
     register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])
-    model, measured = (_in_root(register, points) for points in (tip, chosen.dataset.position))
+    model, measured = (MILLIMETRE * _in_root(register, points) for points in (tip, chosen.dataset.position))
     readable, _ = readable_inputs(poses.states, rows)
     table = {*poses.dataset.joints, *poses.dataset.extras} - set(COORDINATES)
     kept = [name for name in readable.names if name in table]
