@@ -1,4 +1,4 @@
-"""Precision spherical joints: the joint as a mechanism, and the models it is designed with."""
+"""Precision spherical joints: the joint and a hexapod of them as mechanisms, and the models it is designed with."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 from gpmodel.errors import InputError
 
 if TYPE_CHECKING:
+    from joints.hexapod import Hexapod
     from joints.passive_joint import PassiveJoint
 
-SPHERICAL_JOINT = "spherical-joint"
+SPHERICAL_JOINT, HEXAPOD = "spherical-joint", "hexapod"
 
 
 def mechanism_names() -> tuple[str, ...]:
     """Names that load_mechanism knows."""
-    return (SPHERICAL_JOINT,)
+    return (SPHERICAL_JOINT, HEXAPOD)
 
 
 def spherical_joint() -> PassiveJoint:
@@ -29,24 +30,32 @@ def spherical_joint() -> PassiveJoint:
 
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
-) -> PassiveJoint | None:
-    """The joint `name`, or that of a TOML file which says its kind; None where it is no joint.
+) -> PassiveJoint | Hexapod | None:
+    """The joint or hexapod `name`, or that of a TOML file which says its kind; None where it is neither.
 
-    frame: only `TCP`, the centre of the tooling ball. payload_com: (3,) m from there, in the frame after the last
-    rotation. Raises InputError for another frame or a bad file.
+    frame: only `TCP`, the measured point. payload_com: (3,) m from there, in the frame after the last rotation or of
+    the platform. Raises InputError for another frame or a bad file.
     """
-    from joints.description import describes_joint, read_joint
     from joints.passive_joint import vector
 
-    if name == SPHERICAL_JOINT:
-        joint = spherical_joint()
-    elif Path(name).suffix.lower() == ".toml" and describes_joint(Path(name)):
-        joint = read_joint(Path(name))
-    else:
+    machine = _described(name)
+    if machine is None:
         return None
     if frame not in (None, "TCP"):
         raise InputError(f"{name}: no frame named {frame!r} to measure at; it has 'TCP'")
-    return joint if payload_com is None else replace(joint, payload_com=vector(payload_com))
+    return machine if payload_com is None else replace(machine, payload_com=vector(payload_com))
+
+
+def _described(name: str) -> PassiveJoint | Hexapod | None:
+    from joints.description import kind_of, read_joint
+    from joints.hexapod_description import hexapod, read_hexapod
+
+    if name in mechanism_names():
+        return spherical_joint() if name == SPHERICAL_JOINT else hexapod()
+    if Path(name).suffix.lower() != ".toml":
+        return None
+    kind = kind_of(Path(name))
+    return None if kind is None else read_hexapod(Path(name)) if kind == HEXAPOD else read_joint(Path(name))
 
 
 __all__ = ["load_mechanism", "mechanism_names", "spherical_joint"]

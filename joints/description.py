@@ -22,13 +22,15 @@ from joints.passive_joint import PassiveJoint, Rotation, vector
 from joints.settings import Settings, laid_over, load_settings, read_toml
 
 KINDS = ("spherical", "universal")
+"""Of one joint; `hexapod` is a machine of twelve (joints.hexapod_description)."""
+
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """What `gpmodel joint design` reads of the same file."""
 
 
-def describes_joint(path: Path) -> bool:
-    """Whether a TOML file says what kind of joint it is, which a table of Denavit-Hartenberg rows does not."""
-    return "kind" in read_toml(path)
+def kind_of(path: Path) -> Any:
+    """What kind of mechanism a TOML file says it describes; None of a table of Denavit-Hartenberg rows."""
+    return read_toml(path).get("kind")
 
 
 def spherical_joint() -> PassiveJoint:
@@ -45,7 +47,7 @@ def read_joint(path: Path) -> PassiveJoint:
     given = read_toml(path)
     kind = given.get("kind")
     if kind not in KINDS:
-        raise InputError(f"{path.name}: kind = {kind!r}, expected 'spherical' or 'universal'")
+        raise InputError(f"{path.name}: kind = {kind!r}, expected 'spherical', 'universal' or 'hexapod'")
     own = {key: value for key, value in given.items() if key not in SECTIONS}
     joint = _built(laid_over(f"{kind}_joint", own, path.name), path.name)
     return joint if "name" in given else replace(joint, name=path.stem)

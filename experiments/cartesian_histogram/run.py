@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import POSITION, THESIS_INPUTS, cartesian, effects_of, options, save
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.evolution.input_histogram import RunRecord, histogram
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution
@@ -81,7 +82,7 @@ def one_robot(seed: int, poses: int, chosen: Namespace) -> list[dict[str, Any]]:
                 RunRecord("linear", side == "shuffled", program, float(-np.log(max(1.0 - gain, 1e-16))))
                 for program, gain in runs
             ]
-        counted = histogram(records, THESIS_INPUTS)
+        counted = histogram(records, THESIS_INPUTS, Criteria().input_significance)
         angles = [name for name in counted.significant if name not in POSITION]
         counts = {"real": counted.counts["linear"], "shuffled": counted.shuffled["linear"]}
         out.append({"robot": seed, "poses": poses, "fitness": fitness, "left": left, **counts, "stand out": angles})

@@ -50,7 +50,7 @@ def in_metres(model: Calibration, train: Poses) -> CartesianProblem:
 def evolved(model: Calibration, train: Poses, chosen: Namespace) -> tuple[Program, Array, Array]:
     """The best equation of all seeds, simplified; the points (3, N) and what it adds to them, m."""
     problem = replace(in_metres(model, train), norm="rms", parsimony=PRICE)
-    sequences = Linear.thesis(operators="smooth", crossover=0.03, mutation=0.03)
+    sequences = replace(Linear.thesis(), operators="smooth", crossover=0.03, mutation=0.03)
     settings = thesis_settings(sequences, chosen.population, chosen.generations)
     runs = [evolve(problem, settings, np.random.default_rng([510, seed])) for seed in range(chosen.seeds)]
     program = min(runs, key=lambda run: run.history["best"].min()).best.program

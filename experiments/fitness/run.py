@@ -3,13 +3,14 @@
 Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
 Each run is done again on errors shuffled over the poses.
 From the root of the repository: python -m experiments.fitness.run [--seeds 5] [--generations 100] [--population 65536]
-[--tree_population 65536] [--islands 16] [--out FOLDER]
+[--tree_population 65536] [--islands 16] [--longer 10] [--out FOLDER]
 """
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,26 +29,26 @@ from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.operators import TABLE_CONSTANTS
 
-LONGER = 10
 ISLANDS = "linear, thesis, 5 %, longer, islands"
 
 
-def engines(population: int, tree_population: int, generations: int) -> dict[str, Settings]:
+def engines(chosen: Namespace) -> dict[str, Settings]:
     """The thesis' settings at both ends of its 1 to 5 % for crossover and mutation, its trees, and ours; and longer."""
+    population, generations, longer = chosen.population, chosen.generations, chosen.longer * chosen.generations
     sequences = Linear(
         operators="thesis", constants=TABLE_CONSTANTS, length=160, registers=8, crossover=0.05, mutation=0.03
     )
     budget = Budget(max(population // 4, 40), generations, seconds=1e9, restart_after=0)
     ours = Settings(sequences, Tournament(2), budget)
-    mixed = Linear.thesis(crossover=0.05, mutation=0.05)
+    mixed = replace(Linear.thesis(), crossover=0.05, mutation=0.05)
     return {
         "linear, thesis, 1 %": thesis_settings(Linear.thesis(), population, generations),
         "linear, thesis, 5 %": thesis_settings(mixed, population, generations),
-        "linear, thesis, 5 %, longer": thesis_settings(mixed, population, LONGER * generations),
-        ISLANDS: thesis_settings(mixed, population, LONGER * generations),
-        "tree, thesis": thesis_settings(Tree.thesis(), tree_population, generations),
+        "linear, thesis, 5 %, longer": thesis_settings(mixed, population, longer),
+        ISLANDS: thesis_settings(mixed, population, longer),
+        "tree, thesis": thesis_settings(Tree.thesis(), chosen.tree_population, generations),
         "linear, ours": ours,
-        "linear, ours, longer": ours.with_budget(generations=LONGER * generations),
+        "linear, ours, longer": ours.with_budget(generations=longer),
     }
 
 
@@ -85,14 +86,14 @@ def measured(
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    sizes = {"generations": 100, "population": 65536, "tree_population": 65536, "islands": 16}
+    sizes = {"generations": 100, "population": 65536, "tree_population": 65536, "islands": 16, "longer": 10}
     chosen = options(__doc__, "fitness", arguments, seeds=5, **sizes)
     case = measured_robot(0)
     problem = cartesian(fit(case), case.poses.subset(case.train))
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     rows = {}
-    tried = engines(chosen.population, chosen.tree_population, chosen.generations)
+    tried = engines(chosen)
     for colour, (name, settings) in enumerate(tried.items()):
         best, rows[name] = measured(name, settings, problem, chosen)
         generation = np.arange(1, best.shape[1] + 1)

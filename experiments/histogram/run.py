@@ -8,6 +8,7 @@ From the root of the repository: python -m experiments.histogram.run [--seeds 20
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,8 @@ POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("
 
 
 def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
-    settings = thesis_settings(Linear.thesis(crossover=0.03, mutation=0.03), chosen.population, chosen.generations)
+    sequences = replace(Linear.thesis(), crossover=0.03, mutation=0.03)
+    settings = thesis_settings(sequences, chosen.population, chosen.generations)
     problem = cartesian(model, case.poses.subset(case.train))
     return problem.shuffled(null) if null else problem, settings.with_budget(threads=1)
 

@@ -32,6 +32,7 @@ from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Progress, Say, silent
+from gpmodel.report import words
 from gpmodel.report.from_evolution import from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
@@ -96,13 +97,14 @@ class EvolutionResult:
             for k, name in enumerate(counted.inputs)
         ]  # fmt: skip
         head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
-        found = ", ".join(counted.significant)
+        found, said = ", ".join(counted.significant), words.removed(self.record.histograms[0])
         return "\n".join(
             [
                 "Best program of each run",
                 aligned([("", "run", "gain", "held out", "nodes", "site"), *best]),
                 "\nRuns that refer to each input (on shuffled errors)",
                 aligned([head, *rows]),
+                said,
                 f"stands out of chance: {found}" if found else "no input stands out of chance",
             ]
         )
@@ -180,9 +182,9 @@ def evolve(
     mechanism, table: as loaded and read, or what they are loaded and read from.
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
-    seconds: of one run, None for the defaults (64K sequences, 4K trees; 1024 and 512 at a slot; 100 generations).
-    norm: of a compensator's errors. threads: 0 for all cores; no number depends on it. checkpoint: a file that keeps
-    finished runs; given again, the rest is done. Raises InputError for an argument out of range.
+    seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
+    norm: of a compensator's errors; its x, y, z are in mm. threads: 0 for all cores; no number depends on it.
+    checkpoint: a file of finished runs; given again, the rest is done. Raises InputError for an argument out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")

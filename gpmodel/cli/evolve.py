@@ -32,7 +32,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option("--representation", default="linear,tree", show_default=True, help="linear, tree, or both.")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
-@click.option("--population", type=click.IntRange(4), default=None, help="[default: 65536 linear, 4096 tree]")
+@click.option("--population", type=click.IntRange(4), default=None, help="[default: 65536 linear, 8192 tree]")
 @click.option("--generations", type=click.IntRange(0), default=None, help="[default: 100]")
 @click.option("--seconds", type=Number(above=0.0), default=None, help="Time a run, at most.")
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Of each representation.")

@@ -76,6 +76,41 @@ class Mechanism(Protocol):
         ...
 
 
+@runtime_checkable
+class ClosedLoops(Protocol):
+    """A mechanism whose legs meet again in one platform: an error in a leg moves the tool as the other legs allow.
+
+    Its slots are listed one after the other like those of a chain, and `transforms` leads from each to the next; only
+    what an error does is another. The standard model of a chain does not fit it, so that it states its own.
+    """
+
+    @property
+    def constants(self) -> tuple[tuple[str, str], ...]:
+        """(slot, axis) of every constant of its complete geometry."""
+        ...
+
+    def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
+        """Frames (S, N, 4, 4) of the slots in the root, m, each after its own error twist, with all loops closed.
+
+        q: (N, n) table coordinates. twists: a slot's index -> (N, 6), m and rad. Raises InputError where they do not
+        close.
+        """
+        ...
+
+    def carried(self, frames: Array, slot: int) -> Array:
+        """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.
+
+        frames: (S, N, 4, 4) of a closed mechanism in any common frame. A twist acts in a slot's frame as it is there.
+        """
+        ...
+
+
+def closed(mechanism: Mechanism) -> ClosedLoops | None:
+    """The mechanism, or what it was loaded from, where it has closed loops; None of a chain."""
+    bare = getattr(mechanism, "bare", mechanism)
+    return bare if isinstance(bare, ClosedLoops) else None
+
+
 INSTRUMENT = "instrument"
 """Where the instrument's own errors act: a twist in the frame of its readings, before they are registered."""
 

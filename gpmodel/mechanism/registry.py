@@ -32,7 +32,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
             return mechanism
         known += getattr(sys.modules[provider.module], "mechanism_names", tuple)()
     raise InputError(
-        f"'{name}' is unknown; expected a .urdf file, a .toml file of DH rows or of a joint, or one of "
+        f"'{name}' is unknown; expected a .urdf file, a .toml file of DH rows, a joint or a hexapod, or one of "
         f"{', '.join(known)}{''.join(broken)}",
         "mechanism",
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism, places
+from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.observation import Tips, observations
 from gpmodel.model.observed import Observed
@@ -95,6 +95,8 @@ class ErrorModel:
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
+        if loops := closed(self.mechanism):
+            return loops.assembled(poses.dataset.q, self.twists(poses, theta))
         relative = poses.transforms.copy()
         for slot, twist in self.twists(poses, theta).items():
             relative[slot] = relative[slot] @ se3.exp(twist)
@@ -114,7 +116,8 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
         twists, own = {**twists, len(frames): by_instrument}, se3.exp(by_instrument)
         register = own @ register
     seen = np.concatenate([register[None] @ frames, own[None]])
-    return Observed(Tips(tip, register @ tip), seen, twists, kinds, placement.anchors)
+    loops = closed(model.mechanism)
+    return Observed(Tips(tip, register @ tip), seen, twists, kinds, placement.anchors, loops.carried if loops else None)
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:

@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.protocol import AXES, Mechanism, closed
 from gpmodel.model.effect import Effect, effect_at
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
-    """The redundant complete set: six constant twists on the moving side of every joint."""
+    """The redundant complete set: six constant twists on the moving side of every joint, or what closed loops have."""
+    loops = closed(mechanism)
+    moving = ((f"{joint.name}.moving", axis) for joint in mechanism.joints for axis in AXES)
     return tuple(
-        effect_at(f"{joint.name} {axis}", f"{joint.name}.moving", axis, family="geometric")
-        for joint in mechanism.joints
-        for axis in AXES
+        effect_at(f"{slot.removesuffix('.moving')} {axis}", slot, axis, family="geometric")
+        for slot, axis in (loops.constants if loops else moving)
     )
 
 
@@ -38,6 +39,7 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
 
 
 def _aliases(name: str, mechanism: Mechanism) -> tuple[str, str]:
-    joint, axis = name.rsplit(" ", 1)
-    number = [j.name for j in mechanism.joints].index(joint) + 1
-    return name, f"J{number} {axis}"
+    place, axis = name.rsplit(" ", 1)
+    names = [joint.name for joint in mechanism.joints]
+    joint = place if place in names else next(n for n in names if place.startswith(f"{n}."))
+    return name, f"J{names.index(joint) + 1}{place.removeprefix(joint)} {axis}"

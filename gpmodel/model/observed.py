@@ -1,6 +1,6 @@
 """Predicted readings, and how they move with every twist of the mechanism, the tool and the registration."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ class Observed:
     tips: predicted. frames: (S + 1, N, 4, 4) of the slots, then of the instrument itself, in the instrument's frame,
     each after its error twist.
     twists: slot's index -> its error twist (N, 6), m and rad. kinds: what is read. own: name -> (k,) unknowns.
+    carried: what a twist of a slot moves the tool's by, of a mechanism with closed loops; None of a chain.
     """
 
     tips: Tips
@@ -24,6 +25,7 @@ class Observed:
     twists: Mapping[int, Array]
     kinds: tuple[Observation, ...]
     own: Mapping[str, Array]
+    carried: Callable[[Array, int], Array] | None = None
 
     @property
     def tip(self) -> Array:
@@ -64,13 +66,18 @@ class Observed:
 
         The frame is that after the twist ξ, so exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) brings in the right Jacobian.
         The point moves by R e for a translation, by (R e) × (p_tip - p_slot) for a rotation, which turns it by R e.
+        Where loops close, the twist at the slot first becomes one of the tool's slot, the last before the instrument.
         """
-        turn = self.frames[slot][:, :3, :3]
-        arm = self.tip[:, :3, 3] - self.frames[slot][:, :3, 3]
-        motion = _motion(turn, -se3.hat(arm) @ turn, turn)
+        instrument = len(self.frames) - 1
+        looped = self.carried is not None and slot < instrument
+        at = self.frames[instrument - 1 if looped else slot]
+        turn = at[:, :3, :3]
+        motion = _motion(turn, -se3.hat(self.tip[:, :3, 3] - at[:, :3, 3]) @ turn, turn)
+        if self.carried is not None and looped:
+            motion = motion @ self.carried(self.frames[:instrument], slot)
         if slot in self.twists:
             motion = motion @ se3.right_jacobian(self.twists[slot])
-        return self._moved(motion, absolute=slot == len(self.frames) - 1)
+        return self._moved(motion, absolute=slot == instrument)
 
     def tool_sensitivity(self) -> Array:
         """The same per unit twist of the tool frame: (N, m, 6)."""

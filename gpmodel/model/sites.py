@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from gpmodel.formula.expression import Basis
-from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.protocol import AXES, Mechanism, closed
 from gpmodel.model.effect import Effect, Term
 
 
@@ -34,8 +34,14 @@ class Site:
 
 
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
-    """The base, every joint (its own drive first, then the other axes of its moving side), the tool."""
+    """The base, every joint (its own drive first, then the other axes of its moving side), the tool.
+
+    Where loops close, the places of its constants stand for the joints.
+    """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
+    if loops := closed(mechanism):
+        out += [Site(((slot, axis, 1.0),)) for slot, axis in loops.constants]
+        return (*out, *(Site((("tool", axis, 1.0),)) for axis in AXES[:3]))
     for joint in mechanism.joints:
         out.append(Site(joint.drive))
         slot = f"{joint.name}.moving"

@@ -17,7 +17,7 @@ from gpmodel.report.origin import Origin, names_of
 from gpmodel.report.quantity import translate
 from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import STANDARD, Report
-from gpmodel.report.schema_search import ProgramRecord
+from gpmodel.report.schema_search import HistogramRecord, ProgramRecord
 
 
 def from_evolution(
@@ -33,10 +33,22 @@ def from_evolution(
     step = step_of(STANDARD, fit, poses.subset(train), unseen)
     report = replace(
         build("evolve", Ladder(poses, train, (step,), fit), origin),
-        histograms=(histogram_record(counted, names),),
+        histograms=(_histogram(counted, runs, names),),
         runs=tuple(_run(run, names) for run in runs),
     )
     return replace(report, verdict=verdict.of_evolution(report))
+
+
+def _histogram(counted: Histogram, runs: Sequence[Run], names: Mapping[str, str]) -> HistogramRecord:
+    """The histogram, with what the programs behind it explain, and what they explain of shuffled errors."""
+    real, null = (removed(runs, shuffled) for shuffled in (False, True))
+    return replace(histogram_record(counted, names), removed=real, shuffled_removed=null)
+
+
+def removed(runs: Sequence[Run], shuffled: bool) -> float | None:
+    """Median share of what it is scored by that the best program of a run removes; None without runs."""
+    gains = [run.gain for run in runs if run.shuffled == shuffled]
+    return fitted.optional(float(np.median(gains))) if gains else None
 
 
 def _run(run: Run, names: Mapping[str, str]) -> ProgramRecord:

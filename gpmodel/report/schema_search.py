@@ -117,7 +117,8 @@ class HistogramRecord:
     """Runs whose best program refers to each input, by representation and on shuffled residuals.
 
     count_p, strength_p: the two tests behind p_values (the larger of them): how often an input is referred to, and
-    what the best run that refers to it saves. runs, shuffled_runs: how many there were.
+    what the best run that refers to it saves. runs, shuffled_runs: how many there were. removed, shuffled_removed: the
+    share of what it is scored by that the best program of a run removes, median over the runs.
     """
 
     inputs: tuple[str, ...] = ()
@@ -130,6 +131,8 @@ class HistogramRecord:
     significant: tuple[str, ...] = ()
     runs: Count | None = None
     shuffled_runs: Count | None = None
+    removed: float | None = None
+    shuffled_removed: float | None = None
 
 
 @dataclass(frozen=True)

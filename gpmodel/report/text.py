@@ -84,6 +84,8 @@ def _inputs(report: Report) -> Iterator[str]:
     for number, histogram in enumerate(report.histograms, 1):
         standing = ", ".join(histogram.significant) or "none"
         yield _wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
+        if said := words.removed(histogram):
+            yield _wrapped(said)
 
 
 def _parameters(report: Report) -> Iterator[str]:

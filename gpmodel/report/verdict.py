@@ -49,4 +49,4 @@ def of_evolution(report: Report) -> str:
     best = max((run.gain for run in real if run.gain is not None), default=None)
     inputs = ", ".join(histogram.significant)
     found = f"The residual refers to {inputs}" if inputs else "No input stands out of chance"
-    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the residual energy."
+    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of what they are scored by."

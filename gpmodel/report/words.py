@@ -103,6 +103,18 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
         )
 
 
+def removed(histogram: HistogramRecord) -> str:
+    """How much the programs behind a histogram explain, and how much they explain of shuffled errors; empty without."""
+    real, null = histogram.removed, histogram.shuffled_removed
+    if real is None or null is None:
+        return ""
+    alike = "" if real > null else ": no more than by chance, so that their inputs say nothing"
+    return (
+        f"the best programs remove {wording.percent(real)} of what they are scored by (median of the runs), "
+        f"of shuffled errors {wording.percent(null)}{alike}"
+    )
+
+
 def places(effect: EffectRecord) -> tuple[str, ...]:
     """Every place of an effect in words."""
     at = dict.fromkeys((t.slot, t.axis) for t in effect.terms) or {(effect.slot, effect.axis): None}

@@ -5,12 +5,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.protocol import AXES, ClosedLoops, Mechanism, closed
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.numerics.se3 import chain
+from gpmodel.numerics.se3 import chain, hat, right_jacobian
 
 PAYLOAD = 10.0
 DOWN = (0.0, 0.0, -1.0)
+ERROR, STEP = 1e-3, 1e-5
+"""m and rad: errors larger than a machine's, and a step at which the third order of a difference is 1e-10."""
+
 GRAVITY = (9.7, 9.9)
 """Standard gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
 
@@ -20,12 +23,15 @@ def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses
 
     down: the direction of gravity in the root frame. Checked: slots are base, both sides of each joint, tool;
     transforms are rigid, each pose on its own; a drive is the derivative of the pose; what a payload adds to the loads
-    is its weight times its lever arms, and its torque about a coordinate minus the slope of its potential energy.
+    is its weight times its lever arms, and its torque about a coordinate minus the slope of its potential energy. Where
+    loops close also: with error twists at every slot at once, what a further one moves the tool by.
     """
     q = random_poses(mechanism, poses, np.random.default_rng(seed))
     _check_slots(mechanism)
     _check_transforms(mechanism, q)
     _check_drives(mechanism, q)
+    if loops := closed(mechanism):
+        _check_loops(mechanism, loops, q, np.random.default_rng(seed))
     _check_loads(mechanism, q, np.asarray(down, dtype=float) / np.linalg.norm(down))
 
 
@@ -58,15 +64,40 @@ def _check_transforms(mechanism: Mechanism, q: Array) -> None:
 
 
 def _check_drives(mechanism: Mechanism, q: Array) -> None:
-    frames = chain(mechanism.transforms(q))
+    frames, loops = chain(mechanism.transforms(q)), closed(mechanism)
+
+    def rate(slot: int, axis: str) -> Array:
+        if loops:
+            return frames[-1] @ _twisted(loops.carried(frames, slot)[:, :, AXES.index(axis)])
+        return _rate(frames[slot], axis) @ frames[-1]
+
     for column, joint in enumerate(mechanism.joints):
         numeric = _slope(lambda at: chain(mechanism.transforms(at))[-1], q, column)
-        rates = (w * _rate(frames[mechanism.slots.index(s)], a) @ frames[-1] for s, a, w in joint.drive)
+        rates = (weight * rate(mechanism.slots.index(slot), axis) for slot, axis, weight in joint.drive)
         miss = np.abs(sum(rates) - numeric).max()
         assert miss < 1e-6, (
             f"{joint.name}: a small change of its value moves the tool otherwise than its drive says, by {miss:.2g} a "
             "unit (a sign, an axis, or the side of the motion)"
         )
+
+
+def _check_loops(mechanism: Mechanism, loops: ClosedLoops, q: Array, rng: np.random.Generator) -> None:
+    places = range(len(mechanism.slots))
+    assert {slot for slot, _ in loops.constants} <= set(mechanism.slots), "constants act at slots that are not there"
+    straight, frames = loops.assembled(q, {}), chain(mechanism.transforms(q))
+    assert np.allclose(straight, frames, atol=1e-9), "without errors the closed loops are not where transforms lead"
+    twists = {slot: ERROR * rng.normal(size=(len(q), 6)) for slot in places}
+    frames = loops.assembled(q, twists)
+    for slot in places:
+        carried = loops.carried(frames, slot) @ right_jacobian(twists[slot])
+        for k, axis in enumerate(AXES):
+            step = np.zeros(6)
+            step[k] = STEP
+            ends = [loops.assembled(q, {**twists, slot: twists[slot] + d})[-1] for d in (step, -step)]
+            miss = np.abs((ends[0] - ends[1]) / (2 * STEP) - frames[-1] @ _twisted(carried[:, :, k])).max()
+            assert miss < 1e-6, (
+                f"{mechanism.slots[slot]} {axis}: an error moves the tool otherwise than carried, {miss:.2g}"
+            )
 
 
 def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
@@ -130,11 +161,11 @@ def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
 
 def _rate(frame: Array, axis: str) -> Array:
     """Change (N, 4, 4) in root coordinates of what follows a unit twist in `frame`."""
-    k = AXES.index(axis)
-    rate = np.zeros((4, 4))
-    if k < 3:
-        rate[k, 3] = 1.0
-    else:
-        i, j = (k - 2) % 3, (k - 1) % 3
-        rate[j, i], rate[i, j] = 1.0, -1.0
-    return frame @ rate @ np.linalg.inv(frame)
+    return frame @ _twisted(np.eye(6)[None, AXES.index(axis)]) @ np.linalg.inv(frame)
+
+
+def _twisted(twists: Array) -> Array:
+    """The matrices (N, 4, 4) of twists (N, 6), m and rad, whose exponentials are motions."""
+    out = np.zeros((len(twists), 4, 4))
+    out[:, :3, :3], out[:, :3, 3] = hat(twists[:, 3:]), twists[:, :3]
+    return out

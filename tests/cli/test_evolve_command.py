@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -35,6 +36,12 @@ def run(*arguments: object) -> Result:
 def test_both_representations_are_counted_beside_shuffled_runs(space: str, table: Path, tmp_path: Path) -> None:
     result = run(table, *QUICK, "--space", space, "--out", tmp_path)
     assert "on shuffled errors" in result.output
+    assert "of shuffled errors" in result.output
+    shown = json.loads((tmp_path / "report.json").read_text())
+    gains = {side: [r["gain"] for r in shown["runs"] if r["shuffled"] == side] for side in (False, True)}
+    assert shown["histogram"]["removed"] == pytest.approx(np.median(gains[False]))
+    assert shown["histogram"]["shuffled_removed"] == pytest.approx(np.median(gains[True]))
+    assert "of shuffled errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
     report = json.loads((tmp_path / "evolve.json").read_text())
     counted = report["histogram"]
     assert counted["runs"] == counted["shuffled_runs"] == {"linear": 2, "tree": 2}

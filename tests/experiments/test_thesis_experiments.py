@@ -5,9 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.chapter5 import HAND_MADE, THESIS_INPUTS
+from experiments.cartesian_histogram import run as cartesian_histogram
+from experiments.chapter5 import HAND_MADE, THESIS_INPUTS, cartesian, fit
 from experiments.compensation import run as compensation
 from experiments.extrapolation import run as extrapolation
+from experiments.fitness import islands as fitness_islands
 from experiments.fitness import run as fitness
 from experiments.framework import run as framework
 from experiments.histogram import run as histogram
@@ -31,11 +33,34 @@ def test_robots_differ_by_seed_and_repeat():
     assert not set(first.train) & set(first.heldout)
 
 
-def test_fitness(tmp_path):
-    sizes = ["--seeds", "1", "--generations", "15", "--population", "8192", "--tree_population", "256"]
-    found = fitness.main([*sizes, "--out", str(tmp_path)])
-    assert found["engines"]["linear, thesis, 5 %"]["median_final_mm"] < found["standard_model_mm"]
+def test_a_compensator_is_scored_in_millimetres():
+    case = measured_robot(0)
+    model = fit(case)
+    problem = cartesian(model, case.poses.subset(case.train))
+    assert problem.initial_norm() == pytest.approx(1e3 * model.error.max(), abs=1e-5)
+
+
+def test_every_machine_of_the_thesis_lowers_the_largest_error(tmp_path):
+    sizes = ["--seeds", "1", "--generations", "15", "--population", "4096", "--tree_population", "4096"]
+    found = fitness.main([*sizes, "--islands", "4", "--longer", "2", "--out", str(tmp_path)])
+    engines = found["engines"]
+    assert len(engines) == 7
+    for engine in engines.values():
+        assert engine["median_final_mm"] < found["standard_model_mm"]
+        assert len(engine["shuffled_final_mm"]) == 1
+    assert engines[fitness.ISLANDS]["evaluations"] == engines["linear, thesis, 5 %, longer"]["evaluations"]
     assert saved(tmp_path, "fitness")
+
+
+def test_islands_keep_their_size_and_pass_their_best_on():
+    problem = cartesian(fit(measured_robot(0)), measured_robot(0).poses)
+    share = fitness.thesis_settings(fitness.Linear.thesis(), 64, 1)
+    runs = [fitness_islands.Generations(problem, share, np.random.default_rng(seed)) for seed in range(3)]
+    before = [run.start() for run in runs]
+    after = fitness_islands.migrated(before)
+    for k, (population, scores) in enumerate(after):
+        assert len(population) == len(scores.score) == 64
+        assert scores.score.min() == min(before[k][1].score.min(), before[k - 1][1].score.min())
 
 
 def test_extrapolation(tmp_path):
@@ -58,8 +83,21 @@ def test_histogram(tmp_path):
     assert saved(tmp_path, "histogram")
 
 
+def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
+    """Shuffled errors are fitted as well as real ones, by the maximum, the root mean square, and on unseen poses."""
+    sizes = ["--robots", "1", "--runs", "4", "--population", "256", "--generations", "40", "--most_poses", "40"]
+    found = cartesian_histogram.main([*sizes, "--out", str(tmp_path)])
+    assert [row["fitness"] for row in found["summary"]] == list(cartesian_histogram.FITNESS)
+    for row in found["summary"]:
+        assert row["robots fitted better than any shuffled"] == 0
+        assert row["median left"]["real"] > row["median left"]["shuffled"] - 0.1
+        assert row["robots where it stands out"] == {}
+    assert saved(tmp_path, "cartesian_histogram")
+
+
 def test_compensation(tmp_path):
-    found = compensation.main(["--population", "1024", "--generations", "30", "--out", str(tmp_path)])
+    sizes = ["--seeds", "2", "--population", "1024", "--generations", "30"]
+    found = compensation.main([*sizes, "--out", str(tmp_path)])
     at = {name: np.linspace(-2.0, 2.0, 9) for name in THESIS_INPUTS}
     for equation in found["equations"].values():
         assert parse(equation["equation"]).evaluate(at).shape == (3, 9)

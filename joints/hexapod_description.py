@@ -1,0 +1,68 @@
+"""A hexapod as a TOML file describes it: two rings of balls, the legs' range, the measured point."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from joints.hexapod import Hexapod
+from joints.limits import positive
+from joints.passive_joint import vector
+from joints.settings import Settings, laid_over, load_settings, read_toml
+
+KIND = "hexapod"
+WEAKEST = 1e-3
+"""The smallest singular value of the legs' Jacobian at home, lengths in units of the platform's radius, under which the
+legs do not hold the platform: two similar hexagons have zero."""
+
+
+def hexapod() -> Hexapod:
+    """The built-in one."""
+    return _built(load_settings(KIND), f"{KIND}.toml")
+
+
+def read_hexapod(path: Path) -> Hexapod:
+    """The hexapod of a TOML file.
+
+    Raises InputError: an unknown key, a missing unit, a ring or range without size, legs that cannot meet or that leave
+    the platform loose.
+    """
+    given = read_toml(path)
+    machine = _built(laid_over(KIND, given, path.name), path.name)
+    return machine if "name" in given else replace(machine, name=path.stem)
+
+
+def _built(s: Settings, file: str) -> Hexapod:
+    for place, key, unit in (("base", "radius", "m"), ("platform", "radius", "m"), ("leg", "shortest", "m")):
+        positive(f"{file}: {place}.{key}", s[place][key], unit)
+    shortest, longest = s["leg"]["shortest"], s["leg"]["longest"]
+    if not shortest < longest:
+        raise InputError(f"{file}: leg.longest = {1e3 * longest:g} mm, expected above shortest = {1e3 * shortest:g} mm")
+    base = _ring(s["base"]["radius"], [sign * s["base"]["pair"] / 2 for sign in (-1, 1)])
+    half = np.pi / 3 - s["platform"]["pair"] / 2
+    platform = _ring(s["platform"]["radius"], [-half, half])
+    machine = Hexapod(
+        base, platform, (shortest, longest), vector(s["tool"]["centre"]), s["platform"]["mass"], vector(s["gravity"]),
+        name=s["name"],
+    )  # fmt: skip
+    return _held(machine, file)
+
+
+def _ring(radius: float, angles: list[float]) -> Array:
+    """Centres (6, 3) of three pairs of balls on a circle, m; angles: of the first pair, rad."""
+    at = np.concatenate([np.asarray(angles) + turn for turn in np.radians([0.0, 120.0, 240.0])])
+    return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])
+
+
+def _held(machine: Hexapod, file: str) -> Hexapod:
+    """The same. Raises InputError where at half stroke the legs do not meet, or hold the platform no better than
+    WEAKEST."""
+    try:
+        held = float(machine.weakest(np.full((1, 6), np.mean(machine.limits)))[0])
+    except InputError as error:
+        raise InputError(f"{file}: {error}; expected longer legs or smaller rings") from None
+    if held < WEAKEST:
+        raise InputError(f"{file}: at half stroke the legs leave the platform loose; expected rings that are not alike")
+    return machine

@@ -1,0 +1,147 @@
+"""The hexapod: its loops close, so do its derivatives, its constants are found, bad files refused."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import gpmodel as gp
+from experiments.hexapod.simulator import BASE, GEOMETRY, POINT_NOISE, Machine, Rotation, readings, ring, table
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.start import start_placement
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import ClosedLoops, closed
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.geometric import geometric_effects, standard_effects
+from gpmodel.planning.simulate import simulate
+from gpmodel.testing import check_mechanism
+from joints import load_mechanism, spherical_joint
+from joints.hexapod import Hexapod
+from joints.hexapod_description import hexapod, read_hexapod
+
+HEAVY = """
+kind = "hexapod"
+[base]
+radius = "500 mm"
+pair = "40 deg"
+[platform]
+radius = "12 in"
+pair = "15 deg"
+mass = "30 kg"
+[leg]
+shortest = "0.7 m"
+longest = "0.8 m"
+[tool]
+centre = ["20 mm", "-30 mm", "100 mm"]
+"""
+
+
+def machine(folder: Path, text: str = HEAVY) -> Hexapod:
+    (folder / "press.toml").write_text(text)
+    return read_hexapod(folder / "press.toml")
+
+
+@pytest.mark.parametrize("which", ["built-in", "heavy"])
+def test_it_holds_to_the_contract_of_mechanisms_loops_included(which: str, tmp_path: Path) -> None:
+    check_mechanism(hexapod() if which == "built-in" else machine(tmp_path), poses=6)
+
+
+def test_every_leg_is_as_long_as_it_reads_over_the_whole_stroke(tmp_path: Path) -> None:
+    for arm in (hexapod(), machine(tmp_path)):
+        q = random_poses(arm, 500, np.random.default_rng(0))
+        frames = arm.assembled(q, {})
+        lengths = np.linalg.norm(frames[3:-1:3, :, :3, 3] - frames[1:-1:3, :, :3, 3], axis=2).T
+        np.testing.assert_allclose(lengths, q, atol=1e-12)
+        np.testing.assert_allclose(arm.weakest(q) > 0.1, True)
+    assert machine(tmp_path).name == "press"
+
+
+def test_readings_chosen_from_poses_close_to_the_same_poses() -> None:
+    """The other way round, by code that shares nothing: poses give lengths there, lengths give poses here."""
+    text, _ = table(3)
+    frame = pd.read_csv(io.StringIO(text))
+    arm = hexapod()
+    np.testing.assert_allclose(ring(BASE, (-np.radians(10), np.radians(10))), arm.base, atol=1e-15)
+    perfect = Machine(arm.base, arm.platform, np.zeros(6), 0, 0.0, 0.0)
+    poses = arm.assembled(1e-3 * frame.iloc[:, :6].to_numpy(), {})[-1]
+    place = poses[:, :3, 3] - poses[:, :3, :3] @ np.array(arm.tool)
+    again = readings(perfect, place, Rotation.from_matrix(poses[:, :3, :3]))
+    np.testing.assert_allclose(again, 1e-3 * frame.iloc[:, :6], atol=1e-12)
+
+
+@pytest.mark.parametrize(("size", "tolerance"), [(3e-4, 1e-7), (3e-3, 1e-7), (3e-2, 1e-6)])
+def test_columns_are_central_differences_of_the_closed_machine_at_finite_errors(size: float, tolerance: float) -> None:
+    arm, rng = hexapod(), np.random.default_rng(4)
+    effects = geometric_effects(arm)
+    poses = prepare(arm, simulate(arm, random_poses(arm, 8, rng), (), rng).dataset)
+    model, theta = ErrorModel(arm, effects), size * rng.normal(size=len(effects))
+    placed = Placement({"": np.eye(4)}, {"": np.eye(4)}, {})
+
+    def tips(at: Array) -> Array:
+        return observe(model, poses, at, placed).tip[:, :3, 3]
+
+    problem = linearise(model, poses, theta, placed, 1.0, np.ones(8, dtype=bool))
+    columns = problem.columns[:, problem.placement :].reshape(8, 3, -1)
+    for k, step in enumerate(1e-6 * np.eye(len(effects))):
+        numeric = (tips(theta + step) - tips(theta - step)) / 2e-6
+        np.testing.assert_allclose(columns[:, :, k], numeric, atol=tolerance)
+
+
+def test_forty_two_constants_less_the_places_of_base_and_platform_can_be_told_apart() -> None:
+    arm = hexapod()
+    effects = geometric_effects(arm)
+    assert len(effects) == 42
+    poses = prepare(arm, gp.read_table(pd.read_csv(io.StringIO(table(0, False)[0]), dtype=str), arm))
+    model, everyone = ErrorModel(arm, effects), np.ones(len(poses), dtype=bool)
+    problem = linearise(model, poses, np.zeros(42), start_placement(poses), 0.1, everyone)
+    scaled = problem.columns / np.linalg.norm(problem.columns, axis=0)
+    assert problem.placement == 12
+    assert np.linalg.matrix_rank(scaled, tol=1e-6) == 42
+
+
+def test_calibrated_on_an_outside_truth_it_predicts_to_the_noise() -> None:
+    arm = gp.load_mechanism("hexapod")
+    frame = pd.read_csv(io.StringIO(table(1, planted=False)[0]), dtype=str)
+    result = gp.calibrate(arm, frame, holdout=0.3)
+    before, after = result.record.ladder[0].heldout, result.record.ladder[-1].heldout
+    assert before.rms_mm > 0.1 * 1e3 * GEOMETRY
+    assert after.rms_mm < 1.4 * np.sqrt(3) * 1e3 * POINT_NOISE
+
+
+def test_what_has_loops_says_so_and_what_has_none_does_not() -> None:
+    assert isinstance(hexapod(), ClosedLoops)
+    assert closed(gp.load_mechanism("hexapod")) is not None
+    assert closed(spherical_joint()) is closed(gp.load_mechanism("ur5")) is None
+    chosen = [e.name for e in standard_effects(gp.load_mechanism("hexapod"), ("J2.fixed T*", "L3 Tz"))]
+    assert chosen == ["L3 Tz", "L2.fixed Tx", "L2.fixed Ty", "L2.fixed Tz"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('[base]\nradius = "0 mm"', "base.radius"),
+        ('[leg]\nshortest = "700 mm"', "expected above shortest"),
+        ('[leg]\nshortest = "50 mm"\nlongest = "60 mm"', "do not meet"),
+        ('[base]\npair = "60 deg"\n[platform]\npair = "60 deg"', "loose"),
+        ('[platform]\nradius = "200"', "unit"),
+        ("[platform]\nsize = 3", "unknown key"),
+    ],
+)
+def test_a_bad_description_is_one_line(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(f'kind = "hexapod"\n{text}\n')
+    with pytest.raises(InputError, match=message) as caught:
+        load_mechanism(str(path))
+    assert "\n" not in str(caught.value)
+    assert "bad.toml" in str(caught.value)
+
+
+def test_lengths_that_meet_in_no_platform_are_refused_by_pose() -> None:
+    q = np.full((3, 6), 0.55)
+    q[1] = (0.1, 0.9, 0.1, 0.9, 0.1, 0.9)
+    with pytest.raises(InputError, match=r"legs of 100.0, 900.0.* do not meet in one platform \(pose 2\)"):
+        hexapod().transforms(q)
