@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from gpmodel.api.evolve_settings import default_strategies, settings_for
+from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
 from gpmodel.errors import InputError
@@ -92,11 +92,11 @@ def test_bad_options_are_one_clear_line(options: list[str], message: str, table:
 
 
 def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
-    chosen = settings_for("cartesian", default_strategies("cartesian"), None, {})
+    chosen = settings_for("cartesian", default_strategies("cartesian"), Effort())
     linear, tree = chosen["linear"], chosen["tree"]
     assert (linear.budget.population, linear.selection) == (65536, Truncation(0.05))
     assert linear.representation == Linear.thesis()
     assert (Linear.thesis().length, Linear.thesis().crossover, Linear.thesis().mutation) == (160, 0.01, 0.01)
     assert 10 <= Tree.thesis().depth <= 15
     assert tree.representation == Tree.thesis()
-    assert settings_for("slot", default_strategies("slot"), None, {"seconds": 2.0})["linear"].budget.generations > 10**5
+    assert settings_for("slot", default_strategies("slot"), Effort(seconds=2.0))["linear"].budget.generations > 10**5
