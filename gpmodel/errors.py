@@ -16,3 +16,7 @@ class InputError(GpModelError, ValueError):
         super().__init__(f"{argument}: {message}" if argument else message)
         self.argument = argument
         self.said = message
+
+
+class WriteError(InputError):
+    """What could not be written: a full disk, a folder that is not ours."""

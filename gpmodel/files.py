@@ -1,20 +1,29 @@
-"""Results on disk: whole or not at all."""
+"""Results on disk: whole or not at all, and one process at a time."""
 
+import errno
+import hashlib
 import json
 import math
 import os
 import re
 import shutil
+import socket
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, WriteError
 
+LOCK = ".gpmodel.lock"
+SEAL = "sha256"
 _NUMBERS = re.compile(r"\[\n[-+0-9.eE,\snul]*\]")
+_DRAFT = ".gpmodel-draft"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def folder_for(out: Path) -> Path:
@@ -25,17 +34,49 @@ def folder_for(out: Path) -> Path:
 
 
 @contextmanager
-def finished_folder(out: Path) -> Iterator[Path]:
-    """A fresh folder beside `out`; what is in it replaces files of the same name in `out` only when all went well.
+def alone_in(folder: Path) -> Iterator[None]:
+    """Makes `folder` and holds its lock, which the operating system lets go of when the process ends, however it ends.
 
-    Raises InputError when `out` is a file or cannot be made.
+    A folder that is empty afterwards is removed again. Raises InputError when another process holds the lock, or the
+    folder cannot be made.
+    """
+    from filelock import FileLock, Timeout
+
+    missing = next((p for p in reversed((folder, *folder.parents)) if not p.exists()), None)
+    try:
+        folder_for(folder).mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK, timeout=0)
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"{folder}: another gpmodel is at work in it; wait for it, or choose another folder") from None
+    except OSError as error:
+        raise not_written(folder, error) from None
+    try:
+        yield
+    finally:
+        lock.release()
+        with suppress(OSError):
+            (folder / LOCK).unlink(missing_ok=True)
+            while missing is not None and folder.is_relative_to(missing):
+                folder.rmdir()
+                folder = folder.parent
+
+
+@contextmanager
+def finished_folder(out: Path) -> Iterator[Path]:
+    """A fresh folder in or beside `out`; what is in it replaces files of the same name in `out` only when all went
+    well.
+
+    Raises InputError when `out` is a file, WriteError when something cannot be written.
     """
     folder_for(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        place = out if out.exists() else out.parent
+        _sweep(place.resolve())
+        draft = Path(tempfile.mkdtemp(prefix=_mine(), dir=place))
     except OSError as error:
-        raise InputError(f"{out} cannot be written ({error.strerror})", "folder") from None
+        raise not_written(out, error) from None
     try:
         yield draft
         draft.chmod(0o777 & ~_umask())
@@ -46,27 +87,89 @@ def finished_folder(out: Path) -> Iterator[Path]:
                 os.replace(path, target)
         else:
             os.replace(draft, out)
+    except OSError as error:
+        raise not_written(out, error) from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` through a file beside it, so that no reader ever sees half of it.
+    """Write `text` to `path` through a file beside it, so that no reader ever sees half of it, not even after a power
+    cut.
 
-    Raises InputError when it cannot be written.
+    Raises WriteError when it cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        _sweep(path.parent.resolve())
+        handle, draft = tempfile.mkstemp(prefix=_mine(), dir=path.parent)
         try:
             with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
                 file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
             os.chmod(draft, 0o666 & ~_umask())
             os.replace(draft, path)
         finally:
             Path(draft).unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        raise not_written(path, error) from None
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove it, from one moment to the next: a process that is killed on the way leaves a draft that is swept away."""
+    if folder.exists():
+        aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
+        os.replace(folder, aside)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def set_aside(path: Path) -> Path:
+    """Rename a damaged file, so that it is neither read again nor lost; where it is now."""
+    aside = path.with_name(f"{path.name}.damaged")
+    os.replace(path, aside)
+    return aside
+
+
+def not_written(path: Path, error: OSError) -> WriteError:
+    """What to raise when `path` could not be written."""
+    hint = "; free some space, or choose another folder" if error.errno in _FULL else ""
+    return WriteError(f"{path}: cannot be written ({error.strerror or error}){hint}")
+
+
+def seal(content: Mapping[str, object]) -> str:
+    """SHA-256 of JSON content by value, whatever its layout, its own seal left out."""
+    bare = {key: value for key, value in content.items() if key != SEAL}
+    text = json.dumps(_plain(bare), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write JSON content with its seal. Raises WriteError when it cannot be written."""
+    write_text(path, json.dumps({**content, SEAL: seal(content)}))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The content of a sealed file. Raises OSError where it cannot be read, ValueError where its seal is broken."""
+    content = parse_json(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict) or content.pop(SEAL, None) != seal(content):
+        raise ValueError("its content is not what was written")
+    return content
+
+
+def parse_json(text: str | bytes) -> Any:
+    """JSON as the standard has it. Raises ValueError: no JSON, nested too deep, or a number that is not finite."""
+    try:
+        return json.loads(text, parse_constant=_finite, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
 
 
 def to_json(value: object) -> str:
@@ -90,6 +193,31 @@ def _plain(value: object) -> object:
         case Path():
             return str(value)
     return value
+
+
+def _mine() -> str:
+    """How names of drafts of this process begin."""
+    return f"{_DRAFT}-{socket.gethostname()}-{os.getpid()}-"
+
+
+@cache
+def _sweep(folder: Path) -> None:
+    """Remove drafts of processes of this machine that are no more, once a folder and process."""
+    pattern = re.compile(rf"{re.escape(f'{_DRAFT}-{socket.gethostname()}-')}(\d+)-")
+    for path in folder.iterdir():
+        found = pattern.match(path.name)
+        if found and int(found[1]) != os.getpid() and not _alive(int(found[1])):
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _umask() -> int:

@@ -90,11 +90,11 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 
 
 ORDER = (
-    "_version", "errors", "wording", "arrays", "files", "progress", "numerics", "formula", "mechanism", "table",
-    "model", "evolution", "families", "calibration", "checks", "planning", "discovery", "application", "report",
-    "api", "cli",
+    "_version", "errors", "wording", "arrays", "files", "executor", "progress", "numerics", "formula", "mechanism",
+    "table", "model", "evolution", "families", "calibration", "checks", "planning", "discovery", "application",
+    "report", "api", "cli",
 )  # fmt: skip
-ALONE = {"evolution", "formula", "files", "errors", "arrays"}
+ALONE = {"evolution", "formula", "files", "errors", "arrays", "executor"}
 
 
 def modules() -> dict[str, Path]:

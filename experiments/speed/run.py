@@ -28,9 +28,10 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.evolution.settings import thesis_settings
-from gpmodel.evolution.threads import cores, over_slices
+from gpmodel.evolution.threads import over_slices
 from gpmodel.evolution.tree_breeding import TreeBreeding
 from gpmodel.evolution.tree_population import Individual, Trees
+from gpmodel.executor import cores
 from gpmodel.formula.operators import BY_CODE, operator_set
 
 START = """

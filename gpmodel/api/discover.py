@@ -1,6 +1,6 @@
 """The whole loop: from a measured table to effects that are named and proven."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
@@ -19,8 +19,9 @@ from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.urdf import write_urdf
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
-from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined
@@ -116,8 +117,7 @@ def discover(
     condition_limit: float | None = None,
     noise: str | float | None = None,
     progress: Say = silent,
-    keep: Callable[[Sequence[Finding], Sequence[Round]], None] | None = None,
-    resume: tuple[Sequence[Finding], Sequence[Round]] = ((), ()),
+    journal: Journal | None = None,
     command: str = COMMAND,
 ) -> DiscoveryResult:
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
@@ -127,9 +127,8 @@ def discover(
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
     cross-validated. noise: standard deviation of one coordinate, "0.03 mm" or m, where there are no repeats.
-    progress: called with one Progress at a time, which prints as a line: `print` will do. keep: called after every
-    round with all that is finished; resume: what it was last called with, to go on to the same numbers. command: what
-    the report says made it.
+    progress: called with one Progress at a time, which prints as a line: `print` will do. journal: keeps
+    what is finished, to go on from it to the same numbers. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     if not isinstance(search, Search | None):
@@ -152,8 +151,7 @@ def discover(
     train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
     found = run_loop(
         arm, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,
-        condition_limit=condition_limit, seed=seed, progress=progress,
-        keep=keep or (lambda findings, rounds: None), resume=resume,
+        condition_limit=condition_limit, seed=seed, progress=progress, journal=journal,
     )  # fmt: skip
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
 

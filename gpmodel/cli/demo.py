@@ -1,6 +1,5 @@
 """`gpmodel demo`: the main job on a shipped table, from nothing to the opened report."""
 
-import dataclasses
 import os
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -10,7 +9,9 @@ import click
 from gpmodel.cli.console import progress_line, what_next
 from gpmodel.cli.discover import discover_request
 from gpmodel.cli.options import quiet_option, seed_option, workers_option
+from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
+from gpmodel.executor import Threads
 from gpmodel.files import folder_for
 from gpmodel.mechanism.source import MechanismChoice
 
@@ -28,12 +29,12 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
     """An IRB 6400R with an effect nobody declared: 90 poses in, the report out."""
     folder_for(folder)
     with as_file(files("gpmodel") / "data" / TABLE) as table, progress_line(quiet) as say:
-        request = {
-            "table": str(table), "choice": dataclasses.asdict(MechanismChoice(MECHANISM)), "runs": Search().runs,
-            "minutes": None, "holdout": 0.3, "noise": None, "condition_limit": None, "no_catalogue": False,
+        options = {
+            "runs": Search().runs, "holdout": 0.3, "noise": None, "condition_limit": None, "no_catalogue": False,
             "in_order": False, "seed": seed,
         }  # fmt: skip
-        found = discover_request(request, folder, say, workers)
+        request = Request(table, MechanismChoice(MECHANISM), options)
+        found = discover_request(request, folder, say, Threads(workers or 0))
     if not quiet:
         click.echo(found.summary())
         click.echo(what_next(folder, found.record))

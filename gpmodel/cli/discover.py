@@ -1,13 +1,13 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
 import contextlib
-import dataclasses
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.api.discover import discover as look
@@ -22,16 +22,15 @@ from gpmodel.cli.options import (
     seed_option,
     workers_option,
 )
-from gpmodel.discovery import checkpoint
-from gpmodel.discovery.result import Finding, Round
-from gpmodel.discovery.search import Mapper, Search
-from gpmodel.errors import InputError
+from gpmodel.cli.request import Request, resumed
+from gpmodel.discovery.journal import JournalFiles
+from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError, WriteError
+from gpmodel.executor import Workers, scheduled
 from gpmodel.families.catalogue import catalogue
-from gpmodel.files import folder_for
-from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
+from gpmodel.files import alone_in, folder_for
+from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
-
-Finished = tuple[Sequence[Finding], Sequence[Round]]
 
 
 @click.command()
@@ -49,82 +48,79 @@ Finished = tuple[Sequence[Finding], Sequence[Round]]
 @seed_option
 @workers_option
 @click.option("--scheduler", default=None, metavar="ADDRESS",
-              help="A running dask scheduler that the GP runs go to, as in tcp://host:8786.")  # fmt: skip
+              help="Where GP runs go: local:N processes, or dask at tcp://host:8786. [default: threads]")  # fmt: skip
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=None,
               help="Folder of the results. [default: discovery]")  # fmt: skip
 @click.option("--resume", type=click.Path(path_type=Path), default=None,
-              help="Folder of an interrupted run to go on with.")  # fmt: skip
+              help="Folder of an interrupted run to go on with; nothing else is needed.")  # fmt: skip
 @quiet_option
+@click.pass_context
 def discover(
-    table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
+    ctx: click.Context, /, table: Path | None, mechanism: LoadedMechanism | None, workers: int | None,
+    scheduler: str | None, folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
-    finished: Finished = ((), ())
-    request: dict[str, Any] = asked | {
-        "table": None if table is None else str(table.resolve()),
-        "choice": None if mechanism is None else dataclasses.asdict(mechanism.choice),
-    }
+    choice = None if mechanism is None else mechanism.choice
     if resume is not None:
-        request, findings, rounds = checkpoint.load(resume)
-        finished = findings, rounds
-        folder = folder or resume
-    if request["table"] is None or request["choice"] is None:
+        said = {name: asked[name] for name in asked if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+        request = resumed(resume, table, choice, said)
+        if folder is not None and folder.resolve() != resume.resolve():
+            raise InputError("the results go to the folder of --resume; leave --out away", "folder")
+        folder = resume
+        if request is None:
+            click.echo(f"nothing is left to do in {resume}; report: {resume / 'report.html'}")
+            return
+    elif table is None or choice is None:
         raise InputError("discover: expected a TABLE and --mechanism M, or --resume DIR")
+    else:
+        minutes = asked.pop("minutes")
+        request = Request(table, choice, asked, minutes)
     folder = folder_for(folder or Path("discovery"))
-    with progress_line(quiet) as say, cluster(scheduler) as mapper:
-        found = discover_request(request, folder, say, workers, finished, mapper)
+    with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
+        found = discover_request(request, folder, say, executor)
     if not quiet:
         click.echo(found.summary())
         click.echo(what_next(folder, found.record))
 
 
-def discover_request(
-    request: dict[str, Any], folder: Path, say: Say, workers: int | None = None, finished: Finished = ((), ()),
-    mapper: Mapper | None = None,
-) -> DiscoveryResult:  # fmt: skip
-    """Run what was asked, keeping what is finished in `folder`, and leave the results there.
-
-    request: table, choice (of the mechanism) and the options of `discover` that change its numbers.
-    """
-    minutes = request["minutes"]
-    mechanism = MechanismChoice(**request["choice"]).load()
-    found = look(
-        mechanism,
-        read_table(request["table"], mechanism, in_order=request["in_order"]),
-        holdout=request["holdout"],
-        seed=request["seed"],
-        search=Search(
-            runs=request["runs"], stop_after=None if minutes is None else 60 * minutes,
-            workers=workers or os.cpu_count() or 1, mapper=mapper,
-        ),
-        candidates=() if request["no_catalogue"] else catalogue,
-        condition_limit=request["condition_limit"],
-        noise=request["noise"],
-        progress=say,
-        keep=lambda findings, rounds: checkpoint.save(folder, request, findings, rounds),
-        resume=finished,
-        command=command_line(),
-    )  # fmt: skip
-    say(Progress("writing the report"))
-    found.report(folder)
-    (folder / checkpoint.NAME).unlink(missing_ok=True)
+def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
+    """Run what was asked, keeping what is finished in `folder`, and leave the results there."""
+    options = request.options
+    with alone_in(folder):
+        journal = request.journal(folder, say)
+        journal.refuse_another()
+        mechanism = request.choice.load()
+        with resumable(journal):
+            found = look(
+                mechanism,
+                read_table(request.table, mechanism, in_order=options["in_order"]),
+                holdout=options["holdout"],
+                seed=options["seed"],
+                search=replace(request.search(), executor=executor),
+                candidates=() if options["no_catalogue"] else catalogue,
+                condition_limit=options["condition_limit"],
+                noise=options["noise"],
+                progress=say,
+                journal=journal,
+                command=command_line(),
+            )
+            say(Progress("writing the report"))
+            found.report(folder)
+            journal.close()
     return found
 
 
 @contextlib.contextmanager
-def cluster(address: str | None) -> Iterator[Mapper | None]:
-    """Where GP runs go: here, or to a dask scheduler. Raises InputError when dask or the scheduler is not there."""
-    if address is None:
-        yield None
-        return
+def resumable(journal: JournalFiles) -> Iterator[None]:
+    """What ends a search says how to go on with it; bad input, before anything is finished, leaves nothing behind."""
+    again = f"gpmodel discover --resume {journal.out}"
     try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("needs dask; pip install 'gpmodel[cluster]'", "scheduler") from None
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise InputError(f"no dask scheduler answers at {address} ({error})", "scheduler") from None
-    with client:
-        yield client.get_executor().map
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"what is finished is kept; go on with: {again}") from None
+    except WriteError as error:
+        raise WriteError(f"{error}, then: {again}") from None
+    except InputError:
+        if journal.empty:
+            journal.close()
+        raise

@@ -69,8 +69,8 @@ class Program(click.Group):
         """Run the command; errors of input end it with one line."""
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise click.Abort from None
+        except KeyboardInterrupt as stopped:
+            raise click.Abort(*stopped.args) from None
         except InputError as error:
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
             raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error
@@ -81,8 +81,8 @@ class Program(click.Group):
         try:
             status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
             sys.exit(status if isinstance(status, int) else DONE)
-        except click.Abort:
-            _end(INTERRUPTED, "interrupted")
+        except click.Abort as stopped:
+            _end(INTERRUPTED, "; ".join(["interrupted", *stopped.args]))
         except click.ClickException as error:
             where = (
                 f"; see {error.ctx.command_path} --help" if isinstance(error, click.UsageError) and error.ctx else ""

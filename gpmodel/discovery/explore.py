@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.discovery.kept import KeptRuns
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.programs import as_candidate, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
@@ -20,7 +20,7 @@ from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Settings
-from gpmodel.evolution.threads import side_by_side
+from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
@@ -29,7 +29,7 @@ from gpmodel.progress import Teller
 
 @dataclass(frozen=True)
 class Turn:
-    """Which round this is, and where its messages go.
+    """Which round this is, where its messages go, and where its finished runs are kept.
 
     opening: the first round where named effects are offered, explored with a small budget. pooled: rounds before ran
     with the same budget on shuffled residuals.
@@ -37,6 +37,7 @@ class Turn:
 
     number: int
     tell: Teller
+    kept: KeptRuns
     opening: bool = False
     pooled: bool = False
 
@@ -90,12 +91,13 @@ def explore(
         Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])
         for s, order in zip(np.repeat(np.array(settings, dtype=object), chances).tolist(), orders, strict=True)
     ]
-    first = [*real, *shuffles] if turn.number == 1 else real
+    tasks = dict(enumerate([*real, *shuffles]))
+    first = tasks if turn.number == 1 else dict(list(tasks.items())[: len(real)])
     found = _run(first, search, turn)
     candidates = _candidates(residual, sites, search, names, found[: len(real)])
     by_chance = found[len(real) :]
     if turn.number > 1 and _could_be_accepted(residual, candidates):
-        by_chance = _run(shuffles, search, turn)
+        by_chance = _run(dict(list(tasks.items())[len(real) :]), search, turn)
 
     ran = [*zip(real, found, strict=False), *zip(shuffles, by_chance, strict=False)]
     strengths = [_most_saved(residual, search, run, len(sites)) for _, run in ran]
@@ -107,15 +109,17 @@ def explore(
     return Exploration(candidates, np.array(strengths[len(real) :]), counted)
 
 
-def _run(tasks: Sequence[Task], search: Search, turn: Turn) -> list[Evolution]:
-    """All runs, in the order of the tasks, telling how many are done."""
-    mapper = search.mapper or partial(side_by_side, threads=search.workers)
-    turn.tell(f"evolving, 0 of {len(tasks)} runs done", passing=True)
-    found = []
-    for run in mapper(run_task, tasks):
-        found.append(run)
+def _run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution]:
+    """All runs by number; each is kept as it finishes and told of, and those kept before are not repeated."""
+    found = {n: run for n in tasks if (run := turn.kept.run((turn.number, n))) is not None}
+    left = [n for n in tasks if n not in found]
+    turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
+    workers = search.executor or Threads(search.workers)
+    for place, run in workers(run_task, [tasks[n] for n in left]):
+        turn.kept.keep_run((turn.number, left[place]), run)
+        found[left[place]] = run
         turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
-    return found
+    return [found[n] for n in tasks]
 
 
 def _candidates(

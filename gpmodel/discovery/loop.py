@@ -1,7 +1,7 @@
 """The loop: calibrate, look at the residual, find what is missing, add it, look again."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Exploration, Turn, explore
+from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.residual import residual_of
@@ -35,9 +36,6 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
 from gpmodel.progress import Say, Teller, silent
 
-Resumed = tuple[Sequence[Finding], Sequence[Round]]
-Keep = Callable[[Sequence[Finding], Sequence[Round]], None]
-
 
 def discover(
     mechanism: Mechanism,
@@ -53,8 +51,7 @@ def discover(
     condition_limit: float | None = None,
     seed: int = 0,
     progress: Say = silent,
-    keep: Keep = lambda findings, rounds: None,
-    resume: Resumed = ((), ()),
+    journal: Journal | None = None,
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
@@ -63,27 +60,27 @@ def discover(
     train, heldout: rows of `poses`. candidates: what may be missing, beside what GP evolves. standard: the effects of
     the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
     condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
-    tried. keep: called after every round with all that is finished. resume: findings and rounds of an interrupted
-    run that was asked the same; it goes on to the same numbers. Raises InputError where no held-out pose is of a
+    tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked the same it goes on
+    to the same numbers. Raises InputError where no held-out pose is of a
     set-up and tool trained on.
     """
     started = time.monotonic()
-    search = search or Search()
+    search, journal = search or Search(), journal or Forgetful()
     given, say = len(poses), Teller(progress)
     poses, train, heldout = _of_known_places(poses, train, heldout)
+    findings, rounds = journal.begin()
     if len(poses) < given:
         say(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
     loop = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say,
+        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say, journal,
+        findings, rounds,
     )  # fmt: skip
     loop.say("standard model")
     base = loop.fit(ErrorModel(mechanism, ()))
     standard_fit = loop.fit(loop.model(()))
-    loop.findings.extend(resume[0])
-    loop.rounds.extend(resume[1])
     calibration = loop.fit(loop.model(loop.found), standard_fit) if loop.findings else standard_fit
-    calibration, stopped = _climbed(loop, standard_fit, calibration, started, keep)
+    calibration, stopped = _climbed(loop, standard_fit, calibration, started)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
     found = loop.refitted(calibration)
@@ -98,7 +95,7 @@ def discover(
 
 
 def _climbed(
-    loop: State, standard_fit: Calibration, calibration: Calibration, started: float, keep: Keep
+    loop: State, standard_fit: Calibration, calibration: Calibration, started: float
 ) -> tuple[Calibration, str]:
     """Rounds until nothing new is seen or a limit of the search is met, and why they ended."""
     search = loop.search
@@ -108,7 +105,7 @@ def _climbed(
         if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
             return calibration, f"stopped after {search.stop_after:g} s; there may be more to find"
         calibration = _round(loop, standard_fit, calibration)
-        keep(loop.findings, loop.rounds)
+        loop.journal.keep(loop.findings, loop.rounds)
     return calibration, "nothing else stands out of chance"
 
 
@@ -212,7 +209,7 @@ def _explored(
     opening = bool(loop.offers) and number == 1
     earlier = [r.exploration.null_nats for r in loop.rounds[bool(loop.offers) :]]
     pooled = sum(len(nats) for nats in earlier) > 0
-    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), opening, pooled)
+    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), loop.journal, opening, pooled)
     still = still_joints(loop.mechanism, residual.poses.dataset)
     sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
     exploration = explore(residual, sites, loop.search, rng, turn)

@@ -1,21 +1,11 @@
 """How hard to look: the runs of the search, what they evolve with, and when to stop."""
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget
-
-Task = TypeVar("Task")
-Done = TypeVar("Done")
-
-
-class Mapper(Protocol):
-    """Runs tasks in order, wherever: `map`, or an executor's."""
-
-    def __call__(self, function: Callable[[Task], Done], tasks: Sequence[Task], /) -> Iterable[Done]: ...
+from gpmodel.executor import Workers
 
 
 @dataclass(frozen=True)
@@ -31,7 +21,8 @@ class Search:
     nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
     evolved_poses: poses that GP sees at most; scored_poses: poses that candidates are scored on at most (both sampled
     anew every round). stop_after: seconds after which no new round begins, None for no limit. max_effects: findings
-    after which no new round begins. workers: GP runs side by side, which change no number. mapper: runs them elsewhere.
+    after which no new round begins. workers: GP runs side by side, which change no number. executor: runs them
+    elsewhere.
 
     shortlist: hypotheses of a kind, named or not, that are judged. considered: candidates of a kind from which they
     are taken, best first. rivals: alternatives kept beside a finding.
@@ -53,7 +44,7 @@ class Search:
     shortlist: int = 4
     considered: int = 48
     rivals: int = 6
-    mapper: Mapper | None = None
+    executor: Workers | None = None
 
     def budget(self, opening: bool) -> Budget:
         """Of one run; a small one in an opening round where named effects are offered."""

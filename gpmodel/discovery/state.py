@@ -8,6 +8,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
@@ -34,6 +35,7 @@ class State:
     condition_limit: float | None
     seed: int
     say: Teller
+    journal: Journal
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)

@@ -12,7 +12,8 @@ from gpmodel.evolution.problems import CartesianProblem, Problem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.settings import Settings
-from gpmodel.evolution.threads import cores, over_slices
+from gpmodel.evolution.threads import over_slices
+from gpmodel.executor import cores
 
 POLISHED = 4
 """Programs whose constants are fitted at a time."""

@@ -14,8 +14,7 @@ from cli_cases import one_line, run, table, write
 
 from gpmodel.application.model_file import load_model
 from gpmodel.cli import demo as demo_command
-from gpmodel.cli import discover as discover_command
-from gpmodel.discovery import checkpoint
+from gpmodel.cli import request as request_module
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare
 from gpmodel.table.read import read_table
@@ -27,7 +26,7 @@ GEAR = "gear_harmonic J4=200 arcsec"
 def quick_search() -> AbstractContextManager[object]:
     """Runs, populations and generations for what does not depend on how much is found."""
     small = partial(Search, population=48, generations=4)
-    return mock.patch.multiple(discover_command, Search=small)
+    return mock.patch.multiple(request_module, Search=small)
 
 
 @pytest.fixture(autouse=True)
@@ -124,31 +123,6 @@ def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
     assert (done / "model.json").read_text() == (tmp_path / "two" / "model.json").read_text()
 
 
-def test_interrupted_it_keeps_what_it_finished_and_goes_on_to_the_same_numbers(
-    done: Path, measured: Path, tmp_path: Path
-) -> None:
-    finished = checkpoint.save
-    out = tmp_path / "cut"
-
-    def save_then_stop(*arguments: object) -> None:
-        finished(*arguments)  # type: ignore[arg-type]
-        raise KeyboardInterrupt
-
-    with mock.patch.object(checkpoint, "save", save_then_stop):
-        stopped = run(
-            "discover", measured, "--mechanism", "irb6400r", "--quiet", "--out", out, "--noise", "0.03mm", "--runs", 1
-        )  # fmt: skip
-    assert stopped.exit_code == 130
-    assert {p.name for p in out.iterdir()} == {checkpoint.NAME}
-    resumed = run("discover", "--resume", out, "--quiet")
-    assert resumed.exit_code == 0, resumed.output
-    assert {p.name for p in out.iterdir()} == RESULTS
-    reports = [json.loads((p / "report.json").read_text()) for p in (done, out)]
-    for report in reports:
-        del report["seconds"], report["command"]
-    assert reports[0] == reports[1]
-
-
 def test_finding_nothing_is_a_success_and_says_so(tmp_path: Path) -> None:
     report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out")
     assert report["effects"] == []
@@ -194,7 +168,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
     "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
-    "nothing to resume": (["--resume", "nowhere"], "nowhere has no progress.json"),
+    "nothing to resume": (["--resume", "nowhere"], "nowhere has no unfinished search"),
 }
 
 
@@ -235,7 +209,7 @@ def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_demo_finds_what_was_planted(tmp_path: Path) -> None:
-    with mock.patch.object(discover_command, "Search", Search):
+    with mock.patch.object(request_module, "Search", Search):
         assert run("demo", "--out", tmp_path / "demo", "--quiet").exit_code == 0
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert report["effects"]

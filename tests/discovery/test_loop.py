@@ -10,6 +10,7 @@ from loop_cases import (
     CASES,
     QUICK,
     SMALL,
+    Notes,
     against_the_oracle,
     found,
     quick,
@@ -21,7 +22,6 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.tree import Tree
@@ -128,43 +128,6 @@ def test_the_number_of_workers_changes_no_number() -> None:
     assert numbers(two) == numbers(quick())
 
 
-class Interrupted(Exception):
-    pass
-
-
-def test_an_interrupted_run_goes_on_to_the_same_numbers() -> None:
-    truth, train, heldout = robot("gear", 0)
-    kept: list[tuple[tuple[Finding, ...], tuple[Round, ...]]] = []
-
-    def say(text: str) -> None:
-        if str(text).startswith("round 2"):
-            raise Interrupted
-
-    def start() -> Discovery:
-        return discover(
-            truth.model.mechanism, truth.poses, train, heldout, search=QUICK, progress=say,
-            keep=lambda findings, rounds: kept.append((tuple(findings), tuple(rounds))),
-        )  # fmt: skip
-
-    with pytest.raises(Interrupted):
-        start()
-    assert [len(rounds) for _, rounds in kept] == [1]
-    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, resume=kept[-1])
-    assert numbers(resumed) == numbers(quick())
-
-
-def test_a_finished_run_resumed_searches_no_more() -> None:
-    truth, train, heldout = robot("nothing", 0)
-    done = found("nothing", 0)
-    said: list[str] = []
-    again = discover(
-        truth.model.mechanism, truth.poses, train, heldout, search=SMALL, progress=said.append,
-        resume=(done.findings, done.rounds),
-    )  # fmt: skip
-    assert numbers(again) == numbers(done)
-    assert not any(str(text).startswith("round") for text in said)
-
-
 def test_limits_of_effects_and_time_are_kept_and_told() -> None:
     truth, train, heldout = robot("gear", 0)
     arm = truth.model.mechanism
@@ -174,7 +137,7 @@ def test_limits_of_effects_and_time_are_kept_and_told() -> None:
     done = quick()
     late = discover(
         arm, truth.poses, train, heldout, search=replace(QUICK, stop_after=0.0),
-        resume=(done.findings, done.rounds[:1]),
+        journal=Notes(done.findings, done.rounds[:1]),
     )  # fmt: skip
     assert "there may be more to find" in late.stopped
     assert len(late.findings) == 1

@@ -1,0 +1,120 @@
+"""`gpmodel discover --resume DIR`: what it finds again, what it refuses, and what it says."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+import pytest
+from cli_cases import one_line, run
+from durable_cases import OPTIONS, measured, resume, small
+
+from gpmodel.discovery.journal import FOLDER, REQUEST
+from gpmodel.files import alone_in
+
+
+@pytest.fixture(autouse=True)
+def quick() -> Iterator[None]:
+    with small():
+        yield
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return measured(tmp_path_factory.mktemp("cell"))
+
+
+@pytest.fixture(scope="module")
+def expected(cell: Path) -> str:
+    """The model of a search that nobody disturbed."""
+    out = cell.parent / "whole"
+    with small():
+        assert run("discover", cell, "--mechanism", "irb6400r", *OPTIONS, "--out", out).exit_code == 0
+    return (out / "model.json").read_text()
+
+
+@pytest.fixture(scope="module")
+def interrupted(cell: Path) -> Path:
+    """The folder of a search that was interrupted in its first round, beside its table."""
+    out = cell.parent / "interrupted"
+    with mock.patch("gpmodel.discovery.loop.additive", side_effect=KeyboardInterrupt), small():
+        stopped = run("discover", cell, "--mechanism", "irb6400r", *OPTIONS, "--out", out)
+    assert stopped.exit_code == 130
+    last = stopped.stderr.splitlines()[-1]
+    assert "interrupted" in last
+    assert f"gpmodel discover --resume {out}" in last
+    assert {p.name for p in out.iterdir()} == {FOLDER}
+    return out
+
+
+@pytest.fixture
+def cut(interrupted: Path, cell: Path, tmp_path: Path) -> Path:
+    """A copy of it, and of the table beside it."""
+    shutil.copy(cell, tmp_path)
+    return Path(shutil.copytree(interrupted, tmp_path / "out"))
+
+
+def test_result_and_table_may_move_together(cut: Path, expected: str, tmp_path: Path) -> None:
+    assert str(tmp_path) not in (cut / FOLDER / REQUEST).read_text()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.move(cut, elsewhere / "out")
+    shutil.move(tmp_path / "cell.csv", elsewhere / "cell.csv")
+    resume(elsewhere / "out")
+    assert (elsewhere / "out" / "model.json").read_text() == expected
+    again = run("discover", "--resume", elsewhere / "out")
+    assert again.exit_code == 0
+    assert "nothing is left to do" in again.stdout
+
+
+def test_a_table_that_moved_alone_is_said_again(cut: Path, tmp_path: Path) -> None:
+    moved = shutil.move(tmp_path / "cell.csv", tmp_path / "moved.csv")
+    assert "cell.csv: the table of this search is no longer there" in one_line(run("discover", "--resume", cut), 2)
+    assert run("discover", moved, "--resume", cut, "--quiet").exit_code == 0
+
+
+CHANGED = {
+    "table": ([], "the table has changed"),
+    "seed": (["--seed", "4"], "--seed is 4, was 0"),
+    "runs": (["--runs", "3"], "--runs is 3, was 2"),
+    "mechanism": (["--mechanism", "ur5"], "the mechanism is ur5, was irb6400r"),
+    "payload": (["--mechanism", "irb6400r", "--payload", "3kg"], "--payload is 3.0, was None"),
+    "out": (["--out", "elsewhere"], "--out: the results go to the folder of --resume"),
+}
+
+
+@pytest.mark.parametrize("case", CHANGED)
+def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path, tmp_path: Path) -> None:
+    before = {p: p.read_bytes() for p in cut.rglob("*") if p.is_file()}
+    if case == "table":
+        text = (tmp_path / "cell.csv").read_text()
+        (tmp_path / "cell.csv").write_text(text + text.splitlines()[-1] + "\n")
+    options, said = CHANGED[case]
+    assert said in one_line(run("discover", "--resume", cut, *options, "--quiet"), 2)
+    assert {p: p.read_bytes() for p in cut.rglob("*") if p.is_file()} == before
+
+
+def test_the_same_asked_again_goes_on_and_something_else_is_refused(cut: Path, expected: str, tmp_path: Path) -> None:
+    arguments = [tmp_path / "cell.csv", "--mechanism", "irb6400r", *OPTIONS, "--out", cut]
+    line = one_line(run("discover", *arguments, "--quiet", "--seed", 5), 2)
+    assert "unfinished search is of something else: --seed is 5, was 0" in line
+    again = run("discover", *arguments)
+    assert again.exit_code == 0
+    assert "going on from 0 finished rounds and 4 finished runs" in again.stderr
+    assert (cut / "model.json").read_text() == expected
+
+
+def test_a_damaged_run_is_named_and_done_again(cut: Path, expected: str) -> None:
+    path = cut / FOLDER / "run-1-0001.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"evaluations": 1}))
+    done = run("discover", "--resume", cut)
+    assert done.exit_code == 0
+    assert "run-1-0001.json: its content is not what was written; set aside as run-1-0001.json.damaged" in done.stderr
+    assert (cut / "model.json").read_text() == expected
+
+
+def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:
+    with alone_in(cut):
+        assert "another gpmodel is at work in it" in one_line(run("discover", "--resume", cut, "--quiet"), 2)

@@ -1,0 +1,96 @@
+"""Files are whole or not there, of one process at a time, and drafts of the dead are swept away."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+from unittest import mock
+
+import pytest
+
+from gpmodel import files
+from gpmodel.errors import InputError, WriteError
+
+
+@pytest.fixture
+def dead() -> int:
+    """The number of a process that is no more."""
+    return int(subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True).stdout)
+
+
+def test_drafts_of_dead_processes_are_swept_away_and_of_living_ones_are_not(dead: int, tmp_path: Path) -> None:
+    mine = files._mine()
+    gone, living = (mine.replace(f"-{os.getpid()}-", f"-{process}-") for process in (dead, os.getppid()))
+    (tmp_path / f"{gone}a").write_text("half")
+    (tmp_path / f"{gone}b").mkdir()
+    (tmp_path / f"{gone}b" / "inside").write_text("half")
+    kept = {f"{living}a", f"{mine}a", f".gpmodel-draft-elsewhere-{dead}-a", "other"}
+    for name in kept:
+        (tmp_path / name).write_text("half")
+    files.write_text(tmp_path / "whole", "text")
+    assert {p.name for p in tmp_path.iterdir()} == kept | {"whole"}
+
+
+def half_written(out: Path) -> None:
+    with files.finished_folder(out) as draft:
+        (draft / "new").write_text("new")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_folder_is_finished_or_as_it_was(there: bool, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    if there:
+        out.mkdir()
+        (out / "old").write_text("old")
+    with pytest.raises(WriteError, match=r"out: cannot be written \(No space left.*free some space"):
+        half_written(out)
+    assert {p.name for p in tmp_path.rglob("*")} == ({"out", "old"} if there else set())
+    with files.finished_folder(out) as draft:
+        (draft / "new").write_text("new")
+    assert {p.name for p in out.iterdir()} == ({"old", "new"} if there else {"new"})
+
+
+def test_one_process_at_a_time(tmp_path: Path) -> None:
+    out = tmp_path / "a" / "b"
+    with files.alone_in(out), pytest.raises(InputError, match="another gpmodel is at work in it"), files.alone_in(out):
+        pass
+    assert list(tmp_path.iterdir()) == []
+    with files.alone_in(out):
+        (out / "result").touch()
+    assert [p.name for p in out.iterdir()] == ["result"]
+
+
+def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
+    code = (
+        "import os, sys, pathlib, gpmodel.files as f\n"
+        "with f.alone_in(pathlib.Path(sys.argv[1])):\n"
+        "    os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", code, tmp_path / "out"])
+    assert (tmp_path / "out" / files.LOCK).exists()
+    with files.alone_in(tmp_path / "out"):
+        pass
+    assert not (tmp_path / "out" / files.LOCK).exists()
+
+
+def test_a_seal_is_of_the_content_not_of_its_layout(tmp_path: Path) -> None:
+    content = {"b": [1.0, 2, None], "a": {"x": "é"}}
+    assert files.seal(content) == files.seal({"a": {"x": "é"}, "b": [1.0, 2, None], files.SEAL: "anything"})
+    assert files.seal(content) != files.seal(content | {"b": [1.0, 2.5, None]})
+    files.write_json(tmp_path / "f", content)
+    assert files.read_json(tmp_path / "f") == content
+    text = (tmp_path / "f").read_text()
+    wrong = (text.replace("2", "3"), text.replace("null", "NaN"), text.replace("1.0", "1e999"))
+    for damaged in (*wrong, "[]", "", "[" * 100_000):
+        (tmp_path / "f").write_text(damaged)
+        with pytest.raises(ValueError, match=r".+"):
+            files.read_json(tmp_path / "f")
+
+
+def test_a_removed_folder_is_gone_from_one_moment_to_the_next(tmp_path: Path) -> None:
+    (tmp_path / "out" / "deep").mkdir(parents=True)
+    with mock.patch("shutil.rmtree", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+        files.remove_folder(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
