@@ -21,7 +21,9 @@ from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.standing import Builder, Offering, offered
 from gpmodel.discovery.selection.waves import waves_left
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.instrument import Seen
+from gpmodel.model.states import States
 from gpmodel.table.bundles import replicates
 
 SCREENING_POSES = 1500
@@ -65,7 +67,7 @@ def _select(
     mechanism = calibration.model.mechanism
     bundle = replicates(poses.dataset)
     sample = _sample(bundle)
-    shapes = Shapes(resolved(calibration, poses.subset(sample)).states)
+    shapes = Shapes(_predicted(calibration, poses.subset(sample)))
     base = list(geometry_groups(calibration.model.effects))
     single = offered(offering.single, mechanism, shapes)
     use = np.ones(len(poses), dtype=bool)
@@ -87,6 +89,20 @@ def _select(
             break
     chance = best_by_chance(active, offering.combs, bundle[sample], rng, shuffles)
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
+
+
+def _predicted(calibration: Calibration, poses: Poses) -> States:
+    """The states of poses, the instrument looking at where the model has them.
+
+    Where it measured them is no input: a column that holds the noise, and lengths that take the arm away, explain it.
+    """
+    there = resolved(calibration, poses)
+    observed = observe(calibration.model, there, calibration.theta, calibration.placement)
+    if there.states.seen is None:
+        return there.states
+    points = there.states.seen.points.copy()
+    points[slice(None) if there.states.rows is None else there.states.rows] = observed.tip[:, :3, 3]
+    return replace(there.states, seen=Seen(points))
 
 
 def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder], state: _State) -> list[Group]:
