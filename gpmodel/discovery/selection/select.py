@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
-from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
@@ -18,15 +18,13 @@ from gpmodel.discovery.selection.pool import Pool
 from gpmodel.discovery.selection.refit import Point, Refit, far_out, refit, whitened
 from gpmodel.discovery.selection.result import Selection, summarised
 from gpmodel.discovery.selection.rows import Rows
+from gpmodel.discovery.selection.sample import predicted_states, sample_of
 from gpmodel.discovery.selection.standing import Builder, Offering, offered
 from gpmodel.discovery.selection.waves import waves_left
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import ErrorModel, Poses, observe
-from gpmodel.model.instrument import Seen
-from gpmodel.model.states import States
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.table.bundles import replicates
 
-SCREENING_POSES = 1500
 MOST_LOOKS = 3
 
 
@@ -66,8 +64,8 @@ def _select(
 ) -> Selection:
     mechanism = calibration.model.mechanism
     bundle = replicates(poses.dataset)
-    sample = _sample(bundle)
-    shapes = Shapes(_predicted(calibration, poses.subset(sample)))
+    sample = sample_of(bundle)
+    shapes = Shapes(predicted_states(calibration, poses.subset(sample)))
     base = list(geometry_groups(calibration.model.effects))
     single = offered(offering.single, mechanism, shapes)
     use = np.ones(len(poses), dtype=bool)
@@ -91,20 +89,6 @@ def _select(
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
-def _predicted(calibration: Calibration, poses: Poses) -> States:
-    """The states of poses, the instrument looking at where the model has them.
-
-    Where it measured them is no input: a column that holds the noise, and lengths that take the arm away, explain it.
-    """
-    there = resolved(calibration, poses)
-    observed = observe(calibration.model, there, calibration.theta, calibration.placement)
-    if there.states.seen is None:
-        return there.states
-    points = there.states.seen.points.copy()
-    points[slice(None) if there.states.rows is None else there.states.rows] = observed.tip[:, :3, 3]
-    return replace(there.states, seen=Seen(points))
-
-
 def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder], state: _State) -> list[Group]:
     """The groups of two inputs that what is left asks for, beside others that are kept or offered."""
     couples = offered(pairs, task.mechanism, task.shapes, blocks=False)
@@ -113,16 +97,6 @@ def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder],
     trial = grown(_started(task, [*beside, *couples], state))
     found = {trial.pool.groups[g].name for g in trial.variances}
     return [g for g in couples if g.name in found]
-
-
-def _sample(bundle: IntArray) -> IntArray:
-    """The poses to choose on: all, or whole bundles of about SCREENING_POSES evenly along the rows."""
-    if len(bundle) <= SCREENING_POSES:
-        return np.arange(len(bundle))
-    share = SCREENING_POSES / len(bundle)
-    numbers = np.unique(bundle)
-    chosen = numbers[np.floor(np.arange(len(numbers)) * share) != np.floor((np.arange(len(numbers)) - 1) * share)]
-    return np.flatnonzero(np.isin(bundle, chosen))
 
 
 def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
