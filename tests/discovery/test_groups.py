@@ -1,37 +1,28 @@
 """Groups chosen together: every figure against dense linear algebra, planted robots named, innocent ones left alone."""
 
-import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, sized
+from group_cases import ARM, STANDING, problem
 from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.noise import Whitening, blocks_of
+from gpmodel.calibration.noise import Whitening
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain
-from gpmodel.discovery.selection.group import Shapes, from_candidate, geometry_groups
 from gpmodel.discovery.selection.leave_out import left_out
-from gpmodel.discovery.selection.pool import Pool
 from gpmodel.discovery.selection.refit import normal, whitened
 from gpmodel.discovery.selection.result import Selection
-from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.scan import Replacements, scan
 from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_offers, offered
-from gpmodel.discovery.selection.waves import combs_of, most_by_chance, spectrum
+from gpmodel.discovery.selection.standing import PAIRS, Offering
 from gpmodel.families import catalogue
-from gpmodel.families.comb import Comb
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.table.bundles import replicates
 
-ARM = "irb6400r"
-STANDING = (of_offers(catalogue.catalogue), *GENERIC)
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
 
 
@@ -53,25 +44,6 @@ def robot(names: tuple[str, ...], count: int = 90, seed: int = 5) -> Truth:
 @cache
 def found() -> Selection:
     return chosen(robot(PLANTED))
-
-
-@cache
-def problem() -> tuple[Active, np.ndarray]:
-    """A few groups in, on twenty poses of two each; the target before whitening and projection."""
-    data = bare(ARM, 20, 1, payload=False)
-    data = replace(data, q=np.repeat(data.q[::2], 2, axis=0))
-    truth = measure(ARM, (), (), 1, dataset=data)
-    arm, poses = truth.model.mechanism, truth.poses
-    model = ErrorModel(arm, geometric_effects(arm))
-    linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, 1.0, np.ones(len(poses), bool))
-    noise = replace(blocks_of(linear, replicates(poses.dataset)), ratio=0.7)
-    shapes = Shapes(poses.states)
-    groups = [*geometry_groups(model.effects), *offered(STANDING, arm, shapes)[::40]]
-    target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))
-    active = Active(Pool(Rows(arm, linear, target, noise, shapes), groups), {}, {}, 4e-10)
-    for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
-        active = active.added(g, a)
-    return active, target
 
 
 def dense(active: Active, target: np.ndarray) -> float:
@@ -219,42 +191,3 @@ def test_the_ratio_of_the_levels_is_recovered() -> None:
 def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
     fit = found().fit
     assert whitened(fit.problem, np.arange(len(fit.error)), 0.0).estimated(fit.problem.residual, 80.0).ratio == 0.0
-
-
-def combs(arm: str) -> list[Comb]:
-    return combs_of(
-        catalogue.catalogue, mechanism(arm), prepare(mechanism(arm), bare(arm, 20, 1, payload=False)).states
-    )
-
-
-def test_a_wave_is_worth_what_its_group_is() -> None:
-    active, _ = problem()
-    rows = active.pool.rows
-    for comb in combs(ARM)[1:4]:
-        there = spectrum(active, comb, rows.target[:, None])
-        for rate in (7.0, 101.37, 250.5):
-            group = from_candidate(comb.at(rate), rows.shapes)
-            assert group is not None
-            pool = Pool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))])
-            beside = Active(pool, active.variances, active.chosen, active.sigma2)
-            assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
-
-
-def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
-    active, _ = problem()
-    noise = np.random.default_rng(1).normal(0, np.sqrt(active.sigma2), (len(active.pool.rows.target), 400))
-    assert np.mean(most_by_chance(active, combs(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
-
-
-@pytest.mark.parametrize("rate", [37.42, 101.4, 160.0])
-def test_a_ripple_at_any_number_per_turn_is_found_and_named(rate: float) -> None:
-    data = bare(ARM, 90, 5, payload=False)
-    ripple = combs(ARM)[1].at(rate).effects
-    truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
-    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    selection = select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, combs=combs(ARM)), shuffles=9)
-    (kept,) = selection.kept
-    said = re.fullmatch(r"transmission ripple, ([\d.]+) per turn, (\w+)", kept.group.name)
-    assert said
-    assert float(said[1]) == pytest.approx(rate, abs=0.2)
-    assert said[2] == combs(ARM)[1].joint.name

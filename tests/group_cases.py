@@ -1,0 +1,41 @@
+"""A small choice of groups that the tests of it share."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from effect_cases import bare, measure
+
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.noise import blocks_of
+from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.group import Shapes, geometry_groups
+from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.rows import Rows
+from gpmodel.discovery.selection.standing import GENERIC, of_offers, offered
+from gpmodel.families import catalogue
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.bundles import replicates
+
+ARM = "irb6400r"
+STANDING = (of_offers(catalogue.catalogue), *GENERIC)
+
+
+@cache
+def problem() -> tuple[Active, np.ndarray]:
+    """A few groups in, on twenty poses of two each; the target before whitening and projection."""
+    data = bare(ARM, 20, 1, payload=False)
+    data = replace(data, q=np.repeat(data.q[::2], 2, axis=0))
+    truth = measure(ARM, (), (), 1, dataset=data)
+    arm, poses = truth.model.mechanism, truth.poses
+    model = ErrorModel(arm, geometric_effects(arm))
+    linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, 1.0, np.ones(len(poses), bool))
+    noise = replace(blocks_of(linear, replicates(poses.dataset)), ratio=0.7)
+    shapes = Shapes(poses.states)
+    groups = [*geometry_groups(model.effects), *offered(STANDING, arm, shapes)[::40]]
+    target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))
+    active = Active(Pool(Rows(arm, linear, target, noise, shapes), groups), {}, {}, 4e-10)
+    for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
+        active = active.added(g, a)
+    return active, target
