@@ -28,7 +28,7 @@ class CheckResult:
     command: str
 
     @property
-    def sound(self) -> bool:
+    def valid(self) -> bool:
         """Whether a model may be fitted to it."""
         return not any(f.severity == "error" for f in self.findings)
 
@@ -46,8 +46,8 @@ class CheckResult:
     def summary(self) -> str:
         """One line a finding, then the verdict."""
         warned = sum(f.severity == "warning" for f in self.findings)
-        verdict = "fit to calibrate with" if self.sound else "nothing should be fitted to it"
-        if self.sound and not self.as_described:
+        verdict = "fit to calibrate with" if self.valid else "nothing should be fitted to it"
+        if self.valid and not self.as_described:
             verdict = f"not fit to calibrate with: {self.mechanism} is not described as it was measured"
         return "\n".join(
             [
@@ -83,7 +83,7 @@ class CheckResult:
             write_text(draft / "check.json", self.to_json())
 
     def __repr__(self) -> str:
-        return f"<check of {self.dataset.source}: {'sound' if self.sound else 'not sound'}, {len(self.findings)} said>"
+        return f"<check of {self.dataset.source}: {'valid' if self.valid else 'not valid'}, {len(self.findings)} said>"
 
     def _repr_html_(self) -> str:
         return notebook(self.summary())

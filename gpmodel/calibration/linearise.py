@@ -12,7 +12,7 @@ from gpmodel.calibration.unmeasured_joints import (
     joint_columns,
     observable,
     solve_joints,
-    without_absorbed,
+    without_eliminated,
 )
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, places
 from gpmodel.model.effect import Effect
@@ -47,7 +47,7 @@ class Linearised:
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
         if self.left is not None:
             weighted = values * self.left.weights.reshape(shape)
-            return without_absorbed(self.left.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
+            return without_eliminated(self.left.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
         return (values * self.weights.reshape(shape))[self.weights > 0]
 
 
@@ -124,7 +124,7 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
     left = complement(joints * weights[:, :, None], measured)
     weighted = dense.columns * weights[:, :, None]
     sizes = np.linalg.norm(weighted, axis=(0, 1))
-    rows = without_absorbed(left.rows(weighted), sizes)
+    rows = without_eliminated(left.rows(weighted), sizes)
     bare = observe(ErrorModel(model.mechanism, ()), poses, np.zeros(0), placement)
     nominal = np.concatenate(_placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
     rest = complement(joint_columns(model.mechanism, bare) * weights[:, :, None], measured).rows(nominal)

@@ -21,7 +21,7 @@ from gpmodel.table.dataset import Dataset
 TRUNCATION = 1e-2
 """A direction of the joints that moves the point this much less than the strongest one is left at its prior."""
 
-ABSORBED = 1e-2
+ELIMINATED = 1e-2
 """A column of which the free angles leave less than this share cannot be told from them."""
 
 ROUNDING = 1e-7
@@ -83,19 +83,19 @@ def complement(columns: Array, measured: NDArray[np.bool_]) -> Complement:
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
     """Columns (N, m, K) and residual (N, m) less what each pose's own joints (N, m, n) explain.
 
-    Returns rows (M, K), rows (M,) and the pose (M,) of each row. Columns that the joints absorb, up to ABSORBED,
+    Returns rows (M, K), rows (M,) and the pose (M,) of each row. Columns that the joints absorb, up to ELIMINATED,
     come back exactly zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)
     blocks = columns * measured[:, :, None]
-    rows = without_absorbed(left.rows(blocks), np.linalg.norm(blocks, axis=(0, 1)))
+    rows = without_eliminated(left.rows(blocks), np.linalg.norm(blocks, axis=(0, 1)))
     return rows, left.rows(np.where(measured, residual, 0.0)), np.nonzero(left.keep)[0]
 
 
-def without_absorbed(rows: Array, sizes: Array) -> Array:
-    """Columns (M, K) with those set to zero whose norm is below ABSORBED of `sizes` (K,), that before elimination."""
-    return np.where(np.linalg.norm(rows, axis=0) > ABSORBED * sizes, rows, 0.0)
+def without_eliminated(rows: Array, sizes: Array) -> Array:
+    """Columns (M, K) with those set to zero whose norm is below ELIMINATED of `sizes` (K,), that before elimination."""
+    return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:

@@ -12,7 +12,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 
 
-def absorbed_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
+def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
     """Whether free joints leave nothing of each effect's column at these poses; all False without free joints."""
     if not free_joints(calibration.model.mechanism) or not effects:
         return (False,) * len(effects)
@@ -21,21 +21,21 @@ def absorbed_effects(calibration: Calibration, poses: Poses, effects: Sequence[E
     return tuple(not np.any(column) for column in problem.weigh(columns).T)
 
 
-def absorbed_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
+def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
     """The model's constant effects, and the catalogue's families, of which free joints leave nothing at all."""
     pool = catalogue.candidates(calibration.model.mechanism, poses.states)
-    hidden = iter(absorbed_effects(calibration, poses, [e for c in pool for e in c.effects]))
+    hidden = iter(unobservable_effects(calibration, poses, [e for c in pool for e in c.effects]))
     families: dict[str, bool] = {}
     for candidate in pool:
         gone = [next(hidden) for _ in candidate.effects]
         families[candidate.family] = families.get(candidate.family, True) and all(gone)
     constant = [e for e in calibration.model.effects if e.constant]
-    of_constant = absorbed_effects(calibration, poses, constant)
+    of_constant = unobservable_effects(calibration, poses, constant)
     names = [e.name for e, gone in zip(constant, of_constant, strict=True) if gone]
     return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
 
 
-def absorbed_in_words(calibration: Calibration, names: Sequence[str]) -> str:
+def unobservable_in_words(calibration: Calibration, names: Sequence[str]) -> str:
     """One sentence on what the free joints hide, empty where they hide nothing."""
     mechanism = calibration.model.mechanism
     if not names:

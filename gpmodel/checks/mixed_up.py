@@ -79,7 +79,10 @@ def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
 
 
 def misfit_by_pose(mechanism: Mechanism, q: Array, position: Array) -> tuple[float, Array]:
-    """The same, and the distance (N,) left at each pose."""
+    """The same, and the distance (N,) left at each pose.
+
+    Searched from all sides of the flange: where it turns about one centre, a point on the wrong side fits best near by.
+    """
     frames = se3.chain(mechanism.transforms(q))[-1]
 
     def residual(point: Array) -> Array:
@@ -88,7 +91,7 @@ def misfit_by_pose(mechanism: Mechanism, q: Array, position: Array) -> tuple[flo
         return (position - tips @ turn.T - shift).ravel()
 
     best, error = np.inf, np.zeros(len(q))
-    for start in np.vstack([np.zeros(3), 0.2 * np.eye(3)]):
+    for start in np.vstack([np.zeros(3), 0.2 * np.eye(3), -0.2 * np.eye(3)]):
         found = optimize.least_squares(residual, start, x_scale=0.1, max_nfev=12)
         if (rms := float(np.sqrt(2 * found.cost / len(q)))) < best:
             best, error = rms, np.linalg.norm(found.fun.reshape(-1, 3), axis=1)

@@ -87,7 +87,10 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
 
         options = (
             click.option(
-                "--mechanism", required=required, metavar="NAME", help="Built-in name, .urdf, or .toml of DH rows."
+                "--mechanism",
+                required=required,
+                metavar="NAME",
+                help="Built-in name, .urdf, or .toml (DH rows, a joint).",
             ),
             click.option("--frame", default=None, help="Measured link of the mechanism. [default: the last one]"),
             click.option("--payload", default=None, metavar="MASS", help="Mass at the tool in every row, as in 60kg."),

@@ -25,8 +25,15 @@ def measured_torque(dataset: Dataset, column: str) -> Array:
 
 
 def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
-    """One sentence for every column of torques that cannot be used."""
-    for joint, column in torque_columns(mechanism, dataset):
+    """One sentence for every column of torques that is not the load of a joint."""
+    of_joints = {column: joint for joint, column in torque_columns(mechanism, dataset)}
+    for column, unit in dataset.extra_units.items():
+        if column not in of_joints and _SPELLED.match(column) and torque_factor(unit):
+            yield (
+                f"{dataset.source}: column '{column}' names no joint of {mechanism.name} and is an input like any "
+                f"other; expected {', '.join(f'torque_{joint.name}' for joint in mechanism.joints)}"
+            )
+    for column, joint in of_joints.items():
         if not np.ptp(dataset.extras[column]) > 0:
             yield (
                 f"{dataset.source}: column '{column}' is {dataset.extras[column][0]:g} in every row and is not used "

@@ -130,10 +130,3 @@ def _log_determinants(columns: Array, inverse: Array, sign: float) -> Array:
     """Change (N,) of log det M on adding (sign 1) or removing (-1) each pose: log det (I ± J M⁻¹ Jᵀ)."""
     inner = np.eye(3) + sign * columns @ inverse @ np.swapaxes(columns, 1, 2)
     return np.linalg.slogdet(inner)[1]
-
-
-def log_determinant(mechanism: Mechanism, q: Array, reference: Array) -> float:
-    """log det Σ JᵀJ / N per unknown of poses q, with parameters chosen and scaled over poses q and `reference`."""
-    columns = geometric_columns(mechanism, np.vstack([q, reference]))[: len(q)]
-    information = np.einsum("nij,nik->jk", columns, columns) / len(q)
-    return float(np.linalg.slogdet(information)[1] / columns.shape[2])

@@ -37,7 +37,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     if len(curve) > 1:
         best = min(curve, key=lambda c: c.cv_rms_mm or 0.0)
         yield Picture(
-            "rank_curve", "Error against rank", 4.9, 3.3,
+            "rank_curve", "Error over the condition limit", 4.9, 3.3,
             f"Cross-validated error over the condition limit; lowest {millimetres(best.cv_rms_mm)} mm with "
             f"{best.rank} unknowns at a limit of {best.condition_limit:g}.",
             "How many unknowns these poses support; the number beside a dot is the rank kept there.",

@@ -39,7 +39,7 @@ class Change:
         return float(np.hypot(self.before[1], self.after[1]))
 
     @property
-    def deviations(self) -> float:
+    def z(self) -> float:
         """The difference in its own σ."""
         return abs(self.difference) / self.stderr
 
@@ -98,10 +98,10 @@ def _changes(
         and a.unit == b.unit
         and a.value is not None and b.value is not None and a.stderr and b.stderr
     ]  # fmt: skip
-    ordered = sorted(pairs, key=lambda c: -c.deviations)
+    ordered = sorted(pairs, key=lambda c: -c.z)
     out, largest = [], 0.0
     for rank, c in enumerate(ordered):
-        single = 2 * float(stats.norm.sf(c.deviations))
+        single = 2 * float(stats.norm.sf(c.z))
         largest = max(largest, min(1.0, (len(ordered) - rank) * single))
         out.append(Change(c.name, c.unit, c.before, c.after, largest))
     return tuple(out)
@@ -158,7 +158,7 @@ def cells(c: Change) -> tuple[str, str, str, str]:
 def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
     name, mark = wording.shortened(c.name, 20), "*" if c.significant else ""
-    return f"    {name:<21}{old:>9}{new:>9}{change:>17} {unit:<11}{c.deviations:>5.1f}{mark}".rstrip()
+    return f"    {name:<21}{old:>9}{new:>9}{change:>17} {unit:<11}{c.z:>5.1f}{mark}".rstrip()
 
 
 def html(found: Comparison) -> str:

@@ -128,7 +128,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 def _advice(report: Report, effect: EffectRecord) -> Iterator[str]:
     close = effect.close_rivals()
     if close:
-        yield f"take poses at which it and {close[0].name} differ: `gpmodel poses --after` chooses them"
+        yield f"take poses at which it and {close[0].name} differ"
     for beginnings, advice in MEASURES:
         if any(name.startswith(beginnings) for name in effect.inputs):
             yield advice

@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.calibration.result import resolved
 from gpmodel.calibration.rivals import rivals_in_words
-from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
+from gpmodel.calibration.unobservable import unobservable_families, unobservable_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
 from gpmodel.families.candidate import Candidate
@@ -37,7 +37,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     """Everything the loop found, tried and left, under the table's own names."""
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
-    absorbed = tuple(translate(name, names) for name in absorbed_families(final, poses))
+    unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
     common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
     report = replace(
         common,
@@ -47,10 +47,14 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         rank_curve=fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
         confirmation=_confirmation(discovery),
-        absorbed=absorbed,
+        unobservable=unobservable,
         plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
-    sentences = (verdict.of_discovery(report), absorbed_in_words(final, absorbed), rivals_in_words(final, poses))
+    sentences = (
+        verdict.of_discovery(report),
+        unobservable_in_words(final, unobservable),
+        rivals_in_words(final, poses),
+    )
     return replace(report, verdict=" ".join(filter(None, sentences)))
 
 

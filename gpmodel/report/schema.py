@@ -109,11 +109,11 @@ class RankRecord:
 class Confirmation:
     """Paired test on the held-out poses of the last step against the standard model, which is shipped where it fails.
 
-    deviations: mean of (squared error before - after) over `units` independent poses, in standard deviations of that
+    t: mean of (squared error before - after) over `units` independent poses, in standard deviations of that
     mean. p_value: one-sided chance of it between equally good models; limit: of the p-value.
     """
 
-    deviations: float
+    t: float
     p_value: float
     limit: float
     units: int
@@ -137,7 +137,7 @@ class Report:
 
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
-    rotations as vectors. absorbed: effects hidden by joint values solved at every pose. sigma_mm: of one component.
+    rotations as vectors. unobservable: effects hidden by joint values solved at every pose. sigma_mm: of one component.
     """
 
     command: str = ""
@@ -164,7 +164,7 @@ class Report:
     noise_from: NoiseSource | None = None
     repeatability: Repeatability | None = None
     confirmation: Confirmation | None = None
-    absorbed: tuple[str, ...] = ()
+    unobservable: tuple[str, ...] = ()
     plots: PlotRecord = field(default_factory=PlotRecord)
     verdict: str = ""
     seconds: NotNegative | None = None

@@ -113,9 +113,9 @@ def _doubts(report: Report) -> Iterator[str]:
         yield _wrapped(f"outliers, not fitted: rows {rows}")
     if report.data.heldout and report.ladder and not report.held:
         yield _wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
-    if report.absorbed:
-        more = len(report.absorbed) - MOST_LISTED
-        listed = ", ".join(report.absorbed[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    if report.unobservable:
+        more = len(report.unobservable) - MOST_LISTED
+        listed = ", ".join(report.unobservable[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         yield _wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
     if report.status:
         limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"

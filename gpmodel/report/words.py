@@ -17,7 +17,7 @@ _SOURCES = {"repeats": "from the repeats in the table", "instrument": "from the 
 def noise_floor(report: Report) -> str:
     """The noise floor and where it is known from, or how to make it known."""
     if report.noise_floor_mm is None:
-        return "unknown: repeat some poses (column `repeat`), or give the instrument's noise"
+        return "unknown: repeat some poses (a column 'repeat'), or give the instrument's noise"
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
 
 
@@ -28,7 +28,7 @@ def confirmed(report: Report) -> str:
         return ""
     said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
     return (
-        f"{said}: gain of {found.deviations:.1f} standard deviations over {found.units} independent poses, "
+        f"{said}: gain of {found.t:.1f} standard deviations over {found.units} independent poses, "
         f"p {wording.chance(found.p_value)}, limit {found.limit:g}"
     )
 

@@ -12,7 +12,7 @@ from gpmodel.table.dataset import Dataset
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
     """Rows to train on and rows held out (about `fraction` of the poses, whole bundles), both sorted.
 
-    Raises InputError when the bundles leave nothing on either side.
+    Raises InputError where all poses are one bundle, or `fraction` leaves none to train on.
     """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"{fraction}, expected a share between 0 and 1, as in 0.3", "holdout")
@@ -21,8 +21,13 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     sizes = np.bincount(of_pose)[order]
     held = order[: int(np.searchsorted(np.cumsum(sizes), fraction * len(dataset), side="left")) + 1]
     mask = np.isin(of_pose, held)
-    if mask.all() or not mask.any():
+    if len(order) < 2:
         raise InputError(f"{dataset.source}: no poses can be held out; expected at least 2 groups of poses")
+    if mask.all():
+        groups = "" if len(order) == len(dataset) else f" in {len(order)} groups"
+        raise InputError(
+            f"{fraction:g} of {len(dataset)} poses{groups} leaves none to train on; expected less, as in 0.3", "holdout"
+        )
     return np.flatnonzero(~mask), np.flatnonzero(mask)
 
 

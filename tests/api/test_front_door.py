@@ -107,7 +107,7 @@ def test_simulated_tables_go_through_the_front_door(tmp_path: Path) -> None:
     arm = gp.load_mechanism("irb6400r", payload="60 kg")
     made = gp.simulate(arm, ["joint_compliance J2=1e-6"], poses=60, seed=3, inputs={"temperature [degC]": "20:30"})
     assert made.truth.misses(made.table).max() < 0.2
-    assert gp.check(arm, made.table).sound
+    assert gp.check(arm, made.table).valid
     truth = made.save(tmp_path / "t.csv")
     assert gp.load_model(truth).summary() == made.truth.summary()
     assert gp.calibrate(arm, made.table, ["joint_compliance J2"]).ladder()["held-out rms [mm]"].iloc[-1] < 0.1

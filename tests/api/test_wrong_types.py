@@ -136,7 +136,7 @@ def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> N
     path = write(TABLE, tmp_path / "table.csv")
     by_name = gp.calibrate("irb6400r", path)
     assert by_name.record.verdict == gp.calibrate(ARM, TABLE).record.verdict.replace("data frame", "table.csv")
-    assert gp.check("irb6400r", path).sound
+    assert gp.check("irb6400r", path).valid
     assert len(gp.read_table(path, "irb6400r")) == len(TABLE)
     np.testing.assert_array_equal(gp.choose_poses("irb6400r", 4).q, gp.choose_poses(ARM, 4).q)
     np.testing.assert_array_equal(gp.simulate("ur5").table.q, gp.simulate(gp.load_mechanism("ur5")).table.q)

@@ -6,7 +6,7 @@ from spherical_cases import HIDDEN, JOINT, NOTHING, UNDECLARED, Undeclared
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.calibration.unobservable import absorbed_families, absorbed_in_words
+from gpmodel.calibration.unobservable import unobservable_families, unobservable_in_words
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
@@ -48,7 +48,7 @@ def test_an_undeclared_effect_is_found_and_the_error_falls_to_the_oracles(case: 
 def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared) -> None:
     found, poses = run(case)
     assert found.findings == ()
-    names = absorbed_families(found.final, poses)
+    names = unobservable_families(found.final, poses)
     assert {"eccentricity", "gear ratio", "J1 Rx", "J3 Rz"} <= set(names)
     assert not {"axis run out", "drift", "ball lobes", "J1 Tz"} & set(names)
-    assert "neither show nor exclude" in absorbed_in_words(found.final, names)
+    assert "neither show nor exclude" in unobservable_in_words(found.final, names)

@@ -7,13 +7,21 @@ import pytest
 from cli_cases import one_line, run
 
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.poses import candidates, log_determinant, observable_poses, spacing, spread_poses
+from gpmodel.planning.poses import candidates, geometric_columns, observable_poses, spacing, spread_poses
 from gpmodel.table.read import read_table
 
 ARMS = ["irb6400r", "ur5", "panda"]
 MAKERS = {"spread": spread_poses, "observability": observable_poses}
+
+
+def log_determinant(mechanism: Mechanism, q: np.ndarray, reference: np.ndarray) -> float:
+    """log det Σ JᵀJ / N per unknown of poses q, with parameters chosen and scaled over poses q and `reference`."""
+    columns = geometric_columns(mechanism, np.vstack([q, reference]))[: len(q)]
+    information = np.einsum("nij,nik->jk", columns, columns) / len(q)
+    return float(np.linalg.slogdet(information)[1] / columns.shape[2])
 
 
 @pytest.mark.parametrize("criterion", MAKERS)

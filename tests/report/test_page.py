@@ -182,7 +182,7 @@ def test_record_parameters_and_tool_point_are_listed() -> None:
 
 
 def test_what_free_joints_absorb_is_named_and_counted() -> None:
-    report = dataclasses.replace(discovered(), absorbed=tuple(f"effect {k} of the joint" for k in range(40)))
+    report = dataclasses.replace(discovered(), unobservable=tuple(f"effect {k} of the joint" for k in range(40)))
     assert "effect 29 of the joint; and 10 more." in page(report).text
 
 

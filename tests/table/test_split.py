@@ -154,3 +154,10 @@ def test_labelled_repeats_that_are_far_apart_are_refused_by_row() -> None:
     check_repeats(replace(repeated(5e-5), labels={"repeat": np.arange(20).repeat(3).astype(str)}))
     with pytest.raises(InputError, match=r"rows \d+ and \d+ are both repeat '\d+', but .* differs by"):
         check_repeats(replace(repeated(0.0), labels={"repeat": label}))
+
+
+@pytest.mark.parametrize("labels", [[], ["a", "a", "b"]])
+def test_a_share_that_leaves_nothing_to_train_on_is_said_so(labels: list[str]) -> None:
+    data = labelled("group", [*labels, *map(str, range(40 - len(labels)))])
+    with pytest.raises(InputError, match=r"holdout: 0\.999 of 40 poses.* leaves none to train on; expected less"):
+        hold_out(data, 0.999, np.random.default_rng(0))

@@ -1,0 +1,24 @@
+"""An innocent table is not taken for one with columns mixed up."""
+
+import pytest
+
+import gpmodel as gp
+from gpmodel.checks.mixed_up import mixed_up
+
+
+@pytest.mark.parametrize("seed", [2, 40])
+@pytest.mark.parametrize("sigma", ["0 mm", "0.5 mm"])
+def test_a_tool_on_any_side_of_a_joint_about_one_centre_is_found(seed: int, sigma: str) -> None:
+    """The whole joint turns about one point: a mirrored table is one with the tool on the other side."""
+    joint = gp.load_mechanism("spherical-joint")
+    made = gp.simulate(joint, poses=60, geometry_sigma=sigma, seed=seed)
+    assert mixed_up(joint, made.table) is None
+
+
+def test_a_torque_of_no_joint_is_said_to_be_an_input() -> None:
+    arm = gp.load_mechanism("ur5")
+    frame = gp.simulate(arm, poses=60).to_dataframe()
+    frame = frame.assign(**{"torque_J9 [N*m]": range(60), "effort_index [1]": range(60)})
+    (said,) = [f.text for f in gp.check(arm, frame).findings if "torque_J9" in f.text]
+    assert "names no joint of ur5 and is an input like any other; expected torque_" in said
+    assert not [f for f in gp.check(arm, frame).findings if "effort_index" in f.text]
