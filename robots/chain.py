@@ -51,6 +51,11 @@ class SerialChain:
     def joints(self) -> tuple[Joint, ...]:
         return tuple(self._joint(column) for column in range(len(self.joint_names)))
 
+    @property
+    def bodies(self) -> dict[str, tuple[float, Array]]:
+        """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m."""
+        return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
+
     def _joint(self, column: int) -> Joint:
         weights = self.coupling[:, column]
         drive = tuple(

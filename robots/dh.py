@@ -1,8 +1,9 @@
 """Serial chains read from TOML tables of Denavit-Hartenberg rows, with the units in the keys.
 
     name = "my arm"                # default: the file's name
-    convention = "modified"        # a row is Rx(alpha) Tx(a) Rz(theta) Tz(d) (Craig);
-                                   # or "standard": Rz(theta) Tz(d) Tx(a) Rx(alpha) (Paul)
+    convention = "modified"        # a row is Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d) (Craig);
+                                   # or "standard": Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) (Paul);
+                                   # beta for nearly parallel axes only (Hayati)
     gravity_m_s2 = [0, 0, -9.81]   # in the root frame; this is the default
 
     [base]                         # first row's frame in the root frame; left out: the same
@@ -15,7 +16,7 @@
     [[joint]]                      # one row a joint, from the base
     name = "J1"                    # default: J1, J2, ...
     kind = "revolute"              # the default; or "prismatic"
-    alpha_deg = 0                  # what is left out of alpha, a, d, theta is zero;
+    alpha_deg = 0                  # what is left out of alpha, a, beta, d, theta is zero;
     a_mm = 0                       # the joint's own one of theta and d is its value at coordinate zero
     d_mm = 800
     theta_deg = 0
@@ -127,7 +128,7 @@ def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[
     checked_mass(mass, f"{row.where}: mass_kg")
     com = row.quantity("com", "length", np.zeros(3), size=3)
     screw = along("Rz", theta) @ along("Tz", d)
-    twist = along("Rx", alpha) @ along("Tx", a)
+    twist = along("Rx", alpha) @ along("Tx", a) @ along("Ry", row.quantity("beta", "angle", 0.0))
     if convention == "modified":
         return Link(name, before @ twist @ screw, axis, mass, com), np.eye(4)
     return Link(name, before @ screw, axis, mass, twist[:3, :3] @ com + twist[:3, 3]), twist

@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation
 from gpmodel.table.units import parse_quantity
@@ -139,3 +142,22 @@ def point(value: str | Sequence[float], argument: str) -> tuple[float, ...]:
     if not all(isinstance(p, numbers.Real) and math.isfinite(p) for p in out):
         raise InputError(f"{shown(value)}, expected three finite lengths in m", argument)
     return tuple(float(p) for p in out if isinstance(p, numbers.Real))
+
+
+def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:
+    """A box (2, 3), m, lowest corner first: "800:1200,-200:200,300:700mm", or two points.
+
+    Raises InputError naming the argument.
+    """
+    example = "800:1200,-200:200,300:700mm"
+    if isinstance(value, str):
+        sides = [side.split(":") for side in value.split(",")]
+        if [len(side) for side in sides] != [2, 2, 2]:
+            raise InputError(f"{shown(value)}, expected lowest and highest x, y and z, as in {example}", argument)
+        unit = sides[2][1].strip().lstrip("+-.0123456789eE").strip()
+        corners = tuple(point(",".join([side[k] for side in sides]) + unit * (k == 0), argument) for k in (0, 1))
+    else:
+        corners = tuple(point(corner, argument) for corner in value)
+    if len(corners) != 2 or not all(low < high for low, high in zip(*corners, strict=True)):
+        raise InputError(f"{shown(value)}, expected lowest below highest in x, y and z, as in {example}", argument)
+    return np.array(corners)

@@ -13,7 +13,7 @@ from gpmodel.api.arguments import limit, listed, naming, share, shown, texts, wh
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_record, write_results
+from gpmodel.api.results import save_record, write_fitted
 from gpmodel.api.table import TableLike, read_table
 from gpmodel.application.model_file import saved_model
 from gpmodel.arrays import IntArray
@@ -53,7 +53,8 @@ class CalibrationResult:
     @property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        return Model(saved_model(self.calibrated.final, self.calibrated.poses))
+        poses, train = self.calibrated.poses, self.calibrated.train
+        return Model(saved_model(self.calibrated.final, poses, np.setdiff1d(np.arange(len(poses)), train)))
 
     @property
     def verdict(self) -> str:
@@ -75,9 +76,8 @@ class CalibrationResult:
         return summary(self.record)
 
     def report(self, folder: str | Path) -> None:
-        """Leave report.html, report.json, model.json and figures in `folder`: all of them or none."""
-        model = self.model
-        write_results(self.record, folder, lambda draft: model.save(draft / "model.json"))
+        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
+        write_fitted(self.record, self.model, folder)
 
     def save(self, file: str | Path) -> None:
         """Write the content of report.json. Raises InputError when it cannot be written."""

@@ -14,10 +14,9 @@ from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_record, write_results
+from gpmodel.api.results import save_record, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.urdf import write_urdf
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
@@ -56,7 +55,7 @@ class DiscoveryResult:
     @property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        return Model(saved_model(self.found.final, self.found.poses))
+        return Model(saved_model(self.found.final, self.found.poses, self.found.heldout))
 
     @property
     def findings(self) -> tuple[EffectRecord, ...]:
@@ -83,14 +82,8 @@ class DiscoveryResult:
         return summary(self.record)
 
     def report(self, folder: str | Path) -> None:
-        """Leave report.html, report.json, model.json, figures and, for robots, calibrated.urdf: all of them or none."""
-        saved, states = self.model.saved, self.found.poses.states
-        write_results(
-            self.record,
-            folder,
-            lambda draft: Model(saved).save(draft / "model.json"),
-            lambda draft: write_urdf(saved, states, draft / "calibrated.urdf"),
-        )
+        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
+        write_fitted(self.record, self.model, folder)
 
     def save(self, file: str | Path) -> None:
         """Write the content of report.json. Raises InputError when it cannot be written."""

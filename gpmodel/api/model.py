@@ -1,21 +1,26 @@
 """A fitted model: what it predicts, and what makes the real mechanism go where it should."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, number, whole
+from gpmodel.api.arguments import box_limits, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
+from gpmodel.api.exports import ExportsResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensated, targets_in
+from gpmodel.application.exports.grid import NODES
+from gpmodel.application.exports.make import GRID, exports_of
 from gpmodel.application.model_file import SavedModel, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
 from gpmodel.application.usable import of_the_session, usable
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.read import dataset_from
 from gpmodel.wording import measured
@@ -76,6 +81,23 @@ class Model:
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
         saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
+
+    def export(
+        self, *, box: Sequence[Sequence[float]] | str | None = None, nodes: int = NODES, seed: int = 0
+    ) -> ExportsResult:
+        """The model in the forms that others read, each with its error against `predict`: calibrated.urdf and
+        Denavit-Hartenberg rows of a geometry refitted without what they cannot hold, the whole model as NumPy and C99
+        source, its terms as LaTeX, and a lookup grid of joint corrections.
+
+        box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
+        one a cube about a measured pose near the middle. nodes: of the grid along each side. seed: of the fresh poses
+        the errors are judged at. Raises InputError for a box that is none, or of which nothing is reached.
+        """
+        limits = None if box is None else box_limits(box, "box")
+        made = exports_of(self.saved, box=limits, nodes=whole(nodes, "nodes", 2), seed=whole(seed, "seed"))
+        if box is not None and GRID in made.refused:
+            raise InputError(made.refused[GRID], "box")
+        return ExportsResult(self.mechanism.name, made)
 
     def misses(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""

@@ -1,9 +1,11 @@
 """Results on disk: report.json and the pages made of it, with what belongs beside them, all of them or none."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from gpmodel.api.arguments import file_path
+from gpmodel.api.model import Model
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
@@ -19,6 +21,13 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
         write_report(record, draft)
         for write in beside:
             write(draft)
+
+
+def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
+    """The same of a fit, with model.json and every export that the model allows. Raises InputError likewise."""
+    exports = model.export()
+    record = replace(record, exports=exports.records)
+    write_results(record, folder, lambda draft: model.save(draft / "model.json"), exports.write)
 
 
 def save_record(record: Report, file: str | Path) -> None:

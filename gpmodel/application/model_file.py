@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gpmodel._version import __version__
-from gpmodel.arrays import Array
+from gpmodel.application.measured import Measured, measured_from, measured_record
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
@@ -36,7 +37,7 @@ class SavedModel:
     and effects together. rotation_weight: m a radian is worth. sigma: m, one component. pose: whether rotations were
     measured. input_units: units of the extra columns the effects read. ranges: lowest and highest value, SI or the
     table's unit, of the joints and of every column the effects read, over the poses it was fitted to; empty where
-    nobody fitted it.
+    nobody fitted it. measured: the table it was fitted to, where it is kept.
     """
 
     model: ErrorModel
@@ -49,6 +50,7 @@ class SavedModel:
     pose: bool
     input_units: Mapping[str, str]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    measured: Measured | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -56,8 +58,8 @@ class SavedModel:
         return self.model.mechanism
 
 
-def saved_model(fit: Calibration, poses: Poses) -> SavedModel:
-    """What of a calibration on `poses` is worth keeping."""
+def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
+    """What of a calibration on `poses` is worth keeping. heldout: rows that no choice has seen."""
     dataset = poses.dataset
     read = needed(fit.model, dataset)
     columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}
@@ -72,6 +74,7 @@ def saved_model(fit: Calibration, poses: Poses) -> SavedModel:
         pose=dataset.has_rotation,
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
         ranges={c: (float(poses.states[c].min()), float(poses.states[c].max())) for c in sorted(columns)},
+        measured=Measured(dataset, np.zeros(0, dtype=np.int64) if heldout is None else heldout),
     )
 
 
@@ -139,6 +142,7 @@ def model_text(saved: SavedModel, **more: object) -> str:
         "sigma_m": saved.sigma,
         "pose": saved.pose,
         "input_units": dict(saved.input_units),
+        "measured": measured_record(saved.measured),
         **more,
     }
     return to_json(content)
@@ -227,6 +231,7 @@ def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> Saved
         pose=bool(content["pose"]),
         input_units=dict(content["input_units"]),
         ranges={name: (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
+        measured=measured_from(content.get("measured"), mechanism),
     )
 
 

@@ -55,6 +55,8 @@ def what_next(folder: Path, record: Report) -> str:
         f"  gpmodel predict {folder / 'model.json'} POSES       where the real tool will be",
         f"  gpmodel compensate {folder / 'model.json'} TARGETS  joint values that make it go where it should",
     ]
+    if (folder / "exports").is_dir():
+        lines.append(f"  gpmodel export {folder}              URDF, DH rows, NumPy, C99, a grid of a box of yours")
     if record.noise_floor_mm is None:
         lines.append("  with --noise 0.03mm, or repeats in the table, the noise floor is known")
     if record.kind == "calibrate":

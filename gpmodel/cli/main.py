@@ -25,6 +25,7 @@ COMMANDS = {
     "evolve": ("evolve", "Evolve compensators and the histogram of the inputs they refer to."),
     "predict": ("predict", "Add predicted x, y, z to a table of joint values."),
     "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),
+    "export": ("export", "The model as URDF, DH rows, NumPy, C99, LaTeX and a lookup grid, with their errors."),
     "simulate": ("simulate", "A measured table with known truth."),
     "poses": ("poses", "Measurement poses worth taking."),
     "effects": ("effects", "The families of effects: source, inputs, an example."),

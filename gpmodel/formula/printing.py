@@ -1,4 +1,7 @@
-"""Programs in the languages of others: LaTeX and NumPy source."""
+"""Programs in the languages of others: LaTeX, NumPy and C99 source."""
+
+from collections.abc import Mapping
+from typing import Literal
 
 import sympy
 
@@ -48,6 +51,21 @@ def numpy_source(program: Program, name: str = "basis") -> str:
     return "\n".join(lines) + "\n"
 
 
+def inline(program: Program, language: Literal["numpy", "c99"], columns: Mapping[str, str]) -> str:
+    """The first output as one expression. columns: what each input is called there. C needs <math.h>."""
+    written: list[str] = []
+    for node in program.nodes:
+        if node.operator == "input":
+            text = columns[str(node.value)]
+        elif node.operator == "constant":
+            text = f"({float(node.value or 0.0)!r})"
+        else:
+            arguments = [written[k] for k in node.arguments]
+            text = f"({(_NUMPY if language == 'numpy' else _C99)[node.operator].format(*arguments)})"
+        written.append(text)
+    return written[program.outputs[0]]
+
+
 _NUMPY: dict[str, str] = {
     "add": "{0} + {1}",
     "subtract": "{0} - {1}",
@@ -72,4 +90,25 @@ _NUMPY: dict[str, str] = {
     "sign": "np.sign({0})",
     "step": "({0} > 0.0).astype(float)",
     "power": "np.float_power({0}, {1})",
+}
+
+_C99: dict[str, str] = _NUMPY | {
+    "modulo": "{0} - {1} * floor({0} / {1})",
+    "min": "fmin({0}, {1})",
+    "max": "fmax({0}, {1})",
+    "abs": "fabs({0})",
+    "square": "{0} * {0}",
+    "sqrt": "sqrt(fabs({0}))",
+    "not": "{0} == 0.0 ? 1.0 : 0.0",
+    "sin": "sin({0})",
+    "cos": "cos({0})",
+    "tan": "tan({0})",
+    "atan": "atan({0})",
+    "exp": "exp({0})",
+    "log": "log(fabs({0}))",
+    "tanh": "tanh({0})",
+    "asin": "asin({0})",
+    "sign": "(double)(({0} > 0.0) - ({0} < 0.0))",
+    "step": "{0} > 0.0 ? 1.0 : 0.0",
+    "power": "pow({0}, {1})",
 }

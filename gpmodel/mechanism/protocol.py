@@ -137,6 +137,26 @@ class Weighed(Protocol):
 
 
 @runtime_checkable
+class Massive(Protocol):
+    """A mechanism whose masses are known one by one."""
+
+    @property
+    def bodies(self) -> Mapping[str, tuple[float, Array]]:
+        """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m; those without mass are left out."""
+        ...
+
+    @property
+    def gravity(self) -> Array:
+        """(3,) m/s² in the root frame."""
+        ...
+
+    @property
+    def payload_com(self) -> Array:
+        """(3,) m in the measured frame."""
+        ...
+
+
+@runtime_checkable
 class ExportsUrdf(Protocol):
     """A mechanism that can write itself, with constant errors in it, as URDF."""
 

@@ -27,3 +27,8 @@ def inverse_gram(columns: Array, many: bool) -> Array:
         return linalg.cho_solve(factored(columns.T @ columns), np.eye(columns.shape[1]), check_finite=False)
     root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
     return root @ root.T
+
+
+def root_mean_square(values: Array) -> float:
+    """√ mean v² of values (N,); NaN of none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")

@@ -132,6 +132,19 @@ class Repeatability:
 
 
 @dataclass(frozen=True)
+class ExportRecord:
+    """A file the model is handed on as: what it is, its errors against `predict` on fresh poses within the measured
+    ranges, its own RMS on held-out poses, and the effects it cannot hold."""
+
+    file: str
+    what: str = ""
+    rms_mm: NotNegative | None = None
+    max_mm: NotNegative | None = None
+    heldout_rms_mm: NotNegative | None = None
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Report:
     """The whole of report.json.
 
@@ -165,6 +178,7 @@ class Report:
     repeatability: Repeatability | None = None
     confirmation: Confirmation | None = None
     unobservable: tuple[str, ...] = ()
+    exports: tuple[ExportRecord, ...] = ()
     plots: PlotRecord = field(default_factory=PlotRecord)
     verdict: str = ""
     seconds: NotNegative | None = None

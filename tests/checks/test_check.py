@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from cli_cases import robot, run, table, write
 
-from gpmodel.api.check import check as judge
 from gpmodel.checks.counting import unknowns
 from gpmodel.checks.judge import check_dataset, refuse
 from gpmodel.checks.mixed_up import least_misfit, misfit, mixed_up
@@ -242,12 +241,3 @@ def test_the_notes_say_what_fits_what_is_left_out_and_what_to_measure_next() -> 
         "to measure next: a few poses three times each", "more poses",
     ):  # fmt: skip
         assert words in said, (words, said)
-
-
-def test_the_verdict_says_when_the_mechanism_is_another_one_than_described() -> None:
-    mechanism, made = robot(60)
-    right, wrong = (judge(mechanism, data) for data in (made.dataset, stretched(made)))
-    assert right.as_described
-    assert "\nfit to calibrate with" in right.summary()
-    assert not wrong.as_described
-    assert "\nnot fit to calibrate with: irb6400r is not described as it was measured" in wrong.summary()

@@ -19,7 +19,9 @@ from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare
 from gpmodel.table.read import read_table
 
-RESULTS = {"report.html", "explore.html", "poses.csv", "report.json", "model.json", "calibrated.urdf", "figures"}
+RESULTS = {
+    "report.html", "explore.html", "poses.csv", "report.json", "model.json", "calibrated.urdf", "exports", "figures",
+}  # fmt: skip
 GEAR = "gear_harmonic J4=200 arcsec"
 
 

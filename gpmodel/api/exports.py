@@ -1,0 +1,78 @@
+"""A fitted model in the forms that others read, each with its error."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.api.display import notebook
+from gpmodel.application.exports.make import Exports
+from gpmodel.files import finished_folder, write_text
+from gpmodel.report.schema import ExportRecord
+
+
+@dataclass(frozen=True, repr=False)
+class ExportsResult:
+    """Files of a model and what they are off by. exports: as they were made."""
+
+    mechanism: str
+    exports: Exports
+
+    @property
+    def records(self) -> tuple[ExportRecord, ...]:
+        """The same as report.json has them."""
+        return tuple(
+            ExportRecord(e.file, e.what, _mm(e.rms), _mm(e.largest), _mm(e.heldout), e.missing)
+            for e in self.exports.made
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a file: what it is, errors against predict and on held-out poses [mm], what is missing in it."""
+        return pd.DataFrame(
+            {
+                "file": [r.file for r in self.records],
+                "what": [r.what for r in self.records],
+                "RMS [mm]": [r.rms_mm for r in self.records],
+                "max [mm]": [r.max_mm for r in self.records],
+                "held-out RMS [mm]": [r.heldout_rms_mm for r in self.records],
+                "missing": ["; ".join(r.missing) for r in self.records],
+            }
+        )
+
+    def summary(self) -> str:
+        """A line a file: its errors against predict, mm; what is missing; what could not be made, and why."""
+        lines = [f"{'against predict, mm':<26}{'RMS':>10}{'max':>10}{'held out':>10}"]
+        for r in self.records:
+            numbers = "".join(f"{_said(v):>10}" for v in (r.rms_mm, r.max_mm, r.heldout_rms_mm))
+            lines.append(f"{r.file:<26}{numbers}")
+        missing = dict.fromkeys(name for r in self.records for name in r.missing)
+        if missing:
+            holds = ", ".join(r.file for r in self.records if r.missing)
+            lines.append(f"not in {holds}: {'; '.join(missing)}")
+        lines += [f"{file}: none, {why}" for file, why in self.exports.refused.items()]
+        return "\n".join(lines)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave calibrated.urdf and exports/ in `folder`: all of them or none."""
+        with finished_folder(Path(folder)) as draft:
+            self.write(draft)
+
+    def write(self, folder: Path) -> None:
+        """The same into a folder that is there."""
+        for export in self.exports.made:
+            write_text(folder / export.file, export.text)
+
+    def __repr__(self) -> str:
+        return f"<exports of {self.mechanism}: {', '.join(r.file for r in self.records)}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary(), self.to_dataframe())
+
+
+def _mm(metres: float) -> float | None:
+    return 1e3 * metres if np.isfinite(metres) else None
+
+
+def _said(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1e}" if value < 1e-4 else f"{value:.4f}"

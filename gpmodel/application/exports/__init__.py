@@ -1,0 +1,1 @@
+"""A fitted model in the forms that others read."""

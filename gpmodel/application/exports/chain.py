@@ -1,0 +1,68 @@
+"""A mechanism as a chain of constant transforms and single motions, read from what it does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.numerics import se3
+
+PROBES = 8
+"""Random poses at which the chain must be the mechanism."""
+
+SAME = 1e-9
+"""Metres and radians: rounding."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
+
+    slots: their names. fixed: (S, 4, 4), m. axes: one of AXES or "" where nothing moves. weights: (S, n) of the table's
+    coordinates.
+    """
+
+    slots: tuple[str, ...]
+    fixed: Array
+    axes: tuple[str, ...]
+    weights: Array
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the slots that move."""
+        return tuple(i for i, axis in enumerate(self.axes) if axis)
+
+    @property
+    def motions(self) -> Array:
+        """(M, n) what every motion makes of the table's coordinates."""
+        return self.weights[list(self.moving)]
+
+    def transforms(self, q: Array) -> Array:
+        """As Mechanism.transforms."""
+        out = np.repeat(self.fixed[:, None], len(q), axis=1)
+        for s in self.moving:
+            twists = np.zeros((len(q), 6))
+            twists[:, AXES.index(self.axes[s])] = q @ self.weights[s]
+            out[s] = out[s] @ se3.exp(twists)
+        return out
+
+
+def chain_of(mechanism: Mechanism) -> Chain:
+    """The chain. Raises InputError for a mechanism that is none: a motion about more than one axis of a slot."""
+    slots, joints = mechanism.slots, mechanism.joints
+    axes, weights = [""] * len(slots), np.zeros((len(slots), len(joints)))
+    for column, joint in enumerate(joints):
+        for slot, axis, weight in joint.drive:
+            at = slots.index(slot)
+            if axes[at] not in ("", axis):
+                raise InputError(f"{mechanism.name}: {slot} moves about more than one axis; expected a serial chain")
+            axes[at], weights[at, column] = axis, weight
+    rest = mechanism.transforms(np.zeros((1, len(joints))))[:, 0]
+    found = Chain(slots, rest, tuple(axes), weights)
+    q = random_poses(mechanism, PROBES, np.random.default_rng(0))
+    if not np.allclose(found.transforms(q), mechanism.transforms(q), atol=SAME, rtol=0):
+        raise InputError(f"{mechanism.name}: no chain of single motions; expected a serial chain")
+    return found

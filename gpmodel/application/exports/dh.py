@@ -1,0 +1,145 @@
+"""Denavit-Hartenberg rows of a calibrated chain, as a TOML table that `--mechanism` reads.
+
+    modified:  Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)        standard:  Rz(theta) Tz(d) Rx(alpha) Tx(a) Ry(beta)
+
+beta is zero but between nearly parallel axes, whose common normal lies anywhere: there the row goes straight across the
+first axis to where the second one meets that plane. Source: Craig (1986); Hayati and Mirmirani (1985).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpmodel.application.exports.chain import Chain
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
+from gpmodel.numerics import se3
+
+Convention = Literal["standard", "modified"]
+
+NEARLY_PARALLEL = np.radians(1.0)
+"""Below this angle an error of 0.1 mrad moves the common normal of axes a metre apart by more than 6 mm."""
+
+
+@dataclass(frozen=True)
+class Across:
+    """From one axis to the next: Rz(turn) Tz(slide) Rx(alpha) Tx(a) Ry(beta) Rz(next_turn) Tz(next_slide), rad, m."""
+
+    turn: float = 0.0
+    slide: float = 0.0
+    alpha: float = 0.0
+    a: float = 0.0
+    beta: float = 0.0
+    next_turn: float = 0.0
+    next_slide: float = 0.0
+
+
+def across(frame: Array) -> Across:
+    """A transform (4, 4) between two frames, each with its axis along z, taken apart."""
+    rotation, point = frame[:3, :3], frame[:3, 3]
+    direction = rotation[:, 2]
+    normal = np.array([-direction[1], direction[0], 0.0])
+    if np.linalg.norm(normal) < np.sin(NEARLY_PARALLEL):
+        slide = point[2] / direction[2]
+        foot = point - slide * direction
+        turn = float(np.arctan2(foot[1], foot[0]))
+        left = _about_z(-turn) @ rotation
+        beta, alpha = float(np.arcsin(left[0, 2])), float(np.arctan2(-left[1, 2], left[2, 2]))
+        rest = Rotation.from_euler("XY", [alpha, beta]).as_matrix().T @ left
+        return Across(turn, 0.0, alpha, float(np.hypot(*foot[:2])), beta, _angle(rest), float(slide))
+    normal *= np.sign(normal[0]) or 1.0
+    normal /= np.linalg.norm(normal)
+    slide, a, next_slide = np.linalg.solve(np.column_stack([[0.0, 0.0, 1.0], normal, direction]), point)
+    turn = float(np.arctan2(normal[1], normal[0]))
+    left = _about_z(-turn) @ rotation
+    alpha = float(np.arctan2(-left[1, 2], left[2, 2]))
+    rest = Rotation.from_euler("X", alpha).as_matrix().T @ left
+    return Across(turn, float(slide), alpha, float(a), 0.0, _angle(rest), float(next_slide))
+
+
+def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], convention: Convention, note: str) -> str:
+    """The TOML table of a chain with constant error twists (6,), m and rad, by slot. note: its first comment.
+
+    Raises InputError where a joint drives its motion by another factor than 1 or -1, or two of them.
+    """
+    joints = mechanism.joints
+    base, between, tool = _along_z(chain, twists)
+    steps = [across(frame) for frame in between]
+    before, after = [Across(), *steps], [*steps, Across()]
+    lines = [f"# {line}" for line in note.splitlines()]
+    lines += [f'name = "{mechanism.name}"', f'convention = "{convention}"', "", *_placed("base", base), ""]
+    lines += [*_placed("tool", tool), ""]
+    own, follows = _couplings(chain, joints)
+    for i, joint in enumerate(joints):
+        row = before[i] if convention == "modified" else after[i]
+        turn, slide = before[i].next_turn + after[i].turn, before[i].next_slide + after[i].slide
+        lines += ["[[joint]]", f'name = "{joint.name}"', f'kind = "{joint.kind}"']
+        lines += [f"alpha_deg = {_degrees(row.alpha)}", f"a_mm = {1e3 * row.a!r}"]
+        lines += [f"beta_deg = {_degrees(row.beta)}"] if row.beta else []
+        lines += [f"theta_deg = {_degrees(turn)}", f"d_mm = {1e3 * slide!r}", f"sign = {own[i]}", *_limits(joint), ""]
+    for i, j, factor in follows:
+        lines += ["[[coupling]]", f'joint = "{joints[i].name}"', f'follows = "{joints[j].name}"', f"factor = {factor}"]
+        lines += [""]
+    return "\n".join(lines)
+
+
+def _along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Array], Array]:
+    """Constant transforms before the first motion, between the motions, and after the last, every axis turned to z."""
+    fixed, pending = [], np.eye(4)
+    for slot, frame, axis in zip(chain.slots, chain.fixed, chain.axes, strict=True):
+        pending = pending @ frame
+        if axis:
+            turn = np.eye(4)
+            turn[:3, :3] = np.roll(np.eye(3), AXES.index(axis) % 3 - 2, axis=0)
+            fixed.append(pending @ turn)
+            pending = turn.T
+        pending = pending @ se3.exp(twists.get(slot, np.zeros(6)))
+    return fixed[0], fixed[1:], pending
+
+
+def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list[tuple[int, int, float]]]:
+    """The sign of every joint's own motion, and (joint, the one it follows, factor)."""
+    weights = chain.weights[list(chain.moving)]
+    if weights.shape != (len(joints), len(joints)) or not np.isin(np.diag(weights), (-1.0, 1.0)).all():
+        raise InputError("DH rows: expected one motion a joint, by the joint's own value or minus it")
+    others = [(i, j, float(w)) for (i, j), w in np.ndenumerate(weights) if i != j and w]
+    return [int(w) for w in np.diag(weights)], others
+
+
+def _placed(name: str, frame: Array) -> Iterator[str]:
+    yield f"[{name}]"
+    yield f"xyz_mm = {(1e3 * frame[:3, 3]).tolist()}"
+    yield f"rpy_deg = {np.degrees(_roll_pitch_yaw(frame[:3, :3])).tolist()}"
+
+
+def _roll_pitch_yaw(r: Array) -> Array:
+    """Angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll); yaw zero where roll and yaw turn about one axis."""
+    across_z = np.hypot(r[0, 0], r[1, 0])
+    pitch = np.arctan2(-r[2, 0], across_z)
+    if across_z < 1e-12:
+        return np.array([np.arctan2(-r[1, 2], r[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0])])
+
+
+def _limits(joint: Joint) -> Iterator[str]:
+    unit, factor = ("deg", np.degrees(1.0)) if joint.kind == "revolute" else ("mm", 1e3)
+    for side, limit in (("lower", joint.lower), ("upper", joint.upper)):
+        if np.isfinite(limit):
+            yield f"{side}_{unit} = {float(limit * factor)!r}"
+
+
+def _about_z(angle: float) -> Array:
+    return np.asarray(Rotation.from_euler("Z", angle).as_matrix(), dtype=float)
+
+
+def _angle(about_z: Array) -> float:
+    return float(np.arctan2(about_z[1, 0], about_z[0, 0]))
+
+
+def _degrees(angle: float) -> str:
+    """An angle in rad, in degrees within half a turn."""
+    return repr(float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi)))

@@ -1,0 +1,87 @@
+"""The forward model as data: every number and every term, ready for any language with arithmetic."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.application.exports.chain import Chain, chain_of
+from gpmodel.application.exports.loads import Body, Loads
+from gpmodel.application.exports.urdf import bare_of
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.arrays import Array
+from gpmodel.formula.expression import Basis
+from gpmodel.mechanism.protocol import AXES, Massive
+from gpmodel.model.measured_torque import measured_torques
+from gpmodel.model.memory import read_by
+
+
+@dataclass(frozen=True)
+class Line:
+    """coefficient · basis of a twist along an axis of a slot."""
+
+    slot: int
+    axis: int
+    coefficient: float
+    basis: Basis
+
+
+@dataclass(frozen=True)
+class Forward:
+    """T_register · Π T_s exp(Σ lines) · T_tool, of the first set-up and tool.
+
+    computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
+    inputs: names and units of what has to be given beside the joint values. bodies: the last one is 1 kg of payload.
+    missing: effects left out.
+    """
+
+    saved: SavedModel
+    chain: Chain
+    lines: tuple[Line, ...]
+    computed: Mapping[str, str]
+    inputs: Mapping[str, str]
+    bodies: tuple[Body, ...]
+    gravity: Array
+    missing: tuple[str, ...]
+
+
+def forward_of(saved: SavedModel) -> Forward:
+    """The forward model of what `predict` uses, without the errors of the instrument and of the session.
+
+    Raises InputError for a mechanism that is no serial chain, or a load that its masses do not give.
+    """
+    kept = of_the_mechanism(usable(saved))
+    chain = chain_of(saved.mechanism)
+    lines = tuple(
+        Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), t.basis)
+        for e, value in zip(kept.model.effects, kept.theta, strict=True)
+        if value != 0.0
+        for t in e.terms
+    )
+    bodies, gravity = _masses(saved, chain)
+    own = {joint.name for joint in saved.mechanism.joints} | set("xyz")
+    read = [n for n in dict.fromkeys(name for line in lines for name in line.basis.inputs) if n not in own]
+    given = set(kept.input_units) | _measured_torques(saved) | {n for n in read if read_by(n)}
+    loads = Loads(saved.mechanism, chain, bodies)
+    computed = {name: loads.text(name) for name in read if name not in given and name != "payload"}
+    inputs = {name: kept.input_units.get(name, "N*m" if name.startswith("torque_") else "1") for name in read}
+    inputs = {name: unit for name, unit in inputs.items() if name not in computed} | {"payload": "kg"}
+    left = {e.name for e in saved.model.effects} - {e.name for e in kept.model.effects}
+    values = zip(saved.model.effects, saved.theta.tolist(), strict=True)
+    missing = tuple(e.name for e, value in values if e.name in left and value)
+    return Forward(kept, chain, lines, computed, inputs, bodies, gravity, missing)
+
+
+def _measured_torques(saved: SavedModel) -> set[str]:
+    if saved.measured is None:
+        return set()
+    return {f"torque_{joint}" for joint in measured_torques(saved.mechanism, saved.measured.dataset)}
+
+
+def _masses(saved: SavedModel, chain: Chain) -> tuple[tuple[Body, ...], Array]:
+    bare = bare_of(saved.mechanism)
+    if not isinstance(bare, Massive):
+        return (), np.zeros(3)
+    bodies = [Body(chain.slots.index(slot), mass, centre) for slot, (mass, centre) in bare.bodies.items()]
+    return (*bodies, Body(len(chain.slots) - 1, 1.0, np.asarray(bare.payload_com))), bare.gravity

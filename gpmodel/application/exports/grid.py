@@ -1,0 +1,127 @@
+"""A lookup table: joint corrections at the nodes of a box, for controllers that interpolate between them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import RegularGridInterpolator
+
+from gpmodel.application.compensate import MAX_MOVE, Targets, compensate
+from gpmodel.application.exports.sample import measured_table
+from gpmodel.application.kinematics import REACHED, look_at, solve, tips
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.write import joint_column
+
+NODES = 5
+"""Along each side of the box: errors of linear interpolation fall with its square."""
+
+SHARE = 0.05
+"""Of the spread of the measured points, as half a side of the box where none is given."""
+
+NEAR, STEPS = 20, 5
+"""Poses looked at for the one in the middle; steps from it to a node."""
+
+CHECKS = 200
+"""Random points of the box at which interpolation is judged."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """nodes: the table. error: (K,) m, distance of the real tool from random points of the box where the interpolated
+    correction is applied; before: without it. reached: share of the nodes that have a correction."""
+
+    nodes: pd.DataFrame
+    error: Array
+    before: Array
+    reached: float
+
+
+def lookup_grid(saved: SavedModel, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
+    """Corrections on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
+
+    The tool keeps the orientation, and the arm the configuration, of that measured pose near the middle that is
+    farthest from a singular one; without a box that pose is the middle of a cube. Between nodes corrections are linear.
+    Raises InputError where no node, or no point between nodes, can be reached.
+    """
+    saved = of_the_mechanism(usable(saved))
+    data = measured_table(saved)
+    tip = tips(saved, data, nominal=True)[1].tip
+    points = tip[:, :3, 3]
+    at = _farthest_from_singular(saved, data, points, points.mean(axis=0) if box is None else box.mean(axis=0))
+    if box is None:
+        box = points[at] + SHARE * float(np.ptp(points, axis=0).max()) * np.array([[-1.0], [1.0]])
+    sides = [np.linspace(low, high, count) for low, high in box.T]
+    nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    held = _Held(saved, data.subset([at]), tip[at])
+    q, moves = held.corrections(nodes)
+    between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
+    fresh = rng.uniform(box[0], box[1], (CHECKS, 3))
+    start = held.nominal(fresh)
+    moved = start + between(fresh)
+    use = np.isfinite(moved).all(axis=1)
+    if not use.any():
+        raise InputError("no point of it is reached with the tool and the arm held as measured nearby", "box")
+    before, after = (held.misses(values[use], fresh[use]) for values in (start, moved))
+    return Grid(_frame(saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
+
+
+def _farthest_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: Array) -> int:
+    """Of the poses near the middle (3,), that whose Jacobian has the largest smallest singular value."""
+    near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
+    frames = tips(saved, data.subset(near), nominal=True)[1].tip
+    jacobian = look_at(saved, data.subset(near), frames, nominal=True).jacobian
+    return int(near[np.argmax(np.linalg.svd(jacobian, compute_uv=False)[:, -1])])
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The orientation of `frame` (4, 4) and the configuration of the one pose `near` it, held at other points."""
+
+    saved: SavedModel
+    near: Dataset
+    frame: Array
+
+    def targets(self, points: Array, q: Array | None = None) -> Targets:
+        """Tool poses at points (N, 3), from joint values q (N, n) or those of the pose."""
+        many = self.near.subset(np.zeros(len(points), dtype=np.int64))
+        frames = np.repeat(self.frame[None], len(points), axis=0)
+        frames[:, :3, 3] = points
+        dataset = many if q is None else replace(many, q=q.copy())
+        return Targets(dataset, frames, len(self.saved.mechanism.joints) >= 6)
+
+    def nominal(self, points: Array) -> Array:
+        """Nominal joint values (N, n), NaN where the nominal mechanism does not reach; on straight ways from the pose,
+        so that the configuration stays."""
+        q = np.array(self.targets(points).dataset.q)
+        for part in np.arange(1, STEPS + 1) / STEPS:
+            targets = self.targets(self.frame[:3, 3] + part * (points - self.frame[:3, 3]), q)
+            q, left = solve(self.saved, targets.dataset, targets.frames, targets.whole, nominal=True)
+        q[left > REACHED] = np.nan
+        return q
+
+    def corrections(self, points: Array) -> tuple[Array, Array]:
+        """Nominal joint values and what is to be added to them (N, n), NaN where nothing can be."""
+        q = self.nominal(points)
+        moves = np.full_like(q, np.nan)
+        here = np.flatnonzero(np.isfinite(q).all(axis=1))
+        if len(here):
+            moves[here] = compensate(self.saved, self.targets(points[here], q[here]), MAX_MOVE).q - q[here]
+        return q, moves
+
+    def misses(self, q: Array, points: Array) -> Array:
+        """Distance (N,), m, of the real tool at q (N, n) from points."""
+        tip = tips(self.saved, self.targets(points, q).dataset, nominal=False)[1].tip
+        return np.asarray(np.linalg.norm(tip[:, :3, 3] - points, axis=1))
+
+
+def _frame(saved: SavedModel, points: Array, q: Array, moves: Array) -> pd.DataFrame:
+    columns = {f"{a} [mm]": 1e3 * points[:, i] for i, a in enumerate("xyz")}
+    for i, joint in enumerate(saved.mechanism.joints):
+        columns |= dict([joint_column(joint.name, joint.kind, q[:, i])])
+    for i, joint in enumerate(saved.mechanism.joints):
+        columns |= dict([joint_column(f"delta_{joint.name}", joint.kind, moves[:, i])])
+    return pd.DataFrame(columns)

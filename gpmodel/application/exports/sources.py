@@ -1,0 +1,154 @@
+"""The forward model as NumPy source, as C99 and its terms as LaTeX."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any, Literal
+
+import numpy as np
+
+from gpmodel.application.exports.forward import Forward, Line
+from gpmodel.application.exports.loads import Body
+from gpmodel.application.usable import Clamped
+from gpmodel.arrays import Array
+from gpmodel.formula.expression import Expression
+from gpmodel.formula.printing import inline, latex
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.source import choice_of
+
+_CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), {2!r})"}
+
+
+def numpy_text(forward: Forward, note: str) -> str:
+    """A module with predict(q, **inputs)."""
+    weighs = [f"weights = {_weights(forward, None, 'np.ones(len(q))', 'np.zeros(len(q))')}"]
+    for k in _own_weights(forward):
+        weighs.append(f"weight_of_{k} = {_weights(forward, k, 'np.ones(len(q))', 'np.zeros(len(q))')}")
+    lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
+    lines += [f's_{n} = inputs["{n}"]' for n in forward.inputs]
+    lines += weighs + [f"s_{n} = {text}" for n, text in forward.computed.items()]
+    terms = [f"twists[{t.slot}, :, {t.axis}] += {_term(t, 'numpy')}" for t in forward.lines]
+    return _filled("model.py.txt", {
+        "NOTE": note, "JOINTS": list(_joints(forward)), "INPUTS": _defaults(forward),
+        "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
+        "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
+        "GRAVITY": forward.gravity.tolist(), "REGISTRATION": _first(forward.saved.placement.registration),
+        "TOOL": _first(forward.saved.placement.tool), "COLUMNS": _indented(lines), "TERMS": _indented(terms),
+    })  # fmt: skip
+
+
+def c_text(forward: Forward, note: str, cases: Array) -> str:
+    """A C99 file with gpmodel_predict. cases: (K, joints + inputs + 3) of joint values, inputs and predicted points."""
+    joints, bodies = _joints(forward), _bodies(forward)
+    lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
+    lines += [f"const double s_{n} = inputs[{k}];" for k, n in enumerate(forward.inputs)]
+    lines += [f"const double weights[BODIES] = {_braces(_weights(forward, None, '1.0', '0.0'))};"]
+    lines += [
+        f"const double weight_of_{k}[BODIES] = {_braces(_weights(forward, k, '1.0', '0.0'))};"
+        for k in _own_weights(forward)
+    ]
+    lines += [f"const double s_{n} = {text};" for n, text in forward.computed.items()]
+    lines += [f"(void)s_{n};" for n in (*joints, *forward.inputs)] + ["(void)weights;"]
+    terms = [f"twists[{t.slot}][{t.axis}] += {_term(t, 'c99')};" for t in forward.lines]
+    moves = _moves(forward)
+    return _filled("model.c.txt", {
+        "NOTE": note.replace("*/", "* /"), "N": len(joints), "M": len(forward.inputs), "S": len(moves),
+        "B": len(bodies), "JOINTS": ", ".join(joints),
+        "INPUTS": ", ".join(f"{n} [{unit}]" for n, unit in forward.inputs.items()),
+        "FIXED": _braces(forward.chain.fixed.tolist()), "AXES": _braces([axis for axis, _ in moves]),
+        "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
+        "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
+        "GRAVITY": _braces(forward.gravity.tolist()),
+        "REGISTRATION": _braces(_first(forward.saved.placement.registration)),
+        "TOOL": _braces(_first(forward.saved.placement.tool)), "CASES": _braces(cases.tolist()),
+        "COLUMNS": _indented(lines), "TERMS": _indented(terms),
+    })  # fmt: skip
+
+
+def latex_text(forward: Forward) -> str:
+    """One equation a slot and axis: its error twist in m or rad, numbers to six digits."""
+    sums: dict[tuple[int, int], list[str]] = {}
+    for line in forward.lines:
+        basis = latex(Expression(str(line.basis)).program)
+        factor = f"{line.coefficient:.6g}" + ("" if basis == "1" else f"\\cdot {basis}")
+        sums.setdefault((line.slot, line.axis), []).append(_power_of_ten(factor))
+    rows = []
+    for (slot, axis), terms in sorted(sums.items()):
+        name = forward.chain.slots[slot].replace("_", "\\_")
+        rows.append(f"\\xi_{{\\mathrm{{{name}}},\\,{AXES[axis]}}} &= " + " + ".join(terms).replace("+ -", "- "))
+    return "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}\n"
+
+
+def _power_of_ten(text: str) -> str:
+    head, e, tail = text.partition("e-")
+    if not e:
+        return text
+    digits = tail[:2]
+    return f"{head}\\cdot 10^{{-{int(digits)}}}{tail[2:]}"
+
+
+def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
+    """coefficient * basis, whose inputs stay within their ranges where its law has no name."""
+    columns = {name: f"s_{name}" for name in line.basis.inputs}
+    if isinstance(line.basis, Clamped):
+        for name, (low, high) in line.basis.ranges.items():
+            if name in columns:
+                columns[name] = _CLAMP[language].format(columns[name], float(low), float(high))
+    return f"{line.coefficient!r} * {inline(Expression(str(line.basis)).program, language, columns)}"
+
+
+def _joints(forward: Forward) -> tuple[str, ...]:
+    return tuple(joint.name for joint in forward.saved.mechanism.joints)
+
+
+def _defaults(forward: Forward) -> dict[str, float]:
+    return {name: _carried(forward) if name == "payload" else 0.0 for name in forward.inputs}
+
+
+def _carried(forward: Forward) -> float:
+    return float(choice_of(forward.saved.mechanism).payload or 0.0)
+
+
+def _moves(forward: Forward) -> list[tuple[int, list[float]]]:
+    chain = forward.chain
+    return [
+        (AXES.index(axis) if axis else -1, weights)
+        for axis, weights in zip(chain.axes, chain.weights.tolist(), strict=True)
+    ]
+
+
+def _bodies(forward: Forward) -> tuple[Body, ...]:
+    return forward.bodies or (Body(len(forward.chain.slots) - 1, 0.0, np.zeros(3)),)
+
+
+def _own_weights(forward: Forward) -> list[int]:
+    """Bodies that a load names alone."""
+    return [k for k in range(len(forward.bodies)) if any(f"weight_of_{k})" in t for t in forward.computed.values())]
+
+
+def _weights(forward: Forward, alone: int | None, one: str, none: str) -> str:
+    """How much of every body weighs: all of them, or one alone; the last is the payload."""
+    count = len(_bodies(forward))
+    here = [one if alone in (None, k) else none for k in range(count)]
+    if alone in (None, count - 1):
+        here[-1] = "s_payload"
+    return f"[{', '.join(here)}]"
+
+
+def _first(frames: Mapping[str, Array]) -> Any:
+    return next(iter(frames.values())).tolist()
+
+
+def _braces(value: Any) -> str:
+    """An initialiser of C."""
+    return repr(value).replace("[", "{").replace("]", "}").replace("(", "{").replace(")", "}").replace("'", "")
+
+
+def _indented(lines: list[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)
+
+
+def _filled(template: str, values: Mapping[str, Any]) -> str:
+    text = (files("gpmodel.application.exports") / "templates" / template).read_text(encoding="utf-8")
+    for name, value in values.items():
+        text = text.replace(f"@{name}@", str(value))
+    return text

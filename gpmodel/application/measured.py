@@ -1,0 +1,81 @@
+"""The measured table that a model was fitted to, kept with it: what exports and the choice of next poses refer to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.table.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A table, and the indices of those of its rows that were held out while choices were made."""
+
+    dataset: Dataset
+    heldout: IntArray
+
+    @property
+    def training(self) -> IntArray:
+        """Indices of the other rows."""
+        return np.setdiff1d(np.arange(len(self.dataset)), self.heldout)
+
+
+def measured_record(measured: Measured | None) -> dict[str, Any] | None:
+    """As JSON, SI; None where there is no table or it holds readings that tables have no columns for."""
+    if measured is None or measured.dataset.observations:
+        return None
+    data = measured.dataset
+    return {
+        "file": data.source,
+        "sha256": data.sha256,
+        "row": data.row,
+        "heldout": measured.heldout,
+        "q": data.q,
+        "position_m": data.position,
+        "rotation_rad": data.rotation if data.has_rotation else None,
+        "distances_m": dict(data.distances),
+        "payload_kg": data.payload if data.payload_given else None,
+        "labels": {name: values.tolist() for name, values in data.labels.items()},
+        "extras": dict(data.extras),
+        "extra_units": dict(data.extra_units),
+        "columns": data.columns,
+        "in_order": data.in_order,
+    }
+
+
+def measured_from(record: Mapping[str, Any] | None, mechanism: Mechanism) -> Measured | None:
+    """What `measured_record` wrote. Raises ValueError, KeyError or TypeError for anything else."""
+    if record is None:
+        return None
+    joints = mechanism.joints
+    q = _numbers(record["q"], (-1, len(joints)))
+    count = len(q)
+    rotation, payload = record["rotation_rad"], record["payload_kg"]
+    dataset = Dataset(
+        joints=tuple(joint.name for joint in joints),
+        q=q,
+        position=_numbers(record["position_m"], (count, 3)),
+        rotation=np.full((count, 3), np.nan) if rotation is None else _numbers(rotation, (count, 3)),
+        row=np.array(record["row"], dtype=np.int64).reshape(count),
+        payload=np.zeros(count) if payload is None else _numbers(payload, (count,)),
+        distances={name: _numbers(values, (count,)) for name, values in record["distances_m"].items()},
+        labels={name: np.array(values, dtype=str).reshape(count) for name, values in record["labels"].items()},
+        extras={name: _numbers(values, (count,)) for name, values in record["extras"].items()},
+        extra_units=dict(record["extra_units"]),
+        payload_given=payload is not None,
+        source=str(record["file"]),
+        sha256=str(record["sha256"]),
+        columns=tuple(record["columns"]),
+        joints_approximate=not all(joint.measured for joint in joints),
+        in_order=bool(record["in_order"]),
+    )
+    return Measured(dataset, np.array(record["heldout"], dtype=np.int64))
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> Array:
+    """Numbers of a shape, null as NaN."""
+    return np.array(values, dtype=object).astype(float).reshape(shape)

@@ -1,0 +1,152 @@
+"""Exports: read back, each is the model or what it says it is off by."""
+
+import io
+import types
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import one_line, robot, run
+
+from gpmodel.api.calibrate import calibrate
+from gpmodel.api.model import Model
+from gpmodel.application.exports.chain import chain_of
+from gpmodel.application.exports.dh import Convention, dh_text
+from gpmodel.application.exports.make import Exports, compiled_error, exports_of
+from gpmodel.application.kinematics import tips
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.numerics import se3
+from gpmodel.table.read import dataset_from
+
+EFFECTS = {
+    "irb6400r": ("base_compliance=3e-7", "gear_harmonic J4=60 arcsec", "J3.moving:Ry:max(J2, 0)*sin(2*J3)=0.3 mrad"),
+    "ur5": ("J1.moving:Rx:torque_shoulder_lift_joint_of_elbow_joint_x=0.02 mrad", "joint_compliance elbow_joint=3e-6"),
+    "panda": ("base:Ry:moment_base_x_of_panda_joint4_y=0.02 mrad", "J2.moving:Tz:step(x)*abs(y)=0.4 mm"),
+}
+FILES = {
+    "calibrated.urdf", "exports/dh_modified.toml", "exports/dh_standard.toml", "exports/model.py", "exports/model.c",
+    "exports/model.tex", "exports/grid.csv",
+}  # fmt: skip
+
+
+def fitted(name: str) -> Model:
+    effects = [text.replace("J1.", "shoulder_pan_joint.") if name == "ur5" else text for text in EFFECTS[name]]
+    effects = [text.replace("J2.", "panda_joint2.") if name == "panda" else text for text in effects]
+    mechanism, made = robot(80, 3, name, effects=tuple(effects))
+    return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
+
+
+@pytest.fixture(scope="module", params=EFFECTS)
+def model(request: pytest.FixtureRequest) -> Model:
+    return fitted(request.param)
+
+
+@pytest.fixture(scope="module")
+def exports(model: Model) -> Exports:
+    return exports_of(model.saved)
+
+
+def points(model: Model, q: np.ndarray) -> np.ndarray:
+    """What predict gives, m."""
+    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
+    return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
+
+
+def fresh(model: Model, count: int = 60) -> np.ndarray:
+    ranges = [model.saved.ranges[j.name] for j in model.mechanism.joints]
+    low, high = np.array(ranges).T
+    return np.random.default_rng(9).uniform(low, high, (count, len(low)))
+
+
+def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
+    assert {e.file for e in exports.made} == FILES
+    assert not exports.refused
+    known = {e.file: (e.rms, e.largest) for e in exports.made}
+    assert known["exports/model.py"][1] < 1e-10
+    assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.tex"}]).all()
+
+
+def test_the_numpy_source_is_the_model(model: Model, exports: Exports) -> None:
+    text = next(e.text for e in exports.made if e.file == "exports/model.py")
+    module = types.ModuleType("exported")
+    exec(text, module.__dict__)
+    q = fresh(model)
+    np.testing.assert_allclose(module.predict(q), points(model, q), atol=1e-11)
+
+
+def test_the_c_source_compiles_and_is_the_model(exports: Exports) -> None:
+    text = next(e.text for e in exports.made if e.file == "exports/model.c")
+    error = compiled_error(text)
+    assert np.isnan(error) or error < 1e-10
+    assert [line for line in text.splitlines() if line.startswith("#include")] == [
+        "#include <math.h>", "#include <stdio.h>",
+    ]  # fmt: skip
+
+
+def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
+    model: Model, exports: Exports, tmp_path: Path
+) -> None:
+    made = {e.file: e for e in exports.made}
+    rigid = [made[f] for f in ("calibrated.urdf", "exports/dh_modified.toml", "exports/dh_standard.toml")]
+    varying = {e.name for e in model.saved.model.effects if not e.constant}
+    assert all(set(e.missing) == varying for e in rigid)
+    assert len({round(e.rms, 12) for e in rigid}) == 1
+    assert all(f"{1e3 * e.heldout:.2g}" in e.text for e in rigid)
+    kept = tuple(np.where([e.constant for e in model.saved.model.effects], model.saved.theta, 0.0))
+    saved = model.saved
+    dropped = Model(SavedModel(saved.model, np.array(kept), saved.stderr, saved.covariance, saved.placement,
+                               saved.rotation_weight, saved.sigma, saved.pose, {}))  # fmt: skip
+    q = fresh(model, 300)
+    off = np.linalg.norm(points(dropped, q) - points(model, q), axis=1)
+    assert rigid[0].rms < np.sqrt(np.mean(off**2))
+    (tmp_path / "dh.toml").write_text(rigid[1].text)
+    again = MechanismChoice(str(tmp_path / "dh.toml")).load()
+    assert [j.name for j in again.joints] == [j.name for j in model.mechanism.joints]
+
+
+@pytest.mark.parametrize("convention", ["standard", "modified"])
+@pytest.mark.parametrize("name", ["irb6400r", "ur10_limited", "panda", "kinova", "xarm7"])
+def test_rows_are_read_back_as_the_chain_they_were_made_of(name: str, convention: Convention, tmp_path: Path) -> None:
+    mechanism, rng = MechanismChoice(name).load(), np.random.default_rng(1)
+    chain = chain_of(mechanism)
+    twists = {slot: rng.normal(0.0, 1e-3, 6) for slot in chain.slots}
+    (tmp_path / "dh.toml").write_text(dh_text(mechanism, chain, twists, convention, "as made"))
+    q = random_poses(mechanism, 20, rng)
+    frames = mechanism.transforms(q) @ se3.exp(np.array([twists[s] for s in chain.slots]))[:, None]
+    again = MechanismChoice(str(tmp_path / "dh.toml")).load()
+    np.testing.assert_allclose(se3.chain(again.transforms(q))[-1], se3.chain(frames)[-1], atol=1e-12)
+
+
+def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model, exports: Exports) -> None:
+    grid = pd.read_csv(io.StringIO(next(e.text for e in exports.made if e.file == "exports/grid.csv")))
+    sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
+    assert [len(side) for side in sides] == [5, 5, 5]
+    joints = [f"{j.name} [deg]" for j in model.mechanism.joints]
+    reached = grid[f"delta_{joints[0]}"].notna().to_numpy()
+    assert reached.mean() > 0.3
+    real = points_in_root(of_the_mechanism(usable(model.saved)), grid, joints)
+    wanted = grid[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
+    np.testing.assert_allclose(real[reached], wanted[reached], atol=1e-6)
+
+
+def points_in_root(saved: SavedModel, grid: pd.DataFrame, joints: list[str]) -> np.ndarray:
+    """Where the real tool is at the nodes' corrected joint values, m."""
+    corrected = {name: grid[name] + grid[f"delta_{name}"].fillna(0.0) for name in joints}
+    text = pd.DataFrame(corrected).fillna(0.0).map(str)
+    data = dataset_from(text, Path("grid"), saved.mechanism, need_measurement=False)
+    return tips(saved, data, nominal=False)[1].tip[:, :3, 3]
+
+
+def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
+    fitted("ur5").save(tmp_path / "model.json")
+    done = run("export", tmp_path, "--box", "0:150,300:450,250:400mm", "--nodes", 3)
+    assert done.exit_code == 0, done.stderr
+    assert {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")} == FILES | {"model.json"}
+    assert "not in calibrated.urdf" in done.stdout
+    assert len(pd.read_csv(tmp_path / "exports" / "grid.csv")) == 27
+    assert "--box" in one_line(run("export", tmp_path, "--box", "0:1,2:3mm"), 2)
+    assert "--box" in one_line(run("export", tmp_path, "--box", "9:10,9:10,9:10m"), 2)
