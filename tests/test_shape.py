@@ -118,7 +118,6 @@ def test_every_public_name_is_there() -> None:
 
 
 FROM_TEXT = {
-    "application/model_file.py",
     "cli/discover.py",
     "cli/request.py",
     "discovery/encoding.py",

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -48,7 +48,7 @@ class CalibrationResult:
     @cached_property
     def record(self) -> Report:
         """The same as report.json has it."""
-        return from_calibration(self.calibrated, self.origin)
+        return replace(from_calibration(self.calibrated, self.origin), model_sha256=self.model.sha256)
 
     @property
     def model(self) -> Model:

@@ -1,7 +1,7 @@
 """The whole loop: from a measured table to effects that are named and proven."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -50,7 +50,7 @@ class DiscoveryResult:
     @cached_property
     def record(self) -> Report:
         """Everything the report says, as one value."""
-        return from_discovery(self.found, self.origin)
+        return replace(from_discovery(self.found, self.origin), model_sha256=self.model.sha256)
 
     @property
     def model(self) -> Model:

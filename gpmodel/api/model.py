@@ -15,12 +15,13 @@ from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensated, targets_in
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.make import GRID, exports_of
-from gpmodel.application.model_file import SavedModel, save_model
+from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
 from gpmodel.application.usable import of_the_session, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.files import SEAL
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.read import dataset_from
 from gpmodel.wording import measured
@@ -109,6 +110,14 @@ class Model:
     def averaged(self) -> tuple[str, ...]:
         """Effects that read the rows or the time of the session they were fitted to: of another they keep the mean."""
         return tuple(effect.name for effect in of_the_session(self.saved))
+
+    @property
+    def sha256(self) -> str:
+        """The seal of its content, as in model.json and the report; empty where a basis has no text."""
+        try:
+            return str(model_content(self.saved)[SEAL])
+        except InputError:
+            return ""
 
     def save(self, file: str | Path, **more: object) -> None:
         """Write model.json. more: kept with it, as JSON, and ignored when it is read.

@@ -10,7 +10,7 @@ from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, so
 from gpmodel.application.matching import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
-from gpmodel.application.usable import of_the_mechanism, outside
+from gpmodel.application.usable import check_finite, of_the_mechanism, outside
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
@@ -131,9 +131,10 @@ def compensate(saved: SavedModel, targets: Targets, max_move: float = MAX_MOVE) 
     """The solution nearest the start of each target, no joint farther from it than `max_move` (rad; metres at LENGTH).
 
     Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
-    orientation as the limit allows.
+    orientation as the limit allows. Raises InputError where an effect is not finite at a target.
     """
     saved = of_the_mechanism(saved)
+    check_finite(saved, targets.dataset)
     dataset, start = targets.dataset, np.array(targets.dataset.q)
     q, left = solve(saved, replace(dataset, q=start.copy()), targets.frames, targets.whole, nominal=False)
     far = _moves(saved.mechanism, q - start) > max_move

@@ -1,12 +1,14 @@
 """The measured table that a model was fitted to, kept with it: what exports and the choice of next poses refer to."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
+from gpmodel.application.model_schema import MeasuredPart
 from gpmodel.arrays import Array, IntArray
+from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
 
@@ -24,13 +26,13 @@ class Measured:
         return np.setdiff1d(np.arange(len(self.dataset)), self.heldout)
 
 
-def measured_record(measured: Measured | None) -> dict[str, Any] | None:
+def measured_record(measured: Measured | None) -> dict[str, object] | None:
     """As JSON, SI; None where there is no table or it holds readings that tables have no columns for."""
     if measured is None or measured.dataset.observations:
         return None
     data = measured.dataset
     return {
-        "file": data.source,
+        "file": Path(data.source).name,
         "sha256": data.sha256,
         "row": data.row,
         "heldout": measured.heldout,
@@ -47,35 +49,34 @@ def measured_record(measured: Measured | None) -> dict[str, Any] | None:
     }
 
 
-def measured_from(record: Mapping[str, Any] | None, mechanism: Mechanism) -> Measured | None:
-    """What `measured_record` wrote. Raises ValueError, KeyError or TypeError for anything else."""
-    if record is None:
-        return None
+def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
+    """What `measured_record` wrote. Raises InputError where it has other joints."""
     joints = mechanism.joints
-    q = _numbers(record["q"], (-1, len(joints)))
-    count = len(q)
-    rotation, payload = record["rotation_rad"], record["payload_kg"]
+    count = len(record.row)
+    if {len(row) for row in record.q} - {len(joints)}:
+        raise InputError(f"measured.q: expected {len(joints)} values a row, those of the joints")
+    rotation, payload = record.rotation_rad, record.payload_kg
     dataset = Dataset(
         joints=tuple(joint.name for joint in joints),
-        q=q,
-        position=_numbers(record["position_m"], (count, 3)),
-        rotation=np.full((count, 3), np.nan) if rotation is None else _numbers(rotation, (count, 3)),
-        row=np.array(record["row"], dtype=np.int64).reshape(count),
-        payload=np.zeros(count) if payload is None else _numbers(payload, (count,)),
-        distances={name: _numbers(values, (count,)) for name, values in record["distances_m"].items()},
-        labels={name: np.array(values, dtype=str).reshape(count) for name, values in record["labels"].items()},
-        extras={name: _numbers(values, (count,)) for name, values in record["extras"].items()},
-        extra_units=dict(record["extra_units"]),
+        q=_numbers(record.q).reshape(count, len(joints)),
+        position=_numbers(record.position_m).reshape(count, 3),
+        rotation=np.full((count, 3), np.nan) if rotation is None else _numbers(rotation).reshape(count, 3),
+        row=np.array(record.row, dtype=np.int64),
+        payload=np.zeros(count) if payload is None else _numbers(payload),
+        distances={name: _numbers(values) for name, values in record.distances_m.items()},
+        labels={name: np.array(values, dtype=str) for name, values in record.labels.items()},
+        extras={name: _numbers(values) for name, values in record.extras.items()},
+        extra_units=record.extra_units,
         payload_given=payload is not None,
-        source=str(record["file"]),
-        sha256=str(record["sha256"]),
-        columns=tuple(record["columns"]),
+        source=record.file,
+        sha256=record.sha256,
+        columns=record.columns,
         joints_approximate=not all(joint.measured for joint in joints),
-        in_order=bool(record["in_order"]),
+        in_order=record.in_order,
     )
-    return Measured(dataset, np.array(record["heldout"], dtype=np.int64))
+    return Measured(dataset, np.array(record.heldout, dtype=np.int64))
 
 
-def _numbers(values: Any, shape: tuple[int, ...]) -> Array:
-    """Numbers of a shape, null as NaN."""
-    return np.array(values, dtype=object).astype(float).reshape(shape)
+def _numbers(values: Sequence[object]) -> Array:
+    """Numbers, null as NaN."""
+    return np.array(values, dtype=float)

@@ -1,19 +1,19 @@
 """model.json: a fitted model as text, enough to predict and to compensate."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.application.measured import Measured, measured_from, measured_record
+from gpmodel.application.model_reader import read_part
+from gpmodel.application.model_schema import KIND, SCHEMA, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
-from gpmodel.files import to_json, write_text
+from gpmodel.files import SEAL, seal, to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
@@ -24,8 +24,6 @@ from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
-SCHEMA = 1
-KIND = "gpmodel model"
 TIP_TOLERANCE = 1e-7
 
 
@@ -94,8 +92,8 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
     return direct | remembered | torques | ({clock} if clock else set())
 
 
-def model_text(saved: SavedModel, **more: object) -> str:
-    """The text of model.json. more: further JSON content to keep with it, ignored when read.
+def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
+    """The content of model.json, sealed. more: further JSON content to keep with it, ignored when read.
 
     Raises InputError for a basis whose text is no expression: such a model lives only in Python.
     """
@@ -104,18 +102,18 @@ def model_text(saved: SavedModel, **more: object) -> str:
     for effect in saved.model.effects:
         for term in effect.terms:
             Expression(str(term.basis))
-    path = Path(choice.name)
-    content = {
+    content: dict[str, object] = {
         "kind": KIND,
         "schema": SCHEMA,
         "version": __version__,
         "mechanism": {
-            "name": str(path.resolve()) if path.is_file() else choice.name,
+            "name": Path(choice.name).name,
             "frame": choice.frame,
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
             "joints": [j.name for j in mechanism.joints],
             "tip_at_probe_m": _probe(mechanism),
+            "description": choice.description,
         },
         "effects": [
             {
@@ -145,7 +143,12 @@ def model_text(saved: SavedModel, **more: object) -> str:
         "measured": measured_record(saved.measured),
         **more,
     }
-    return to_json(content)
+    return content | {SEAL: seal(content)}
+
+
+def model_text(saved: SavedModel, **more: object) -> str:
+    """The text of model.json. Raises InputError as `model_content`."""
+    return to_json(model_content(saved, **more))
 
 
 def save_model(path: Path, saved: SavedModel, **more: object) -> None:
@@ -154,92 +157,61 @@ def save_model(path: Path, saved: SavedModel, **more: object) -> None:
 
 
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
-    """Read model.json. mechanism: the one it was made for, where it cannot be loaded by name.
+    """Read model.json. mechanism: the one it was made for, where it was built in Python.
 
-    Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its mechanism is no longer the one it
-    was made for.
+    Raises InputError: missing, too large, no JSON, of another kind or schema, a field beyond its bounds, changed since
+    it was written, or of another mechanism.
     """
+    part = read_part(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a model.json") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is no JSON ({error}); expected a model.json") from None
-    if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise InputError(f"{path}: is no model of gpmodel; expected the model.json of calibrate or discover")
-    if content.get("schema") != SCHEMA:
-        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {SCHEMA}")
-    try:
-        return _read(content, path, mechanism)
+        return _read(part, mechanism)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: damaged model, {type(error).__name__} {error}; make it again") from None
 
 
-def _mechanism(about: dict[str, Any], folder: Path) -> Mechanism:
-    name, com = about["name"], about["payload_com_m"]
-    beside = folder / Path(name).name
-    return MechanismChoice(
-        name=str(beside) if Path(name).suffix and not Path(name).exists() and beside.exists() else name,
-        frame=about["frame"],
-        payload=about["payload_kg"],
-        payload_com=None if com is None else tuple(com),
-    ).load()
-
-
-def _read(content: dict[str, Any], path: Path, given: Mechanism | None) -> SavedModel:
-    about = content["mechanism"]
-    mechanism = _mechanism(about, path.parent) if given is None else given
-    now = _probe(mechanism)
-    then = np.array(about["tip_at_probe_m"], dtype=float)
-    if [j.name for j in mechanism.joints] != about["joints"] or not np.allclose(now, then, atol=TIP_TOLERANCE, rtol=0):
-        raise InputError(f"mechanism '{about['name']}' has changed since this model was made; calibrate again")
+def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
+    about = part.mechanism
+    mechanism = (
+        given
+        or MechanismChoice(
+            about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or ""
+        ).load()
+    )
+    near = np.allclose(_probe(mechanism), about.tip_at_probe_m, atol=TIP_TOLERANCE, rtol=0)
+    if tuple(j.name for j in mechanism.joints) != about.joints or not near:
+        raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
     effects = tuple(
         Effect(
-            e["name"],
-            tuple(Term(t["slot"], t["axis"], Expression(t["basis"]), float(t["weight"])) for t in e["terms"]),
-            e["unit"],
-            e["family"],
-            np.inf if e["prior"] is None else float(e["prior"]),
+            e.name,
+            tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms),
+            e.unit,
+            e.family,
+            np.inf if e.prior is None else e.prior,
         )
-        for e in content["effects"]
+        for e in part.effects
     )
     unknown = [s for e in effects for s in e.slots if s not in places(mechanism)]
     if unknown:
         raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(places(mechanism))}")
-    placement = Placement(
-        {k: _array(v, (4, 4)) for k, v in content["registration"].items()},
-        {k: _array(v, (4, 4)) for k, v in content["tool"].items()},
-        {k: _array(v, (3,)) for k, v in content["anchors_m"].items()},
-    )
-    n, unknowns = len(effects), tuple(content.get("unknowns", ()))
-    size = n + len(unknowns)
-    stderr = [np.nan if e["stderr"] is None else float(e["stderr"]) for e in content["effects"]]
     return SavedModel(
         model=ErrorModel(mechanism, effects),
-        theta=_array([e["value"] for e in content["effects"]], (n,)),
-        stderr=np.array(stderr, dtype=float),
+        theta=np.array([e.value for e in part.effects]),
+        stderr=np.array([np.nan if e.stderr is None else e.stderr for e in part.effects]),
         covariance=Covariance(
-            _array(content["covariance"], (size, size)) if size else np.zeros((0, 0)),
-            unknowns,
-            _array(content.get("centre_m", np.zeros(3)), (3,)),
+            np.array(part.covariance).reshape(2 * (len(part.covariance),)), part.unknowns, np.array(part.centre_m)
         ),
-        placement=placement,
-        rotation_weight=float(content["lever_m"]),
-        sigma=float(content["sigma_m"]),
-        pose=bool(content["pose"]),
-        input_units=dict(content["input_units"]),
-        ranges={name: (float(low), float(high)) for name, (low, high) in content.get("ranges", {}).items()},
-        measured=measured_from(content.get("measured"), mechanism),
+        placement=Placement(
+            {k: np.array(v) for k, v in part.registration.items()},
+            {k: np.array(v) for k, v in part.tool.items()},
+            {k: np.array(v) for k, v in part.anchors_m.items()},
+        ),
+        rotation_weight=part.lever_m,
+        sigma=part.sigma_m,
+        pose=part.pose,
+        input_units=part.input_units,
+        ranges=part.ranges,
+        measured=None if part.measured is None else measured_from(part.measured, mechanism),
     )
-
-
-def _array(value: Any, shape: tuple[int, ...]) -> Array:
-    out = np.array(value, dtype=float)
-    if out.shape != shape or not np.isfinite(out).all():
-        raise ValueError(f"expected finite numbers of shape {shape}")
-    return out
 
 
 def _probe(mechanism: Mechanism) -> Array:

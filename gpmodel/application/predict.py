@@ -6,7 +6,7 @@ import pandas as pd
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
-from gpmodel.application.usable import outside
+from gpmodel.application.usable import check_finite, outside
 from gpmodel.arrays import Array
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
 from gpmodel.model.error_model import observe, prepare
@@ -22,9 +22,10 @@ def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
     against what the row measured first, and added with the residual [um] they leave. Then the standard deviation
     sigma [mm] of the predicted point, and the inputs that are `outside` the ranges the model was fitted in.
 
-    Raises InputError as `matched`.
+    Raises InputError as `matched`, and where an effect is not finite at a pose.
     """
     fitting = matched(saved, dataset)
+    check_finite(saved, fitting)
     poses = solve_joints(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement)
     observed = observe(saved.model, poses, saved.theta, saved.placement)
     tip = observed.tip

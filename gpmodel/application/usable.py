@@ -8,10 +8,12 @@ import numpy as np
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Covariance
+from gpmodel.families.by_name import check_defined
 from gpmodel.formula.expression import Basis, Columns
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.states import States
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
 MARGIN = 0.01
@@ -118,6 +120,14 @@ def _after_the_session(saved: SavedModel) -> SavedModel:
     )
     model = ErrorModel(saved.mechanism, effects)
     return replace(saved, model=model, input_units=_still_read(saved, model))
+
+
+def check_finite(saved: SavedModel, dataset: Dataset) -> None:
+    """Raises InputError, naming the effect, where its basis is infinite or undefined at a pose of `dataset`."""
+    bare = replace(dataset, distances={}, observations=())
+    states = prepare(saved.mechanism, bare).states
+    for effect in saved.model.effects:
+        check_defined(effect, saved.mechanism, states)
 
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:

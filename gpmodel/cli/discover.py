@@ -60,7 +60,7 @@ def discover(
     scheduler: str | None, folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
-    choice = None if mechanism is None else mechanism.choice
+    choice = None if mechanism is None else replace(mechanism.choice, description=None)
     if resume is not None:
         said = {name: asked[name] for name in asked if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
         request = resumed(resume, table, choice, said)

@@ -36,9 +36,8 @@ class Request:
         name = self.choice.name
         if Path(name).is_file():
             files["mechanism"] = _relative(Path(name), out)
-        request = {
-            "files": files, "choice": asdict(self.choice), "options": dict(self.options), "minutes": self.minutes,
-        }  # fmt: skip
+        choice = asdict(replace(self.choice, description=None))
+        request = {"files": files, "choice": choice, "options": dict(self.options), "minutes": self.minutes}
         return JournalFiles(out, request, self.identity(), say)
 
     def identity(self) -> dict[str, Any]:

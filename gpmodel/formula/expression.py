@@ -11,6 +11,9 @@ from gpmodel.errors import InputError
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Node, Program
 
+LARGEST_WRITTEN = 50_000
+"""Parts of a basis with every name replaced by what it stands for; each name may double it."""
+
 
 class Columns(Protocol):
     """Named columns (N,), one value a pose; its length is N."""
@@ -87,6 +90,11 @@ def _parsed(text: str) -> Program:
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values, expected one; write for example sin(2*J4)")
+    sizes = list[int]()
+    for node in program.nodes:
+        sizes.append(1 + sum(sizes[k] for k in node.arguments))
+    if sizes[program.outputs[0]] > LARGEST_WRITTEN:
+        raise InputError(f"basis {text[:40]!r}…: more than {LARGEST_WRITTEN} parts when it is written out")
     return program
 
 

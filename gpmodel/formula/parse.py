@@ -17,6 +17,12 @@ _BINARY: dict[type, str] = {
 }
 
 LARGEST_NUMBER = sys.float_info.max
+LONGEST_TEXT = 50_000
+"""Characters; a sequence of 256 instructions, the longest that is evolved, has 10 000."""
+MOST_PARTS = 5_000
+"""Operators, inputs and numbers of a text."""
+DEEPEST = 300
+"""Parts within each other: a sequence of 256 instructions without a part used twice."""
 
 
 def parse(text: str, what: str = "program") -> Program:
@@ -26,22 +32,51 @@ def parse(text: str, what: str = "program") -> Program:
     text is an input whose name is no identifier. ``what`` names the text in errors. Raises InputError with the part
     that could not be read.
     """
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"{what} {text[:40]!r}…: {len(text)} characters, expected at most {LONGEST_TEXT}")
     try:
         statements = ast.parse(text.strip()).body
     except SyntaxError as error:
-        raise InputError(f"{what} {text!r}: {error.msg} near column {error.offset}") from None
+        raise InputError(f"{what} {_short(text)}: {error.msg} near column {error.offset}") from None
     except (ValueError, RecursionError, MemoryError):
-        raise InputError(f"{what} {text[:40]!r}: not an expression; write for example sin(2*J4)") from None
-    if not statements or not isinstance(statements[-1], ast.Expr):
-        raise InputError(f"{what} {text!r}: expected an expression at the end, for example sin(2*J4)")
-    reader = _Reader(f"{what} {text!r}")
+        raise InputError(f"{what} {_short(text)}: not an expression; write for example sin(2*J4)") from None
+    _check_size(statements, f"{what} {_short(text)}")
+    if not statements:
+        raise InputError(f"{what} {_short(text)}: expected an expression, for example sin(2*J4)")
+    try:
+        return _read(statements, f"{what} {_short(text)}")
+    except RecursionError:
+        raise InputError(f"{what} {_short(text)}: too deeply nested") from None
+
+
+def _read(statements: list[ast.stmt], whole: str) -> Program:
+    reader = _Reader(whole)
     for statement in statements[:-1]:
         if not (isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name)):
-            raise InputError(f"{what} {text!r}: expected 'name = expression' before the last ';'")
+            raise InputError(f"{whole}: expected 'name = expression' before the last ';'")
         reader.names[statement.targets[0].id] = reader.read(statement.value)
-    last = statements[-1].value
+    expression = statements[-1]
+    if not isinstance(expression, ast.Expr):
+        raise InputError(f"{whole}: expected an expression at the end, for example sin(2*J4)")
+    last = expression.value
     outputs = last.elts if isinstance(last, ast.Tuple) else [last]
     return reader.builder.program([reader.read(output) for output in outputs])
+
+
+def _short(text: str) -> str:
+    """The text in quotes, or how it begins."""
+    return repr(text) if len(text) <= 200 else f"{text[:200]!r}…"
+
+
+def _check_size(statements: list[ast.stmt], whole: str) -> None:
+    """Raises InputError where there are too many parts, or too many within each other."""
+    level: list[ast.AST] = list(statements)
+    depth = parts = 0
+    while level:
+        depth, parts = depth + 1, parts + len(level)
+        level = [n for node in level for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
+        if depth > DEEPEST or parts > MOST_PARTS:
+            raise InputError(f"{whole}: more than {MOST_PARTS} parts, or {DEEPEST} within each other")
 
 
 class _Reader:

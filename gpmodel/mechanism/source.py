@@ -1,23 +1,37 @@
 """What a mechanism is loaded from: a name or file, its measured frame, and what it carries."""
 
+import atexit
+import shutil
+import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.mechanism.workspace import links
 
+FILES = (".urdf", ".toml")
+LARGEST_FILE = 16 << 20
+"""Bytes of a mechanism's description; the largest of example-robot-data, a humanoid with its hands, has 0.3 MB."""
+
 
 @dataclass(frozen=True)
 class MechanismChoice:
-    """Name or file of a mechanism. frame: measured link. payload: kg or None; payload_com: (3,) m or None."""
+    """Name or file of a mechanism. frame: measured link. payload: kg or None; payload_com: (3,) m or None.
+
+    description: the text of the file, where it is one: then `name` is only what it was called, and no file is opened.
+    """
 
     name: str
     frame: str | None = None
     payload: float | None = None
     payload_com: tuple[float, ...] | None = None
+    description: str | None = None
 
     def __post_init__(self) -> None:
         if self.payload is not None:
@@ -25,7 +39,39 @@ class MechanismChoice:
 
     def load(self) -> "LoadedMechanism":
         """The mechanism. Raises InputError when it is unknown or its file bad."""
-        return LoadedMechanism(self, load_mechanism(self.name, frame=self.frame, payload_com=self.payload_com))
+        name, choice = self.name, self
+        if self.description:
+            name = str(_unpacked(self.name, self.description))
+        elif self.description is None and Path(name).is_file():
+            choice = replace(self, description=_text(Path(name)))
+        elif self.description is not None and Path(name).suffix.lower() in FILES:
+            raise InputError(f"mechanism '{name}' is a file, and its description is missing")
+        return LoadedMechanism(choice, load_mechanism(name, frame=self.frame, payload_com=self.payload_com))
+
+
+@cache
+def _unpacked(name: str, description: str) -> Path:
+    """A file of that name and content, for as long as this process lives: a mechanism may be asked to write itself."""
+    if Path(name).suffix.lower() not in FILES or len(description) > LARGEST_FILE:
+        raise InputError(f"mechanism '{name}': expected a name that ends in {' or '.join(FILES)}, of a smaller file")
+    folder = Path(tempfile.mkdtemp(prefix="gpmodel-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    path = folder / Path(name).name
+    try:
+        path.write_text(description, encoding="utf-8")
+    except (OSError, UnicodeEncodeError) as error:
+        raise InputError(f"mechanism '{name}': cannot be unpacked ({error})") from None
+    return path
+
+
+def _text(path: Path) -> str:
+    """The text of a mechanism's file. Raises InputError where it is too large or no text."""
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected the description of a mechanism")
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); expected the description of a mechanism") from None
 
 
 @dataclass(frozen=True, repr=False)

@@ -151,6 +151,7 @@ class Report:
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. sigma_mm: of one component.
+    model_sha256: seal of the model.json that belongs to it.
     """
 
     command: str = ""
@@ -173,6 +174,7 @@ class Report:
     reason: str = ""
     stopped: str = ""
     sigma_mm: NotNegative | None = None
+    model_sha256: str = ""
     noise_floor_mm: NotNegative | None = None
     noise_from: NoiseSource | None = None
     repeatability: Repeatability | None = None

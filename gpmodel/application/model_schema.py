@@ -1,0 +1,149 @@
+"""The content of model.json, with a bound for everything in it: what is beyond is refused by its place in the file.
+
+A model may come from anybody. Reading one runs none of it, opens no other file, and takes memory and time in proportion
+to the file, which is at most `LARGEST_FILE`.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated, TypeVar
+
+import msgspec
+import numpy as np
+
+from gpmodel.arrays import Array
+
+KIND, SCHEMA = "gpmodel model", 2
+LARGEST_FILE = 64 << 20
+"""Bytes: a hundred times a model of all families, with the description of a humanoid in it."""
+MOST_EFFECTS = 2000
+MOST_TERMS = 64
+MOST_COLUMNS = 500
+MOST_ROWS = 1_000_000
+LARGEST_NUMBER = 1e9
+"""In SI: no length, stiffness or coordinate of a machine is larger."""
+ROTATION_TOLERANCE = 1e-6
+
+Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
+Name = Annotated[str, msgspec.Meta(max_length=1000)]
+Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00]+\Z")]
+Point = tuple[Finite, Finite, Finite]
+Row = tuple[Finite, Finite, Finite, Finite]
+Transform = tuple[Row, Row, Row, Row]
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000)]
+Columns = Annotated[dict[Label, Name], msgspec.Meta(max_length=MOST_COLUMNS)]
+Transforms = Annotated[dict[Name, Transform], msgspec.Meta(max_length=MOST_COLUMNS)]
+Value = TypeVar("Value")
+Rows = Annotated[tuple[Value, ...], msgspec.Meta(max_length=MOST_ROWS)]
+Unknowns = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=16)]
+
+
+class TermPart(msgspec.Struct, frozen=True):
+    """One term of an effect."""
+
+    slot: Label
+    axis: Label
+    basis: Formula
+    weight: Finite
+
+
+class EffectPart(msgspec.Struct, frozen=True):
+    """An effect and its fitted number. prior, stderr: null where there is none."""
+
+    name: Label
+    family: Name
+    unit: Name
+    prior: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST_NUMBER)] | None
+    value: Finite
+    stderr: Deviation | None
+    terms: Annotated[tuple[TermPart, ...], msgspec.Meta(min_length=1, max_length=MOST_TERMS)]
+
+
+class MechanismPart(msgspec.Struct, frozen=True):
+    """What the model corrects. name: built in, or of the file whose text is `description`.
+
+    tip_at_probe_m: where its tip is at one oblique pose, by which it is recognised.
+    """
+
+    name: FileName
+    frame: Label | None
+    payload_kg: Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)] | None
+    payload_com_m: Point | None
+    joints: Annotated[tuple[Label, ...], msgspec.Meta(min_length=1, max_length=200)]
+    tip_at_probe_m: Point
+    description: str | None = None
+
+
+class MeasuredPart(msgspec.Struct, frozen=True):
+    """The table a model was fitted to, SI, a value or a row of values a pose; null where nothing was measured."""
+
+    file: Name
+    sha256: Name
+    row: Rows[int]
+    heldout: Rows[Annotated[int, msgspec.Meta(ge=0)]]
+    q: Rows[tuple[float, ...]]
+    position_m: Rows[tuple[float | None, float | None, float | None]]
+    rotation_rad: Rows[tuple[float | None, float | None, float | None]] | None
+    distances_m: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    payload_kg: Rows[float] | None
+    labels: Annotated[dict[Label, Rows[Name]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    extras: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    extra_units: Columns
+    columns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
+    in_order: bool
+
+    def __post_init__(self) -> None:
+        given: dict[str, Sequence[object] | None] = {
+            "q": self.q,
+            "position_m": self.position_m,
+            "rotation_rad": self.rotation_rad,
+            "payload_kg": self.payload_kg,
+        }
+        given |= {f"distances_m[{name!r}]": values for name, values in self.distances_m.items()}
+        given |= {f"labels[{name!r}]": values for name, values in self.labels.items()}
+        given |= {f"extras[{name!r}]": values for name, values in self.extras.items()}
+        for name, values in given.items():
+            if values is not None and len(values) != len(self.row):
+                raise ValueError(f"expected {len(self.row)} values, one a row - at `$.measured.{name}`")
+        if any(k >= len(self.row) for k in self.heldout):
+            raise ValueError(f"expected places below {len(self.row)} - at `$.measured.heldout`")
+
+
+class ModelPart(msgspec.Struct, frozen=True):
+    """The whole of model.json but its seal; keys it does not know are passed over."""
+
+    kind: str
+    schema: int
+    mechanism: MechanismPart
+    effects: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
+    covariance: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=MOST_EFFECTS + MOST_COLUMNS)]
+    unknowns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
+    centre_m: Point
+    ranges: Annotated[dict[Label, tuple[Finite, Finite]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    registration: Transforms
+    tool: Transforms
+    anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_COLUMNS)]
+    lever_m: Deviation
+    sigma_m: Deviation
+    pose: bool
+    input_units: Columns
+    measured: MeasuredPart | None = None
+
+    def __post_init__(self) -> None:
+        for label, transforms in (("registration", self.registration), ("tool", self.tool)):
+            for name, rows in transforms.items():
+                _check_rigid(np.array(rows), f"{label}[{name!r}]")
+        size = len(self.effects) + len(self.unknowns)
+        if {len(self.covariance), *map(len, self.covariance)} != {size} and size:
+            raise ValueError(f"expected {size} rows of {size} numbers, one an unknown - at `$.covariance`")
+        for name, (low, high) in self.ranges.items():
+            if low > high:
+                raise ValueError(f"expected the lower value first - at `$.ranges[{name!r}]`")
+
+
+def _check_rigid(transform: Array, where: str) -> None:
+    turn = transform[:3, :3]
+    whole = np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_TOLERANCE and np.linalg.det(turn) > 0.0
+    if not whole or transform[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"no rotation and translation, expected orthonormal axes and 0 0 0 1 below - at `$.{where}`")

@@ -1,0 +1,164 @@
+"""Files that are no model, or one with something in it that no machine has: refused by the place in the file."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model_cases import fitted
+
+from gpmodel.application.model_file import load_model, model_text
+from gpmodel.application.model_schema import LARGEST_FILE
+from gpmodel.errors import InputError
+from gpmodel.files import SEAL, seal
+
+
+def sealed(content: dict[str, Any], **changes: object) -> str:
+    """A file that somebody made on purpose: its seal is whole. Fields that are `...` are left away."""
+    made = {k: v for k, v in (content | changes).items() if v is not ...}
+    return json.dumps(made | {SEAL: seal(made)})
+
+
+def refused(text: str, said: str, path: Path) -> None:
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_model(path)
+    line = str(caught.value)
+    assert said in line
+    assert line.startswith(str(path))
+    assert "\n" not in line
+    assert len(line) < 1000
+
+
+@pytest.fixture(scope="module")
+def content() -> dict[str, Any]:
+    return dict(json.loads(model_text(fitted("load")[0])))
+
+
+WHOLE: dict[str, tuple[str, str]] = {
+    "no JSON": ("{", "is no JSON"),
+    "too deep": ("[" * 100_000, "nested too deep"),
+    "not a number": ('{"kind": NaN}', "NaN is no finite number"),
+    "too large a number": ('{"kind": 1e999}', "1e999 is no finite number"),
+    "a long number": ('{"kind": ' + 5000 * "9" + "}", "is no JSON"),
+    "a list": ("[]", "no model of gpmodel"),
+}
+
+
+@pytest.mark.parametrize("case", WHOLE)
+def test_what_is_no_model_is_refused(case: str, tmp_path: Path) -> None:
+    refused(*WHOLE[case], tmp_path / "model.json")
+
+
+TURN = np.eye(4)
+FIELDS: dict[str, tuple[dict[str, object], str]] = {
+    "another kind": ({"kind": "recipe"}, "no model of gpmodel"),
+    "newer": ({"schema": 99}, "schema 99"),
+    "no tool": ({"tool": ...}, "missing required field `tool`"),
+    "no effects": ({"effects": ...}, "missing required field `effects`"),
+    "not numbers": ({"registration": {"": "here"}}, "registration[...]: Expected `array`"),
+    "wrong shape": ({"tool": {"": [1, 2, 3]}}, "tool[...]: Expected `array` of length 4, got 3"),
+    "scaled": ({"registration": {"": (2 * TURN).tolist()}}, "registration['']: no rotation and translation"),
+    "mirrored": ({"tool": {"": np.diag([1.0, 1, -1, 1]).tolist()}}, "tool['']: no rotation and translation"),
+    "sheared": ({"tool": {"": (TURN + 1e-3 * np.eye(4, k=1)).tolist()}}, "tool['']: no rotation and translation"),
+    "far": ({"sigma_m": 1e300}, "sigma_m: Expected `float` <= 1000000000.0"),
+    "negative": ({"sigma_m": -1.0}, "sigma_m: Expected `float` >= 0.0"),
+    "a truth for a number": ({"lever_m": True}, "lever_m: Expected `float`, got `bool`"),
+    "covariance": ({"covariance": [[1.0]]}, "covariance: expected"),
+    "range": ({"ranges": {"J1": [1.0, -1.0]}}, "ranges['J1']: expected the lower value first"),
+    "many effects": ({"effects": [{}] * 3000}, "effects: Expected `array` of length <= 2000"),
+    "many columns": ({"input_units": {str(k): "m" for k in range(1000)}}, "input_units: Expected `object` of length"),
+}
+
+
+@pytest.mark.parametrize("case", FIELDS)
+def test_a_field_beyond_its_bounds_is_named(case: str, content: dict[str, Any], tmp_path: Path) -> None:
+    changes, said = FIELDS[case]
+    refused(sealed(content, **changes), said, tmp_path / "model.json")
+
+
+EFFECTS: dict[str, tuple[dict[str, object], str]] = {
+    "null value": ({"value": None}, "effects[0].value: Expected `float`, got `null`"),
+    "no terms": ({"terms": []}, "effects[0].terms: Expected `array` of length >= 1"),
+    "negative deviation": ({"stderr": -1.0}, "effects[0].stderr: Expected `float` >= 0.0"),
+    "long name": ({"name": "x" * 100_000}, "effects[0].name: Expected `str` of length <= 1000"),
+}
+TERMS: dict[str, tuple[object, str]] = {
+    "slot": ("J9", "slot 'J9' is unknown"),
+    "axis": ("Q", "axis 'Q' is unknown"),
+    "basis": ("a.b", "cannot read 'a.b'"),
+    "weight": ("one", "effects[0].terms[0].weight: Expected `float`, got `str`"),
+}
+BASES = {
+    "code": ("__import__('os').system('true')", "cannot read"),
+    "a long sum": ("+".join(["J1"] * 20_000), "effects[0].terms[0].basis: Expected `str` of length <= 20000"),
+    "many terms": ("+".join(["J1"] * 400), "300 within each other"),
+    "minus signs": ("-" * 5000 + "1", "not an expression"),
+    "a bomb": ("a = J1;" + 17 * "a = a+a*J2;" + "a", "when it is written out"),
+}
+
+
+@pytest.mark.parametrize("case", [*EFFECTS, *TERMS, *BASES])
+def test_an_effect_beyond_its_bounds_is_named(case: str, content: dict[str, Any], tmp_path: Path) -> None:
+    first = content["effects"][0]
+    if case in EFFECTS:
+        changed, said = first | EFFECTS[case][0], EFFECTS[case][1]
+    else:
+        field, (value, said) = (case, TERMS[case]) if case in TERMS else ("basis", BASES[case])
+        changed = first | {"terms": [first["terms"][0] | {field: value}]}
+    refused(sealed(content, effects=[changed, *content["effects"][1:]]), said, tmp_path / "model.json")
+
+
+MECHANISMS: dict[str, tuple[dict[str, object], str]] = {
+    "other robot": ({"name": "irb6400r-2.8"}, "has changed"),
+    "no robot": ({"name": "hal9000"}, "'hal9000' is unknown"),
+    "a path": ({"name": "../cell.urdf"}, "mechanism.name: Expected `str` matching regex"),
+    "a path of Windows": ({"name": "..\\cell.urdf"}, "mechanism.name: Expected `str` matching regex"),
+    "a file": ({"name": "cell.urdf"}, "its description is missing"),
+    "another file": ({"name": "cell.so", "description": "<robot/>"}, "expected a name that ends in .urdf or .toml"),
+    "no description": ({"name": "cell.urdf", "description": "no robot"}, "not well-formed XML"),
+    "payload": ({"payload_kg": -1.0}, "mechanism.payload_kg: Expected `float` >= 0.0"),
+}
+
+
+@pytest.mark.parametrize("case", MECHANISMS)
+def test_a_mechanism_beyond_its_bounds_is_named(
+    case: str, content: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cell.urdf").write_text("<robot/>")
+    changes, said = MECHANISMS[case]
+    refused(sealed(content, mechanism=content["mechanism"] | changes), said, tmp_path / "model.json")
+
+
+def test_a_model_that_was_changed_is_refused(content: dict[str, Any], tmp_path: Path) -> None:
+    changed = content | {"sigma_m": 2 * content["sigma_m"]}
+    refused(json.dumps(changed), "its content is not what was written", tmp_path / "model.json")
+    bare = {k: v for k, v in content.items() if k != SEAL}
+    refused(json.dumps(bare), "its content is not what was written", tmp_path / "model.json")
+    (tmp_path / "model.json").write_text(json.dumps(content, indent=7, sort_keys=True))
+    load_model(tmp_path / "model.json")
+
+
+def test_files_that_are_no_model_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        load_model(tmp_path / "none.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_model(tmp_path)
+    with (tmp_path / "large.json").open("wb") as file:
+        file.truncate(LARGEST_FILE + 1)
+    with pytest.raises(InputError, match="larger than 64 MB"):
+        load_model(tmp_path / "large.json")
+    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="is no JSON"):
+        load_model(tmp_path / "bytes.json")
+
+
+def test_the_report_beside_it_must_tell_of_it(content: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content))
+    (tmp_path / "report.json").write_text(json.dumps({"model_sha256": content[SEAL]}))
+    load_model(path)
+    (tmp_path / "report.json").write_text(json.dumps({"model_sha256": 64 * "0"}))
+    refused(json.dumps(content), "is not the model that report.json beside it tells of", path)
