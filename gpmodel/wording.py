@@ -4,6 +4,9 @@ import math
 import re
 from dataclasses import dataclass
 
+WIDTH = 80
+"""Characters of a line on a terminal."""
+
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import itertools
 import re
 from collections.abc import Iterator
 from importlib import import_module
@@ -136,3 +137,30 @@ FROM_TEXT = {
 def test_nothing_is_of_any_type_but_what_is_read_of_text() -> None:
     names = {p: {n.id for n in ast.walk(ast.parse(p.read_text())) if isinstance(n, ast.Name)} for p in PRODUCT}
     assert {name_of(p) for p in PRODUCT if "Any" in names[p]} <= FROM_TEXT
+
+
+ELSEWHERE = {"evolution", "formula", "planning"}
+
+
+def unexplained(path: Path) -> list[str]:
+    """Public constants of a file with numbers in them that no sentence follows, at once or after their like."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    out: list[str] = []
+    waiting: list[str] = []
+    for node, following in itertools.pairwise([*body, ast.Pass(lineno=0)]):
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            names = [n.id for n in ast.walk(target) if isinstance(n, ast.Name) and re.fullmatch("[A-Z][A-Z_]+", n.id)]
+            numbers = [n for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) in (int, float)]
+            waiting += names if numbers else []
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or following.lineno != node.end_lineno + 1:
+            said = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            out += [] if said else waiting
+            waiting = []
+    return [f"{name_of(path)} {name}" for name in out]
+
+
+def test_every_number_with_a_name_has_its_reason() -> None:
+    files = [p for p in (ROOT / "gpmodel").rglob("*.py") if not ELSEWHERE & set(p.parts)]
+    names = [name for path in files for name in unexplained(path)]
+    assert [name for name in names if name.split()[1] != "SCHEMA"] == []

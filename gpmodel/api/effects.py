@@ -12,6 +12,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.table.dataset import Dataset
 
 POSES = 40
+"""Random poses a family is tried on: enough for every instance to show, none is fitted."""
 
 
 def effects(mechanism: Mechanism) -> pd.DataFrame:

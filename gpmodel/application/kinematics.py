@@ -21,11 +21,18 @@ LENGTH = 0.3
 REACHED = 1e-7
 """Metres within which a target is reached: a tenth of the micrometre that is promised."""
 ITERATIONS = 60
+"""Steps at most; near a solution each squares what is left, and what has not arrived by then is called not
+reached."""
 DAMPING = 1e-12
+"""Least damping, relative to metres squared a radian squared: below rounding, so that good steps are Newton's."""
 LONGEST_STEP = 0.3
+"""Radians or metres of any joint in one step: the linear picture of an arm of turning joints is true about so far."""
 POOL = 4096
+"""Random joint values among which starts for Cartesian targets are sought: six joints, four values each."""
 NEAREST = 6
+"""Of those, the nearest to a target are tried first, as many as there are joints in most arms."""
 SEEDS = 24
+"""Starts in all before a target is called not reached."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
 TIP_TOLERANCE = 1e-7
+"""Metres by which the nominal tip may differ from the one that was saved: rounding of another machine or library."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ REASONS = {
     "stalled": f"still moving after {MAX_ITERATIONS} iterations: poses too alike, or joint values wrong",
     "diverged": "steps grew: wrong joint units, signs or order, or too few poses",
 }
+"""Why iterations ended, by the status of the fit."""
 
 
 @dataclass(frozen=True)

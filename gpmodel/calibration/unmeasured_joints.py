@@ -25,11 +25,17 @@ ELIMINATED = 1e-2
 """A column of which the free angles leave less than this share cannot be told from them."""
 
 ROUNDING = 1e-7
+"""Share of the largest singular value below which a combination is rounding: the root of the precision of a
+double."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 ROTATION_WEIGHT = 0.3
+"""Radians and metres that approximate joint values are off by, where nobody says: what is read off a scale by eye."""
 MAX_ITERATIONS = 20
+"""Steps at most for a pose's joints; three are usual."""
 STEP_TOLERANCE = 1e-9
+"""Radians or metres: a smaller step ends the iterations; 1e-9 moves a tool by less than a nanometre."""
 MINIMUM_POSES = 4
+"""Poses that fix a sphere: fewer points lie on many."""
 
 
 def free_joints(mechanism: Mechanism) -> tuple[int, ...]:

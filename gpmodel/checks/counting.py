@@ -14,8 +14,10 @@ from gpmodel.numerics import rank as ident
 from gpmodel.table.dataset import Dataset
 
 SAME_POSE = 1e-6
+"""Radians, metres or kilograms up to which rows are one pose to count: rounding of what was written."""
 RANK_POSES = 60
 RANK_LIMIT = 1e4
+"""Random poses that a rank is read from: 180 values, several times the unknowns of a long arm."""
 
 
 def distinct_poses(data: Dataset) -> tuple[IntArray, IntArray]:

@@ -11,13 +11,23 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TURNS = 4 * np.pi
+"""Radians: no joint of a robot turns more than twice either way."""
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
+"""Share of the workspace, and metres, that registration and tool leave of a table before another reading is tried:
+ten times what a bad robot is off by."""
 FAR_BETTER = 5.0
+"""Times better another reading has to fit: a mechanism described wrongly is not fitted so much better by chance."""
 GOOD_SHARE = 0.05
+"""Share of the spread of the points that the right reading leaves at most."""
 MOST_SHARE = 0.85
+"""Share of the poses that decide: up to 15 % may be gross errors."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
+"""Share of the spread, and metres, left where no reading fits and the table is refused: no robot that moves is so far
+off."""
 FEWEST_ROWS, MOST_ROWS = 6, 60
+"""Poses between which readings are compared: fewer than six fit anything, more than sixty say nothing new."""
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
+"""Metres of the units that tables of lengths are written in."""
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:

@@ -7,8 +7,7 @@ import click
 from gpmodel.api.effects import effects as families
 from gpmodel.cli.options import mechanism_options
 from gpmodel.mechanism.source import LoadedMechanism
-
-WIDTH = 80
+from gpmodel.wording import WIDTH
 
 
 @click.command()

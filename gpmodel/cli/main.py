@@ -38,6 +38,7 @@ COMMANDS = {
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Statuses of the program; 130 is what shells give an interrupted one."""
 
 
 PLUGIN_HELP = 60

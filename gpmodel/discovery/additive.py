@@ -88,7 +88,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     combs = combs_of(choice.offers, choice.standard.model.mechanism, choice.train.states)
     combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(single, pairs, combs)
-    return select(choice.standard, choice.train, offering, shuffles=choice.criteria.shuffles, seed=choice.seed)
+    return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)
 
 
 def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:

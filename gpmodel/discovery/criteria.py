@@ -24,6 +24,12 @@ class Criteria:
     them, that every part of an unnamed expression must speak for: fewer is a spike at the worst poses.
     largest_between: how many times larger than at the measured poses a basis may be between them; more is a pole.
 
+    While groups are chosen, each has to save minimum_nats. part_nats: what each place of a group at several places has
+    to save, its share of that, since the kind is paid for already. swap_nats: by which a group has to be better to take
+    another's place, more than is settled of either. rival_nats: within which another in its place is told as a rival,
+    a factor of twenty in likelihood (Jeffreys 1961: "strong"). one_pose_share: of what a group gains that one pose may
+    bring; more than half is an outlier the group has bent itself to.
+
     fewest_bundles: groups of poses below which too few orders of whole groups differ to tell chance, and only repeats
     of a pose are kept together. blocks: stretches of rows, and regions of space, in which poses are
     allowed to depend on one another; ten leave each long enough to hold what drifts through a session.
@@ -49,6 +55,10 @@ class Criteria:
     fewest_poses: float = 5.0
     fewest_share: float = 0.05
     largest_between: float = 4.0
+    part_nats: float = 1.0
+    swap_nats: float = 1.0
+    rival_nats: float = 3.0
+    one_pose_share: float = 0.5
     outlier_sigmas: float = 6.0
     fewest_bundles: int = 20
     blocks: int = 10

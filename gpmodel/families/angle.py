@@ -17,6 +17,7 @@ from gpmodel.model.states import States
 
 CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
+"""Radians, the standard deviation of a curve's sum of harmonics; and the harmonic at which they fall off."""
 
 SMOOTH, SMOOTH_CORNER = 10, 3.0
 """Harmonics of a smooth curve, and the one above which they fall."""

@@ -10,6 +10,7 @@ from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
+"""Instances of a family that its name alone may stand for, and that a message lists."""
 
 
 def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:

@@ -25,6 +25,7 @@ WIDTHS = (0.02, 0.05, 0.1, 0.2)
 what is wider like a smooth curve."""
 
 LAGS = 8
+"""Time constants offered, in equal ratios from a row to the session."""
 
 
 def _play(joint: Joint) -> float:

@@ -13,6 +13,7 @@ from gpmodel.model.memory import temperatures
 from gpmodel.model.states import States
 
 MOST_STEPS = 200
+"""Places of a step offered along the rows at most, evenly chosen."""
 
 EVENTS = 12
 """Moments at which something may have started to settle; a time constant of a twentieth of the session or more does not

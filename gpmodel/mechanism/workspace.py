@@ -7,6 +7,8 @@ from gpmodel.mechanism.protocol import Joint, Mechanism
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
+"""Radians and metres to each side that an unlimited joint is taken to move: all directions, and the room of a
+machine."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from scipy import linalg
 from gpmodel.arrays import Array
 
 MANY_COLUMNS = 100
+"""So many only priors bring, which keep normal equations regular; and those are far faster than pivoted QR."""
 
 
 def solve(system: Array, target: Array) -> Array:

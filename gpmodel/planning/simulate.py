@@ -20,6 +20,8 @@ from gpmodel.table.units import convert
 INSTRUMENT_DISTANCE = 3.0
 TOOL_OFFSET = 0.15
 LEVER = 1.0
+"""Metres, the standard deviation of each coordinate of the instrument's place; metres a tool point is off the flange;
+and metres at which a radian of geometry counts as a metre."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import Report
 
 CONFIDENCE = 0.95
+"""Of the interval of an RMS: that of most instruments' certificates."""
 
 
 @dataclass(frozen=True)

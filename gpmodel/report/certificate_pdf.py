@@ -36,6 +36,7 @@ class Look:
 
 PLAIN, FAINT, RIGHT_END = Look(), Look(colour=MUTED), Look(end="right")
 HEADING, BOLD_END = Look(10.0, weight="bold"), Look(weight="bold", end="right")
+"""How its texts are set."""
 
 Cell = tuple[float, str, Look]
 Row = tuple[float, list[Cell], bool]

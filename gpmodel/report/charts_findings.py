@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PARAMETERS = 36
+"""Lines of a picture of parameters that can still be read."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
+"""Name, title, unit, scale and shown unit of a picture."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_INPUTS = 18
+"""Bars of a histogram that can still be read."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

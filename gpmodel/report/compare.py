@@ -15,7 +15,6 @@ from gpmodel.report.schema_search import EffectRecord
 
 SIGNIFICANCE = 0.01
 """A change is significant below this chance, after correction for the number of changes compared (Holm 1979)."""
-WIDTH = 80
 
 
 @dataclass(frozen=True)
@@ -133,14 +132,14 @@ def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
 
 def text(found: Comparison) -> str:
     """The comparison in 80 columns, changes beyond chance marked with a star."""
-    lines = ["[[Verdict]]", fill(verdict(found), WIDTH, initial_indent="    ", subsequent_indent="    ")]
+    lines = ["[[Verdict]]", fill(verdict(found), wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
     for title, changes in tables(found):
         if changes:
             lines += [f"[[{title}]]", f"    {'':21}{'before':>9}{'after':>9}{'change':>17} {'':11}{'in σ':>5}"]
             lines += [_row(c) for c in changes]
     if found.incomparable:
         said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
-        lines += ["[[Not comparable]]", fill(said, WIDTH, initial_indent="    ", subsequent_indent="    ")]
+        lines += ["[[Not comparable]]", fill(said, wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
     return "\n".join(lines)
 
 

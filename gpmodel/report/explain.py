@@ -14,7 +14,6 @@ from gpmodel.report.schema_search import EffectRecord
 
 LOW_SHARE = 0.3
 """Below this unique share σ is more than three times what it would be without the other unknowns (1 / share)."""
-WIDTH = 80
 
 MEASURES = (
     (("row", "time"), "measure the first poses once more at the end, and once after a night: an event of the session "
@@ -78,7 +77,7 @@ def text(found: Explanation) -> str:
     lines = [f"{found.number}  {found.name}"]
     for heading, sentences in blocks:
         lines += [f"   {heading}"] if heading else []
-        lines += [fill(s, WIDTH, initial_indent=" " * 5, subsequent_indent=" " * 5) for s in sentences if s]
+        lines += [fill(s, wording.WIDTH, initial_indent=" " * 5, subsequent_indent=" " * 5) for s in sentences if s]
     return "\n".join(lines)
 
 

@@ -7,10 +7,11 @@ from gpmodel import wording
 from gpmodel.report import words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
+from gpmodel.wording import WIDTH
 
-WIDTH = 80
 NAME = 24
 MOST_LISTED = 12
+"""Characters of a name in a table of 80 columns; names listed before the rest is counted."""
 
 
 def summary(report: Report) -> str:

@@ -12,6 +12,7 @@ MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
 _FOUND_BY = {"catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand"}
 _SOURCES = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
+"""Inputs whose test is said in words; the table has all."""
 
 
 def noise_floor(report: Report) -> str:

@@ -8,6 +8,7 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import split_header
 
 _DIGITS = {"deg": 9, "rad": 11}
+"""Decimals of an angle: a nanoradian or less."""
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import known_unit, split_header
 
 PAYLOAD = 10.0
+"""Kilograms, at most, that the poses of a check carry."""
 
 
 def check_family(

@@ -11,6 +11,7 @@ from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.noise import Whitening
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain
 from gpmodel.discovery.selection.leave_out import left_out
@@ -28,7 +29,7 @@ PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J
 
 def chosen(truth: Truth) -> Selection:
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    return select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, PAIRS), shuffles=19)
+    return select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, PAIRS), criteria=Criteria(shuffles=19))
 
 
 @cache

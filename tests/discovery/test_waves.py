@@ -9,6 +9,7 @@ from effect_cases import bare, measure, mechanism, sized
 from group_cases import ARM, STANDING, problem
 
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import from_candidate
 from gpmodel.discovery.selection.pool import Pool
@@ -36,7 +37,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
         for rate in (7.0, 101.37, 250.5):
             group = from_candidate(comb.at(rate), rows.shapes)
             assert group is not None
-            pool = Pool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))])
+            pool = Pool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
             assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
 
@@ -53,7 +54,9 @@ def test_a_ripple_at_any_number_per_turn_is_found_and_named(rate: float) -> None
     ripple = combs(ARM)[1].at(rate).effects
     truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    selection = select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, combs=combs(ARM)), shuffles=9)
+    selection = select(
+        calibrate(model, truth.poses), truth.poses, Offering(STANDING, combs=combs(ARM)), criteria=Criteria(shuffles=9)
+    )
     (kept,) = selection.kept
     said = re.fullmatch(r"transmission ripple, ([\d.]+) per turn, (\w+)", kept.group.name)
     assert said

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.gain import best
 from gpmodel.discovery.selection.pool import Pool
 
@@ -23,6 +24,11 @@ class Active:
     variances: dict[int, float]
     chosen: dict[int, IntArray]
     sigma2: float
+
+    @property
+    def criteria(self) -> Criteria:
+        """The limits by which groups come in and go."""
+        return self.pool.criteria
 
     def added(self, g: int, variance: float) -> "Active":
         """The same with group g, all its effects, at a prior variance of `variance`."""

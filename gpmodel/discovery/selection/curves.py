@@ -13,7 +13,10 @@ from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.sites import Site, sites_of
 
 SMOOTH = (10, 3.0)
+"""Harmonics of a smooth curve a joint, and the one at which its prior falls off: eccentric and bent gears make the
+first few."""
 FOLLOWING = (3, 1.5)
+"""Likewise of a curve that follows a load or a temperature, which is smoother."""
 
 
 @cache

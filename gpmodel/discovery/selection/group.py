@@ -13,8 +13,11 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
 
 CAP = 5e-3
+"""Radians or metres, as √a: no undeclared effect of a machine in service moves its place further."""
 GEOMETRY_CAP = 0.3
+"""Likewise of the geometry: a wrong zero or mounting, a third of a radian or metre."""
 FLAT = 1e-6
+"""Relative variance of a basis below which it is a constant, which the geometry holds."""
 
 
 class Shapes:

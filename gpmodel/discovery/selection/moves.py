@@ -8,16 +8,14 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.scan import Replacements, scan
 
-FLOOR = 5.0
-MEMBER_FLOOR = 1.0
-SWAP_MARGIN = 1.0
-RIVAL_MARGIN = 3.0
 SETTLED = 0.05
-SWEEPS = 30
-MOST_MOVES = 200
+"""Nats: a smaller gain ends the re-estimation, and no group is swapped for one."""
+SWEEPS, MOST_MOVES, MOST_SWAPS = 30, 200, 4
+"""Re-estimations, additions and rounds of swaps at most; each ends by itself far earlier."""
 SHORT_LIST = 100
-ONE_POSE = 0.5
+"""Groups that are looked at again after a full scan, until none of them is worth adding."""
 MOST_RIVALS = 20
+"""Rivals kept of a group, nearest first."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +46,14 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
     return active
 
 
-def pruned(active: Active, floor: float = FLOOR) -> Active:
-    """Without what is worth less than the floor, the worst first, and without idle parts of what is kept."""
+def pruned(active: Active) -> Active:
+    """Without what saves fewer than the least nats, the worst first, and without idle parts of what is kept."""
     while True:
         worth = {
             g: active.worth(g)[0] - active.pool.cost[g] for g in active.variances if not active.pool.groups[g].standing
         }
         worst = min(worth, key=lambda g: worth[g], default=None)
-        if worst is None or worth[worst] >= floor:
+        if worst is None or worth[worst] >= active.criteria.minimum_nats:
             return _without_idle_parts(active)
         active = reestimated(active.without(worst), 3)
 
@@ -73,7 +71,7 @@ def _without_idle_parts(active: Active) -> Active:
                 break
             s, q = active.own(g, mine)
             a = active.variances[g]
-            if 0.5 * float(np.sum(a * q**2 / (1 + a * s) - np.log1p(a * s))) < MEMBER_FLOOR:
+            if 0.5 * float(np.sum(a * q**2 / (1 + a * s) - np.log1p(a * s))) < active.criteria.part_nats:
                 left = of_column != part
                 active = replace(active, chosen={**active.chosen, g: active.chosen[g][left]})
                 of_column = of_column[left]
@@ -81,7 +79,7 @@ def _without_idle_parts(active: Active) -> Active:
 
 
 def grown(active: Active) -> Active:
-    """Add the best group while it is worth its cost and the floor; re-estimate and prune after each.
+    """Add the best group while it saves the least nats beyond its cost; re-estimate and prune after each.
 
     After a full scan only its best hundred are looked at again, until none of them is worth adding.
     """
@@ -93,7 +91,7 @@ def grown(active: Active) -> Active:
         gains = gains - active.pool.cost
         gains[[*active.variances, *refused]] = -np.inf
         g = int(np.argmax(gains))
-        if gains[g] < FLOOR:
+        if gains[g] < active.criteria.minimum_nats:
             if among is None:
                 return active
             among = None
@@ -122,7 +120,7 @@ def split(active: Active) -> Active:
             trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
         trial = reestimated(trial)
         new = [h for h in trial.variances if h not in active.variances]
-        if all(trial.worth(h)[0] - trial.pool.cost[h] >= FLOOR for h in new):
+        if all(trial.worth(h)[0] - trial.pool.cost[h] >= active.criteria.minimum_nats for h in new):
             active = trial
     return active
 
@@ -130,18 +128,19 @@ def split(active: Active) -> Active:
 def rests_on_one_pose(before: Active, after: Active) -> bool:
     """Whether one pose alone brings most of what a move gains: an outlier that a law has bent itself to."""
     gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
-    return float(gained.max()) > ONE_POSE * float(gained.sum())
+    return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
 def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Rival, ...], Array]:
     """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
     active = replacements.active
     own = active.worth(g)[0] - active.pool.cost[g]
-    gains, variances = replacements.of(g, own - RIVAL_MARGIN)
+    margin = active.criteria.rival_nats
+    gains, variances = replacements.of(g, own - margin)
     losses = own - (gains - active.pool.cost)
     losses[list(active.variances)] = np.inf
     order = np.argsort(losses)[:MOST_RIVALS]
-    return tuple(Rival(int(h), float(losses[h])) for h in order if losses[h] < RIVAL_MARGIN), variances
+    return tuple(Rival(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
 
 
 def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Rival, ...]]]:
@@ -150,14 +149,14 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Rival, ...]]]:
     Groups of several places are said by name where they can be.
     """
     rivals: dict[int, tuple[Rival, ...]] = {}
-    for _ in range(4):
+    for _ in range(MOST_SWAPS):
         active = split(active)
         rivals, changed, replacements = {}, False, Replacements(active)
         for g in _found(active):
             if g not in active.variances:
                 continue
             rivals[g], variances = instead_of(replacements, g)
-            if rivals[g] and rivals[g][0].loss < -SWAP_MARGIN:
+            if rivals[g] and rivals[g][0].loss < -active.criteria.swap_nats:
                 h = rivals.pop(g)[0].number
                 trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
                 if trial.evidence > active.evidence + SETTLED:

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.group import Group
 from gpmodel.discovery.selection.rows import Atoms, Rows
 from gpmodel.model.effect import Effect
 
 CHUNK = 400
+"""Groups whose products are formed at once: a few megabytes."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,12 @@ class SizeClass:
 class Pool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    pull: (E,) products of the distinct unit columns with the target, whitened and cleaned.
+    criteria: the limits by which groups come in and go. pull: (E,) products of the distinct unit columns with the
+    target, whitened and cleaned.
     """
 
-    def __init__(self, rows: Rows, groups: Sequence[Group]) -> None:
-        self.rows, self.groups = rows, tuple(groups)
+    def __init__(self, rows: Rows, groups: Sequence[Group], criteria: Criteria) -> None:
+        self.rows, self.groups, self.criteria = rows, tuple(groups), criteria
         number: dict[object, int] = {}
         self.effects: list[Effect] = []
         self.index: list[IntArray] = []

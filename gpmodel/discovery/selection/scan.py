@@ -12,6 +12,7 @@ from gpmodel.discovery.selection.gain import best, rotated
 from gpmodel.discovery.selection.pool import SizeClass
 
 MEMORY = 4_000_000
+"""Numbers held at once, 32 MB."""
 
 
 def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
@@ -26,6 +27,7 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.table.bundles import replicates
 
 MOST_LOOKS = 3
+"""Linearisations at most; the second usually finds nothing to change."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +49,23 @@ class _Task:
     bundle: IntArray
     sample: IntArray
     shapes: Shapes
+    criteria: Criteria
 
 
-def select(calibration: Calibration, poses: Poses, offering: Offering, *, shuffles: int, seed: int = 0) -> Selection:
+def select(
+    calibration: Calibration, poses: Poses, offering: Offering, *, criteria: Criteria | None = None, seed: int = 0
+) -> Selection:
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
-    poses: those the calibration was fitted to. shuffles: permuted residuals that the groups are scored on, seed: of
-    their order.
+    poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
+    the groups are scored on; seed: of their order.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _select(calibration, poses, offering, np.random.default_rng(seed), shuffles)
+        return _select(calibration, poses, offering, np.random.default_rng(seed), criteria or Criteria())
 
 
 def _select(
-    calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, shuffles: int
+    calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, criteria: Criteria
 ) -> Selection:
     mechanism = calibration.model.mechanism
     bundle = replicates(poses.dataset)
@@ -72,7 +77,7 @@ def _select(
     use[calibration.outliers] = False
     point = Point(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
     state = _State(point, calibration.sigma)
-    task = _Task(mechanism, poses, bundle, sample, shapes)
+    task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
     state = _with_levels(state, poses, bundle)
     state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
     groups = [*base, *single]
@@ -85,7 +90,7 @@ def _select(
         state, fit = _refitted(active, task, before)
         if _same(before, state):
             break
-    chance = best_by_chance(active, offering.combs, bundle[sample], rng, shuffles)
+    chance = best_by_chance(active, offering.combs, bundle[sample], rng, criteria.shuffles)
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
@@ -107,7 +112,7 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     target = problem.residual + problem.columns[:, problem.placement :] @ point.theta
     noise = whitened(problem, task.bundle[task.sample], point.ratio)
     rows = Rows(task.mechanism, problem, target, noise, task.shapes)
-    pool = Pool(rows, groups)
+    pool = Pool(rows, groups, task.criteria)
     active = Active(pool, {}, {}, state.sigma**2)
     for g, group in enumerate(groups):
         if group.standing or group.name in state.variances:

@@ -19,8 +19,11 @@ Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
 REPLACED = {"joint_curve"}
 LARGEST_BLOCK = 130
+"""Effects of one kind offered together as one group at all places: more are slow and say nothing."""
 SMALLEST_BLOCK = 3
+"""Places below which they are offered singly."""
 BLOCK_COST = 1.0
+"""Nats of a kind at all places: there are few kinds to choose from."""
 
 
 def of_offers(offers: Iterable[Offer]) -> Builder:

@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, rotated
 from gpmodel.discovery.selection.group import CAP, Group, Shapes, from_candidate
-from gpmodel.discovery.selection.moves import FLOOR, reestimated
+from gpmodel.discovery.selection.moves import reestimated
 from gpmodel.discovery.selection.pool import Pool
 from gpmodel.families.comb import Comb
 from gpmodel.families.family import Family
@@ -34,6 +34,7 @@ ROUNDING = 0.5
 
 MOST_DIGITS = 6
 REFINEMENTS = 30
+"""Of a frequency as it is written; then the steps of its refinement."""
 
 
 @dataclass(frozen=True)
@@ -121,14 +122,14 @@ def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
         every = [spectrum(active, comb, rows.target[:, None]) for comb in combs]
         best_of = [_peak(s) for s in every]
         net = [gain - s.comb.template.cost for (_, gain), s in zip(best_of, every, strict=True)]
-        if not net or max(net) < FLOOR:
+        if not net or max(net) < active.criteria.minimum_nats:
             break
         k = int(np.argmax(net))
         group = _written(every[k], *best_of[k], rows.shapes)
         if group is None or group.name in {g.name for g in active.pool.groups}:
             break
         found.append(group)
-        pool = Pool(rows, [*active.pool.groups, group])
+        pool = Pool(rows, [*active.pool.groups, group], active.criteria)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
         active = reestimated(wider.added(len(pool.groups) - 1, 1e-10))
     return found
