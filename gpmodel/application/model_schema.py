@@ -22,6 +22,7 @@ MOST_ROWS = 1_000_000
 LARGEST_NUMBER = 1e9
 """In SI: no length, stiffness or coordinate of a machine is larger."""
 ROTATION_TOLERANCE = 1e-6
+"""By which the axes of a frame that was written with all its digits may miss being orthonormal: rounding."""
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]

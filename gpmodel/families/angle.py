@@ -58,9 +58,8 @@ def ripple_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
         travel = float(np.ptp(states[j.name]))
         name = f"transmission ripple, {CONSTANT} per turn, {j.name}"
         lowest = max(3.0, 4 * np.pi / travel) if travel > 0 else np.inf
-        found = comb(
-            name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", (0.0, travel), (lowest, HIGHEST), lambda rate: rate
-        )
+        wave = pair(name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", 4.0)
+        found = comb(wave, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate)
         if found is not None:
             yield found
 

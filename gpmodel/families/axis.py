@@ -5,7 +5,6 @@ Letters are those of the joint's own frame.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -83,18 +82,16 @@ def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             if 3e-3 * lead <= travel:
                 name = f"cyclic error, every {lead} mm, {j.name}"
                 argument = f"{2e3 * np.pi / lead:.8g}*({j.name} - {start:.6g})"
-                found = pair(name, j, argument, "cyclic_error", 4.0 + float(np.log(len(LEADS))))
-                yield replace(found, effects=tuple(replace(e, prior=LENGTH) for e in found.effects))
+                yield pair(name, j, argument, "cyclic_error", 4.0 + float(np.log(len(LEADS))), LENGTH)
 
 
 def cyclic_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
     """A wave of positioning of any period from SHORTEST to a third of the travel: screws, racks, scales."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
-        found = comb(
-            f"cyclic error, every {CONSTANT} mm, {j.name}", j,
-            f"{2e3 * np.pi:.8g}/{CONSTANT}*({j.name} - {start:.6g})", "cyclic_error", (start, travel),
-            (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST), lambda rate: 2e3 * np.pi / rate, LENGTH,
-        )  # fmt: skip
+        argument = f"{2e3 * np.pi:.8g}/{CONSTANT}*({j.name} - {start:.6g})"
+        wave = pair(f"cyclic error, every {CONSTANT} mm, {j.name}", j, argument, "cyclic_error", 4.0, LENGTH)
+        span = (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST)
+        found = comb(wave, j, (start, travel), span, lambda rate: 2e3 * np.pi / rate)
         if found is not None:
             yield found

@@ -1,5 +1,6 @@
 """A candidate: one thing that the model may be missing, and the shapes that many of them share."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -119,10 +120,11 @@ def one(name: str, effect: Effect, cost: float) -> Candidate:
     return Candidate(name, (effect,), effect.family, cost)
 
 
-def pair(name: str, joint: Joint, argument: str, family: str, cost: float) -> Candidate:
-    """A harmonic on a joint's drive: sine and cosine of `argument`, an expression in rad."""
+def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior: float = math.inf) -> Candidate:
+    """A harmonic on a joint's drive: sine and cosine of `argument`, in rad. prior: of either, rad or m."""
     effects = tuple(
-        drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family) for f in ("sin", "cos")
+        drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
+        for f in ("sin", "cos")
     )
     return Candidate(name, effects, family, cost)
 

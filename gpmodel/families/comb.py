@@ -8,9 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, Inner
 from gpmodel.families.inner import at
-from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint
-from gpmodel.model.effect import drive_effect
 
 CLOSER = 4
 """Rates in a width of 2π over the travel, within which two are not told apart: between rates a quarter of it apart the
@@ -46,10 +44,13 @@ class Comb:
 
 
 def comb(
-    name: str, joint: Joint, argument: str, family: str, travel: tuple[float, float], span: tuple[float, float],
-    value: Callable[[float], float], prior: float = np.inf,
-) -> Comb | None:  # fmt: skip
-    """The comb of an argument written with CONSTANT, over rates from span[0] to span[1], rad per rad or metre.
+    wave: Candidate,
+    joint: Joint,
+    travel: tuple[float, float],
+    span: tuple[float, float],
+    value: Callable[[float], float],
+) -> Comb | None:
+    """The comb of a wave written with CONSTANT, over rates from span[0] to span[1], rad per rad or metre.
 
     travel: where the joint's coordinate starts, and its range. None where its poses cannot tell two rates apart.
     """
@@ -58,9 +59,5 @@ def comb(
     independent = (span[1] - span[0]) / width
     if not independent > 1:
         return None
-    effects = tuple(
-        drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
-        for f in ("sin", "cos")
-    )
-    template = Candidate(name, effects, family, 4.0 + float(np.log(independent)))
+    template = replace(wave, cost=wave.cost + float(np.log(independent)))
     return Comb(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value)

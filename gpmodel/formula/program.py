@@ -1,5 +1,6 @@
 """An evolved expression as an object: a small directed graph of operators over named inputs."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -94,11 +95,7 @@ class Program:
     @cached_property
     def operator_counts(self) -> dict[str, int]:
         """How often each operator stands in the effective code."""
-        counts: dict[str, int] = {}
-        for node in self.nodes:
-            if node.arguments:
-                counts[node.operator] = counts.get(node.operator, 0) + 1
-        return counts
+        return dict(Counter(node.operator for node in self.nodes if node.arguments))
 
     @cached_property
     def complexity(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -134,11 +134,11 @@ def _weights(forward: Forward, alone: int | None, one: str, none: str) -> str:
     return f"[{', '.join(here)}]"
 
 
-def _first(frames: Mapping[str, Array]) -> Any:
+def _first(frames: Mapping[str, Array]) -> object:
     return next(iter(frames.values())).tolist()
 
 
-def _braces(value: Any) -> str:
+def _braces(value: object) -> str:
     """An initialiser of C."""
     return repr(value).replace("[", "{").replace("]", "}").replace("(", "{").replace(")", "}").replace("'", "")
 
@@ -147,7 +147,7 @@ def _indented(lines: list[str]) -> str:
     return "\n".join(f"    {line}" for line in lines)
 
 
-def _filled(template: str, values: Mapping[str, Any]) -> str:
+def _filled(template: str, values: Mapping[str, object]) -> str:
     text = (files("gpmodel.application.exports") / "templates" / template).read_text(encoding="utf-8")
     for name, value in values.items():
         text = text.replace(f"@{name}@", str(value))
