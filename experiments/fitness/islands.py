@@ -1,5 +1,7 @@
 """The thesis' machine on islands: populations side by side, whose best move on to the next one now and then."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gpmodel.arrays import Array
@@ -21,8 +23,8 @@ def evolve_on_islands(
     problem: CartesianProblem, settings: Settings, islands: int, rng: np.random.Generator
 ) -> tuple[Solution, Array]:
     """The best program, and the best fitness (G + 1,) after every generation; the population is shared out evenly."""
-    share = settings.with_budget(population=settings.budget.population // islands)
-    runs = [Generations(problem, share, stream) for stream in rng.spawn(islands)]
+    budget = replace(settings.budget, population=settings.budget.population // islands)
+    runs = [Generations(problem, replace(settings, budget=budget), stream) for stream in rng.spawn(islands)]
     archive = Archive(problem, runs[0].layout)
     states = [run.start() for run in runs]
     best = []

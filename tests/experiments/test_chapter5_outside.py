@@ -91,6 +91,8 @@ def test_the_committed_conclusions_are_those_of_the_committed_robots() -> None:
     for name, count in results["conclusions"].items():
         held, of = (int(word) for word in count.split(" of "))
         assert held >= 0.9 * of, name
+    medians = results["median_heldout_mean_mm"]
+    assert medians["loop"] < medians["hand-made"] < medians["standard"]
 
 
 @pytest.mark.slow

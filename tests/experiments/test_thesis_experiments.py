@@ -1,5 +1,6 @@
 """Chapter 5 at reduced size, and the conclusions that must go on holding."""
 
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from experiments.irb6400r_truth import measured_robot
 from experiments.models import run as models
 from gpmodel.formula.parse import parse
 
-MEAN, MAXIMUM = 2, 3
+TAUGHT, MEAN, MAXIMUM = 1, 2, 3
+"""Columns of a robot's errors: the largest on training poses, mean and largest on held-out ones."""
 
 
 def saved(folder: Path, *figures: str) -> bool:
@@ -63,16 +65,18 @@ def test_islands_keep_their_size_and_pass_their_best_on():
         assert scores.score.min() == min(before[k][1].score.min(), before[k - 1][1].score.min())
 
 
-def test_extrapolation(tmp_path):
+def test_slot_programs_hold_on_poses_not_seen_where_a_cartesian_one_does_not(tmp_path):
     sizes = ["--seeds", "1", "--population", "1024", "--generations", "20", "--slot_population", "128"]
     errors = extrapolation.main([*sizes, "--slot_generations", "15", "--rounds", "2", "--out", str(tmp_path)])
     of_robot = errors["robots"][0]["mm"]
-    assert of_robot["Cartesian"][MEAN] > 0.9 * of_robot["standard"][MEAN]
+    assert of_robot["Cartesian"][TAUGHT] < 0.95 * of_robot["standard"][TAUGHT]
+    assert of_robot["Cartesian"][MAXIMUM] > of_robot["standard"][MAXIMUM]
     assert of_robot["slot"][MEAN] < 0.9 * of_robot["standard"][MEAN]
+    assert of_robot["slot"][MAXIMUM] < of_robot["standard"][MAXIMUM]
     assert saved(tmp_path, "extrapolation")
 
 
-def test_histogram(tmp_path):
+def test_the_slot_histogram_points_at_j2_or_j3_until_base_and_j5_are_in(tmp_path):
     sizes = ["--seeds", "1", "--cartesian", "1", "--runs", "6", "--population", "256", "--generations", "5"]
     found = histogram.main([*sizes, "--slot_population", "128", "--slot_generations", "15", "--out", str(tmp_path)])
     seen = {(row["search"], row["model"]): row for row in found["robots"]}
@@ -80,7 +84,23 @@ def test_histogram(tmp_path):
     assert max(extra["standard"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) >= 3
     assert max(extra["+ joint bending"][THESIS_INPUTS.index(name)] for name in ("J2", "J3")) < 3
     assert all(row["real"].max() <= 6 for row in found["robots"])
+    for row in found["pooled"]:
+        assert set(row["median left"]) == {"real", "shuffled"}
+    assert seen["slot", "standard"]["left"]["real"] < seen["slot", "standard"]["left"]["shuffled"]
     assert saved(tmp_path, "histogram")
+
+
+def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_that():
+    """Robot 2, small runs; on how many of all robots it does is in the committed results and the slow test."""
+    case, size = measured_robot(2), Namespace(runs=6, slot_population=256, slot_generations=20)
+
+    def beyond_chance(model):
+        found = histogram.count("slot", case, model, size, np.random.default_rng([59, 2]))
+        return dict(zip(THESIS_INPUTS, found["real"] - found["shuffled"], strict=True))
+
+    base, eccentric = beyond_chance("+ base compliance"), beyond_chance("+ eccentricity")
+    assert base["J5"] >= 4 > max(base["J1"], base["J2"])
+    assert eccentric["J4"] >= 3 > max(eccentric["J2"], eccentric["J5"])
 
 
 def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
@@ -95,7 +115,7 @@ def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
     assert saved(tmp_path, "cartesian_histogram")
 
 
-def test_compensation(tmp_path):
+def test_an_equation_is_readable_and_the_base_compliance_bends_the_point_in_proportion_to_it(tmp_path):
     sizes = ["--seeds", "2", "--population", "1024", "--generations", "30"]
     found = compensation.main([*sizes, "--out", str(tmp_path)])
     at = {name: np.linspace(-2.0, 2.0, 9) for name in THESIS_INPUTS}
@@ -108,16 +128,22 @@ def test_compensation(tmp_path):
     assert saved(tmp_path, "compensation")
 
 
-def test_models(tmp_path):
+def test_both_models_help_and_the_loop_finds_them_and_is_no_worse(tmp_path):
     found = models.main(["--seeds", "1", "--runs", "1", "--out", str(tmp_path)])
     errors = found["median_mm"]
     base, both = (np.divide(errors[f"+ {name}"], errors["standard"]) for name, _ in HAND_MADE)
     assert max(base[MEAN], base[MAXIMUM]) <= 0.8
     assert both[MAXIMUM] <= 0.5
+    loop = errors["the loop's own"]
+    assert loop[MEAN] <= errors["+ joint bending"][MEAN]
+    assert loop[MAXIMUM] <= errors["+ joint bending"][MAXIMUM]
+    names = {finding["name"] for finding in found["robots"][0]["found"]}
+    assert names & {"base compliance", "joint bending, J1"}, "one signature: a turn about a vertical J1 changes neither"
+    assert {"joint compliance, J5", "joint compliance, J4"} <= names
     assert saved(tmp_path, "models", "robots")
 
 
-def test_framework(tmp_path):
+def test_one_round_of_the_framework_lowers_the_held_out_error(tmp_path):
     sizes = ["--rounds", "1", "--runs", "2", "--population", "128", "--generations", "10"]
     found = framework.main([*sizes, "--out", str(tmp_path)])
     first = found["rounds"][0]
