@@ -1,18 +1,19 @@
 """What the standard model hides: effects of the catalogue that a constant of it could equally be."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.model.measured_torque import measured_torques
 from gpmodel.numerics import rank as ident
 from gpmodel.wording import measured
 
@@ -30,19 +31,26 @@ SHOWN = 4
 """Random poses within the limits, and how many of them are named as those that tell most."""
 
 
+MOST = 6
+"""Sentences in a report."""
+
+
 @dataclass(frozen=True)
 class Rival:
     """A constant of the standard model, and what its fitted value could equally be.
 
-    value: of the constant, in its unit. sizes: (k,) of the candidate's effects that look the same at these poses.
+    value: of the constant, in `unit`. sizes: (k,) of the candidate's effects that look the same at these poses.
+    moves: (m) how far those move the measured point, RMS over the poses.
     apart: by how many standard deviations all poses together tell the two apart. poses: (p, n) joint values where they
     differ most, and by how much, (p,) m.
     """
 
     constant: str
     value: float
+    unit: str
     candidate: Candidate
     sizes: Array
+    moves: float
     apart: float
     poses: Array
     difference: Array
@@ -52,16 +60,16 @@ class Rival:
         """Root of the sum of squares of the sizes: of a pair, sine and cosine, its amplitude."""
         return float(np.linalg.norm(self.sizes))
 
-    @property
-    def words(self) -> str:
-        """One sentence, with the poses that would tell the two apart where joint values alone do."""
-        unit = self.candidate.unit
-        size, rival = measured(self.value, None, "m"), measured(self.amplitude, None, unit)
+    def words(self, kinds: Sequence[str]) -> str:
+        """One sentence, with the poses that would tell the two apart where joint values alone do. kinds: of joints."""
+        size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} could equally be {self.candidate.name} of {rival}"
         if not len(self.poses) or self.difference.max() < ident.NEGLIGIBLE:
             return f"{said}; joint values alone do not tell them apart"
-        at = "; ".join(", ".join(f"{np.degrees(v):.0f}" for v in row) for row in self.poses)
-        return f"{said}; these joint values (deg) would tell them apart best: {at}"
+        factor = np.array([180.0 / np.pi if kind == "revolute" else 1e3 for kind in kinds])
+        unit = " and ".join(u for kind, u in (("revolute", "deg"), ("prismatic", "mm")) if kind in kinds)
+        at = "; ".join(", ".join(f"{v:.0f}" for v in factor * row) for row in self.poses)
+        return f"{said}; these joint values ({unit}) would tell them apart best: {at}"
 
 
 def rivals_of_constants(
@@ -70,7 +78,9 @@ def rivals_of_constants(
     """Every significant constant that a candidate of `pool` mimics within the noise of these poses, best mimics first.
 
     With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave: w minimises
-    |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ. seed: of the poses tried.
+    |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ. All columns with c among them leave
+    C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥, so that one projection of a candidate serves every constant.
+    seed: of the poses tried.
     """
     model, theta = calibration.model, calibration.theta
     here = _Columns.at(calibration, poses)
@@ -80,44 +90,51 @@ def rivals_of_constants(
         for k in np.flatnonzero(calibration.kept)
         if model.effects[k].constant and abs(theta[k]) > SIGNIFICANT * calibration.stderr[k]
     ]
-    fresh = _Columns.at(calibration, _anywhere(calibration, poses, seed))
-    found = []
+    whole, alone = here.basis(), {k: here.alone(k) for k in sure}
+    found: list[tuple[int, Candidate, Array, float]] = []
     for candidate in (c for c in pool if not own & {effect.name for effect in c.effects}):
         shapes = here.of(candidate)
+        beside = ident.remove(whole, shapes)
+        visible = ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes)
         for k in sure:
-            others, constant = here.without(k), theta[k] * here.columns[:, here.first + k]
-            left = ident.remove(ident.orthonormal(others), np.column_stack([constant, shapes]))
-            if np.linalg.norm(left[:, 1:]) < ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes):
+            size = float(np.linalg.norm(alone[k]))
+            unit = alone[k] / max(size, ident.NEGLIGIBLE)
+            left = beside + np.outer(unit, unit @ shapes)
+            if np.linalg.norm(left) < visible:
                 continue
-            sizes: Array = np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=None)[0].astype(float)
-            apart = float(np.linalg.norm(left[:, 0] - left[:, 1:] @ sizes)) / calibration.sigma
+            sizes: Array = np.linalg.lstsq(left, theta[k] * alone[k], rcond=None)[0].astype(float)
+            apart = float(np.linalg.norm(theta[k] * alone[k] - left @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
-                others_change = np.linalg.lstsq(others, constant - shapes @ sizes, rcond=None)[0]
-                told = _telling(fresh, candidate, k, theta[k], sizes, others_change)
-                found.append(Rival(model.effects[k].name, float(theta[k]), candidate, sizes, apart, *told))
-    return tuple(sorted(found, key=lambda rival: rival.apart))
+                found.append((k, candidate, sizes, apart))
+    fresh = _Columns.at(calibration, _anywhere(calibration, poses, seed)) if found else here
+    rivals = []
+    for k, candidate, sizes, apart in found:
+        told = _telling(here, fresh, candidate, k, sizes)
+        effect, moves = model.effects[k], float(np.linalg.norm(here.of(candidate) @ sizes)) / np.sqrt(len(poses))
+        rivals.append(Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *told))
+    return tuple(sorted(rivals, key=lambda rival: rival.apart))
 
 
-def rivals_in_words(calibration: Calibration, poses: Poses) -> str:
-    """What each significant constant of a mechanism with free joints could equally be, empty where nothing could.
+def rivals_in_words(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
+    """What each significant constant could equally be, at most MOST sentences; none where nothing could.
 
-    Of the catalogue's shapes over the joints' own angles: for every constant the smallest one that some poses would
-    tell from it.
+    Of the catalogue's shapes of one or two unknowns over what the joint values determine: for every constant the
+    one that moves the point least and that some poses would tell from it. Curves of many unknowns imitate any constant.
     """
-    mechanism = calibration.model.mechanism
-    if not free_joints(mechanism):
-        return ""
-    angles = {joint.name for joint in mechanism.joints}
+    joints, determined = calibration.model.mechanism.joints, _determined(poses, calibration.model.mechanism)
     pool = [
-        c for c in catalogue.candidates(mechanism, poses.states) if {i for e in c.effects for i in e.inputs} <= angles
+        c
+        for c in catalogue.candidates(calibration.model.mechanism, poses.states)
+        if not c.has_priors and {i for e in c.effects for i in e.inputs} <= determined
     ]
     best: dict[str, Rival] = {}
     for rival in rivals_of_constants(calibration, poses, pool):
         known = best.get(rival.constant)
         told = rival.difference.max(initial=0.0) > calibration.sigma
-        if told and (known is None or rival.amplitude < known.amplitude):
+        if told and (known is None or rival.moves < known.moves):
             best[rival.constant] = rival
-    return " ".join(f"{rival.words}." for rival in best.values())
+    small = sorted(best.values(), key=lambda rival: rival.moves)[:MOST]
+    return tuple(rival.words([joint.kind for joint in joints]) for rival in small)
 
 
 @dataclass(frozen=True)
@@ -141,14 +158,32 @@ class _Columns:
 
     def without(self, k: int) -> Array:
         """All columns of the model but that of effect k, and those that were dropped."""
-        kept = np.concatenate([np.ones(self.first, dtype=bool), self.calibration.kept])
+        kept = self._held()
         kept[self.first + k] = False
         return self.columns[:, kept]
+
+    def _held(self) -> Mask:
+        return np.concatenate([np.ones(self.first, dtype=bool), self.calibration.kept])
+
+    def basis(self) -> Array:
+        """Orthonormal basis (M, K) of all columns of the model that are held."""
+        return ident.orthonormal(self.columns[:, self._held()])
+
+    def alone(self, k: int) -> Array:
+        """What the others leave (M,) of the column of effect k."""
+        return ident.remove(ident.orthonormal(self.without(k)), self.columns[:, self.first + k])
 
     def of(self, candidate: Candidate) -> Array:
         """Columns (M, k) of a candidate's effects."""
         problem = self.problem
         return problem.weigh(effect_columns(candidate.effects, self.calibration.model, problem.poses, problem.observed))
+
+
+def _determined(poses: Poses, mechanism: Mechanism) -> set[str]:
+    """Inputs that joint values determine: themselves, the nominal point, and the loads but where they were measured."""
+    loads = set(mechanism.loads(poses.dataset.q[:1], poses.dataset.payload[:1]))
+    seen = {f"torque_{joint}" for joint in measured_torques(mechanism, poses.dataset)}
+    return {joint.name for joint in mechanism.joints} | {"x", "y", "z"} | loads - seen
 
 
 def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
@@ -162,14 +197,16 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
     return prepare(model.mechanism, replace(data, position=tips))
 
 
-def _telling(
-    fresh: _Columns, candidate: Candidate, k: int, value: float, sizes: Array, others_change: Array
-) -> tuple[Array, Array]:
+def _telling(here: _Columns, fresh: _Columns, candidate: Candidate, k: int, sizes: Array) -> tuple[Array, Array]:
     """Joint values (p, n) at which the two explanations differ most, and by how much (p,), m."""
-    joints = [joint.name for joint in fresh.calibration.model.mechanism.joints]
-    if not {name for effect in candidate.effects for name in effect.inputs} <= {*joints, "x", "y", "z"}:
-        return np.zeros((0, len(joints))), np.zeros(0)
-    rows = value * fresh.columns[:, fresh.first + k] - fresh.of(candidate) @ sizes - fresh.without(k) @ others_change
+    mechanism = fresh.calibration.model.mechanism
+    inputs = {name for effect in candidate.effects for name in effect.inputs}
+    if not inputs <= _determined(fresh.problem.poses, mechanism):
+        return np.zeros((0, len(mechanism.joints))), np.zeros(0)
+    value = here.calibration.theta[k]
+    differ = value * here.columns[:, here.first + k] - here.of(candidate) @ sizes
+    others = np.linalg.lstsq(here.without(k), differ, rcond=None)[0]
+    rows = value * fresh.columns[:, fresh.first + k] - fresh.of(candidate) @ sizes - fresh.without(k) @ others
     squares = np.bincount(fresh.problem.pose_of_row, rows**2, minlength=POOL)
     chosen = np.argsort(squares)[::-1][:SHOWN]
     return fresh.problem.poses.dataset.q[chosen], np.sqrt(squares[chosen])

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, repeatability, versions
+from gpmodel.report.quantity import translate
 from gpmodel.report.schema import Kind, MechanismRecord, Report, StepRecord
 
 
@@ -51,6 +53,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         noise_from=source,
         repeatability=repeatability(data),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
+        hidden=tuple(translate(text, names) for text in rivals_in_words(final, poses)),
         seconds=origin.seconds,
     )
 

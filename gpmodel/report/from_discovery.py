@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.calibration.result import resolved
-from gpmodel.calibration.rivals import rivals_in_words
 from gpmodel.calibration.unobservable import unobservable_families, unobservable_in_words
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
@@ -50,11 +49,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         unobservable=unobservable,
         plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
-    sentences = (
-        verdict.of_discovery(report),
-        unobservable_in_words(final, unobservable),
-        rivals_in_words(final, poses),
-    )
+    sentences = (verdict.of_discovery(report), unobservable_in_words(final, unobservable))
     return replace(report, verdict=" ".join(filter(None, sentences)))
 
 

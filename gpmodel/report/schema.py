@@ -150,8 +150,9 @@ class Report:
 
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
-    rotations as vectors. unobservable: effects hidden by joint values solved at every pose. sigma_mm: of one component.
-    model_sha256: seal of the model.json that belongs to it.
+    rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
+    the standard model could equally be, and the poses that would tell. sigma_mm: of one component. model_sha256: seal
+    of the model.json that belongs to it.
     """
 
     command: str = ""
@@ -180,6 +181,7 @@ class Report:
     repeatability: Repeatability | None = None
     confirmation: Confirmation | None = None
     unobservable: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
     exports: tuple[ExportRecord, ...] = ()
     plots: PlotRecord = field(default_factory=PlotRecord)
     verdict: str = ""

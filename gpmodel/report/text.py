@@ -118,6 +118,7 @@ def _doubts(report: Report) -> Iterator[str]:
         more = len(report.unobservable) - MOST_LISTED
         listed = ", ".join(report.unobservable[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         yield _wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
+    yield from (_wrapped(text) for text in report.hidden)
     if report.status:
         limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"
         yield _wrapped(f"{report.status}: {report.reason}{limit}")

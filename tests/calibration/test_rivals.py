@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT, OFFSETS
 
+import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.rivals import TOLD_APART, rivals_in_words, rivals_of_constants
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.rivals import MOST, TOLD_APART, rivals_in_words, rivals_of_constants
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.planning.simulate import simulate
 from joints.rig import Rig
 
 LOBES = "out-of-round ball, 2 lobes over J2, lift along z"
@@ -61,14 +66,54 @@ def test_a_constant_in_the_noise_has_no_rivals_and_many_poses_leave_no_lobes() -
     assert not [r for r in offsets if r.candidate.family == "ball_lobes"]
 
 
-def test_the_sentence_says_what_it_could_be_and_where_to_measure() -> None:
+def test_the_sentences_say_what_it_could_be_and_where_to_measure() -> None:
     said = rivals_in_words(*fitted(31, 0))
-    assert said.startswith("J1 Tz of −24.4 µm could equally be ")
-    assert "these joint values (deg) would tell them apart best: " in said
+    assert said
+    assert all("could equally be " in text for text in said)
+    assert any(text.startswith("J1 Tz of −24.4 µm") for text in said)
+    assert any("these joint values (deg) would tell them apart best: " in text for text in said)
 
 
-def test_with_measured_angles_nothing_is_said() -> None:
-    known = JOINT.with_angles(measured=True)
-    poses = fitted(31, 0)[1]
-    fit = calibrate(ErrorModel(known, geometric_effects(known)), prepare(known, poses.dataset))
-    assert rivals_in_words(fit, prepare(known, poses.dataset)) == ""
+def measured_arm(share: float, extra: np.ndarray | None = None) -> tuple[Calibration, Poses, Mechanism]:
+    """An IRB 6400R with errors of its geometry alone, measured over a share of its joints' ranges, and at `extra`."""
+    arm = gp.load_mechanism("irb6400r")
+    q = random_poses(arm, 90, np.random.default_rng(0))
+    q = q.mean(axis=0) + share * (q - q.mean(axis=0))
+    q = q if extra is None else np.vstack([q, extra])
+    poses = prepare(arm, simulate(arm, q, (), np.random.default_rng(1), noise=3e-5, geometry_sigma=3e-4).dataset)
+    return calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, arm
+
+
+def eccentricities(arm: Mechanism, poses: Poses) -> list[Candidate]:
+    return [c for c in catalogue.candidates(arm, poses.states) if c.family == "eccentricity"]
+
+
+def test_on_a_whole_workspace_nothing_of_an_arm_is_hidden() -> None:
+    fit, poses, _ = measured_arm(1.0)
+    assert rivals_in_words(fit, poses) == ()
+
+
+def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_measured_where_told() -> None:
+    fit, poses, arm = measured_arm(0.2)
+    assert 0 < len(rivals_in_words(fit, poses)) <= MOST
+    found = rivals_of_constants(fit, poses, eccentricities(arm, poses))
+    rival = next(r for r in found if np.all(r.difference > 5 * fit.sigma))
+    again, more, _ = measured_arm(0.2, np.repeat(rival.poses, 3, axis=0))
+    left = rivals_of_constants(again, more, eccentricities(arm, more))
+    assert (rival.constant, rival.candidate.name) not in {(r.constant, r.candidate.name) for r in left}
+
+
+def test_one_projection_a_candidate_gives_what_a_projection_a_constant_does() -> None:
+    fit, poses, arm = measured_arm(0.2)
+    problem = problem_at(fit, poses)
+    for rival in rivals_of_constants(fit, poses, eccentricities(arm, poses))[:5]:
+        k = [e.name for e in fit.model.effects].index(rival.constant)
+        held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+        held[problem.placement + k] = False
+        columns = effect_columns(rival.candidate.effects, fit.model, problem.poses, problem.observed)
+        both = np.column_stack([fit.theta[k] * problem.columns[:, problem.placement + k], problem.weigh(columns)])
+        left = both - problem.columns[:, held] @ np.linalg.lstsq(problem.columns[:, held], both, rcond=None)[0]
+        sizes = np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=None)[0]
+        np.testing.assert_allclose(rival.sizes, sizes, rtol=1e-5, atol=1e-9)
+        apart = np.linalg.norm(left[:, 0] - left[:, 1:] @ sizes) / fit.sigma
+        assert rival.apart == pytest.approx(apart, rel=1e-4, abs=1e-6)

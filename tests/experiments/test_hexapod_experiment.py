@@ -1,0 +1,40 @@
+"""Hexapods with a bad screw: the leg is named, a machine without one is left alone, the page says what was measured."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from experiments.hexapod import run
+from experiments.hexapod.simulator import STROKE, readings, table
+
+COMMITTED = Path(run.__file__).parent / "results.json"
+
+
+def test_tables_repeat_and_stay_within_the_stroke() -> None:
+    text, machine = table(5)
+    assert (text, machine.leg) == (table(5)[0], table(5)[1].leg)
+    lengths = np.array([[float(v) for v in row.split(",")[:6]] for row in text.splitlines()[1:]])
+    assert lengths.shape == (120, 6)
+    assert 1e3 * STROKE[0] < lengths.min() < lengths.max() < 1e3 * STROKE[1]
+    assert readings.__module__.startswith("experiments")
+
+
+def test_the_leg_with_the_bad_screw_is_named_and_its_error_removed() -> None:
+    machine = run.one_machine(1, True)
+    assert run.right(machine)
+    steps = list(machine["heldout_mm"].values())
+    assert steps[-1] < 0.6 * steps[1]
+
+
+def test_a_machine_with_good_screws_is_left_alone() -> None:
+    assert run.one_machine(1, False)["found"] == []
+
+
+def test_the_committed_conclusions_are_those_of_the_committed_machines() -> None:
+    results = json.loads(COMMITTED.read_text(encoding="utf-8"))
+    assert run.conclusions(results["machines"]) == results["conclusions"]
+    assert run.medians(results["machines"]) == results["median_heldout_rms_um"]
+    for name, count in results["conclusions"].items():
+        held, of = (int(word) for word in count.split(" of "))
+        assert held >= 0.9 * of, name
