@@ -18,6 +18,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pre
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.planning.poses import spread_poses
+from gpmodel.planning.reach import Reach
 from gpmodel.table.dataset import Dataset
 from robots.irb6400r import irb6400r
 
@@ -51,7 +52,7 @@ def measured_robot(seed: int = 0, poses: int = POSES, training: int = TRAINING) 
     """
     rng = np.random.default_rng([6400, seed])
     mechanism = replace(irb6400r(), payload_com=np.array(PAYLOAD_CENTRE))
-    q = spread_poses(mechanism, poses, rng, LOWEST_TIP)
+    q = spread_poses(mechanism, poses, rng, Reach(np.array([[-np.inf, -np.inf, LOWEST_TIP], [np.inf] * 3])))
     blank = np.full((poses, 3), np.nan)
     joints = tuple(j.name for j in mechanism.joints)
     table = Dataset(joints, q, blank, blank.copy(), np.arange(1, poses + 1), np.full(poses, PAYLOAD))

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
+from robots.collision import Shape
 from robots.links import Link, zero_vector
 from robots.motion import axis_motion
 from robots.statics import DOWN, gravity_loads, unit_loads
@@ -103,6 +104,23 @@ class SerialChain:
     def unit_loads(self, q: Array) -> dict[str, Array]:
         """Loads of each link's weight, of unit moments and of its own mass, as `Weighed` states them."""
         return unit_loads(self, q)
+
+    @cached_property
+    def _shape(self) -> Shape | None:
+        return None if self.source is None else Shape.read(self.source, self.joint_names, self.tool_frame)
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether its URDF has collision geometry whose meshes are there."""
+        return self._shape is not None
+
+    def collides(self, q: Array) -> Mask:
+        """Whether the arm meets itself (N,) at q (N, n); never where it has no shape."""
+        return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
+
+    def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
+        """Whether the arm stands (N,) between points (N, 3), m, in the root frame and the instrument (3,)."""
+        return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Writes the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""

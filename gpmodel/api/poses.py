@@ -1,31 +1,48 @@
-"""Measurement poses worth taking."""
+"""Measurement poses worth taking: before anything is measured, and next."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, file_path, quantity, whole
+from gpmodel.api.arguments import among, box_limits, file_path, number, point, quantity, whole
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.arrays import Array
+from gpmodel.api.model import Model
+from gpmodel.api.next_poses import next_questions, read_result
+from gpmodel.arrays import Array, IntArray
+from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.planning.poses import observable_poses, spacing, spread_poses
+from gpmodel.planning.design import choose_for_all, deviations
+from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
+from gpmodel.planning.questions import Asked
+from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.table.write import joint_column, table_text
 
-CRITERIA = {"spread": spread_poses, "observability": observable_poses}
+Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "rivals", "observability"]
+ALIASES = {"observability": "d-optimal"}
+BEFORE = ("spread", *GOALS, *ALIASES)
+AFTER = ("rivals", "effect", "i-optimal", "spread")
+DRAWS = 5
+"""Random choices from the same pool whose mean the curve is held against."""
+ROWS = 9
+"""Of the curve, printed."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosesResult:
-    """Joint values q (N, n), rad and m, and how different the two most alike of them are, in ranges of a joint."""
+    """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
+    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for."""
 
     mechanism: Mechanism
     q: Array
     spacing: float
+    curve: pd.DataFrame
+    said: str
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a pose, headers with units as measured tables have them."""
@@ -33,39 +50,118 @@ class PosesResult:
         return pd.DataFrame(dict(joint_column(j.name, j.kind, values) for j, values in joints))
 
     def summary(self) -> str:
-        """How many, and how far apart."""
+        """How many, what for, and the curve of what is known against their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
-        return f"{len(self.q)} poses of {self.mechanism.name}{apart}"
+        lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", self.said]
+        if not knows_its_shape(self.mechanism):
+            lines.append("its geometry is not known here: look for collisions before you move")
+        rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))
+        few = self.curve.iloc[rows].set_axis(["poses", "chosen", "random"], axis=1)
+        lines.append(f"{self.curve.columns[1]}, after so many poses:")
+        return "\n".join([*lines, few.to_string(index=False, na_rep="-", float_format="{:.4g}".format)])
 
     def save(self, file: str | Path) -> None:
-        """Write the poses as .csv. Raises InputError when it cannot be written."""
-        write_text(file_path(file, "file"), table_text(self.to_dataframe()))
+        """Write the poses as .csv, the curve beside them as .curve.csv. Raises InputError: they cannot be written."""
+        path = file_path(file, "file")
+        write_text(path, table_text(self.to_dataframe()))
+        write_text(path.with_suffix(".curve.csv"), self.curve.to_csv(index=False, lineterminator="\n"))
 
     def __repr__(self) -> str:
-        return f"<{self.summary()}>"
+        return f"<{len(self.q)} poses of {self.mechanism.name}: {self.said}>"
 
     def _repr_html_(self) -> str:
         return notebook(self.summary(), self.to_dataframe())
 
 
 def choose_poses(
-    mechanism: MechanismLike,
+    mechanism: MechanismLike | None = None,
     count: int = 40,
     *,
-    criterion: Literal["spread", "observability"] = "spread",
+    criterion: Criterion | None = None,
+    after: Model | str | Path | None = None,
     above: str | float | None = None,
+    box: str | Sequence[Sequence[float]] | None = None,
+    instrument: str | Sequence[float] | None = None,
+    normal: Sequence[float] = (0.0, 0.0, 1.0),
+    cone: float = 30.0,
+    tool_point: str | Sequence[float] | None = None,
+    collisions: bool = True,
+    noise: str | float = "0.03 mm",
     seed: int = 0,
 ) -> PosesResult:
     """Joint values within the limits worth measuring at.
 
-    criterion: "spread", every pose as different from the others as possible (Robertson 2003, 3.3.3); "observability",
-    the geometric errors as well determined as possible (D-optimal; Borm and Menq 1991). above: lowest height of the
-    tip over the root frame, "200 mm" or m. Collisions are not known here. Raises InputError: too few poses for
-    observability, nothing above that height.
+    criterion: "spread" (the default), every pose as different from the others as possible (Robertson 2003, 3.3.3);
+    "d-optimal" (or "observability"), the geometric errors together as well determined as possible (Borm and Menq 1991);
+    "e-optimal", the worst determined combination of them; "i-optimal", the smallest mean ± of the point over the
+    workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
+    measured, by "rivals" (the default where there are any), that best tell findings from what they could also be; by
+    "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
+    above: lowest height of the tool point in the root frame, "200 mm" or m. box: "800:1200,-200:200,300:700mm".
+    instrument: its place in the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its
+    `normal` in the measured frame, and the arm does not stand between. tool_point: in the measured frame; after a
+    result its own. collisions: whether poses in which the arm meets itself are left out, where its URDF has geometry.
+    noise: of one coordinate, for the curve before a result.
+    Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
-    search = CRITERIA[among(criterion, CRITERIA, "criterion")]
-    lowest = -np.inf if above is None else quantity(above, "length", "above", least=-np.inf)
+    wanted = whole(count, "count", 1)
     rng = np.random.default_rng(whole(seed, "seed"))
-    arm = mechanism_of(mechanism)
-    q = search(arm, whole(count, "count", 1), rng, lowest)
-    return PosesResult(arm, q, spacing(arm, q))
+    model, record = (None, None) if after is None else read_result(after)
+    if model is None and mechanism is None:
+        raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
+    arm = mechanism_of(mechanism) if model is None and mechanism is not None else model.mechanism  # type: ignore[union-attr]
+    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
+    pool = pool_of(arm, wanted, rng, reach)
+    if model is None:
+        word = among(criterion or "spread", BEFORE, "criterion")
+        spread_of = quantity(noise, "length", "noise", positive=True)
+        asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
+    else:
+        kind = None if criterion is None else among(criterion, AFTER, "criterion")
+        asked = next_questions(model.saved, record, pool, kind, rng)
+    order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
+    return PosesResult(arm, pool[order], spacing(arm, pool[order]), _curve(asked, order, len(pool), rng), asked.said)
+
+
+def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:
+    measure = geometric_question(arm, pool, noise)
+    unknowns = measure.columns.shape[2]
+    if kind != "spread" and 3 * count <= unknowns:
+        raise InputError(f"{count} poses give {3 * count} values for {unknowns} unknowns; expected more poses", "count")
+    choose = () if kind == "spread" else (replace(measure, goal=GOALS[kind](measure.columns)),)
+    return Asked(kind, choose, (measure,), "± of the point over the workspace, by the geometric errors [mm]", 1e3)
+
+
+def _curve(asked: Asked, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
+    """What is known after each pose, and after as many random ones."""
+    draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
+    chosen, random = (
+        asked.said_of(deviations(asked.measure, order)),
+        np.mean([asked.said_of(deviations(asked.measure, draw)) for draw in draws], axis=0),
+    )
+    columns = {"poses": np.arange(len(order) + 1), asked.label: chosen, f"{asked.label}, of random poses": random}
+    return pd.DataFrame(columns)
+
+
+def _box(above: str | float | None, box: str | Sequence[Sequence[float]] | None) -> Array:
+    limits = Reach().box if box is None else box_limits(box, "box")
+    if above is not None:
+        limits = limits.copy()
+        limits[0, 2] = max(limits[0, 2], quantity(above, "length", "above", least=-np.inf))
+    return limits
+
+
+def _tool(given: str | Sequence[float] | None, model: Model | None) -> Array:
+    if given is not None:
+        return np.array(point(given, "tool_point"))
+    return np.zeros(3) if model is None else next(iter(model.saved.placement.tool.values()))[:3, 3]
+
+
+def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float) -> Sight | None:
+    if instrument is None:
+        return None
+    axis = np.array(point(normal, "normal"))
+    if not axis.any():
+        raise InputError("(0, 0, 0), expected a direction in the measured frame", "normal")
+    half = np.radians(number(cone, "cone", 1e-6))
+    return Sight(np.array(point(instrument, "instrument")), axis, float(half))

@@ -26,7 +26,7 @@ def point_factor(saved: SavedModel, poses: Poses, observed: Observed, *, placed:
     first = len(saved.covariance.placement)
     columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
     if placed:
-        columns = np.concatenate([_placement_columns(saved, poses, observed), columns], axis=2)
+        columns = np.concatenate([placement_columns(saved, poses, observed), columns], axis=2)
     values = saved.covariance.values if placed else saved.covariance.values[first:, first:]
     if not values.size:
         return np.zeros((len(poses), 3, 0))
@@ -34,7 +34,7 @@ def point_factor(saved: SavedModel, poses: Poses, observed: Observed, *, placed:
     return columns @ (axes * np.sqrt(np.maximum(size, 0.0)))
 
 
-def _placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
+def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
     """Change (N, 3, P) of the point per unknown of registration and tool, in the instrument's axes."""
     tip, labels = observed.tip, poses.dataset
     out = np.zeros((len(tip), 3, len(saved.covariance.placement)))

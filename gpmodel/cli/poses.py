@@ -1,34 +1,50 @@
-"""`gpmodel poses`: where to measure."""
+"""`gpmodel poses`: where to measure, before anything is measured and next."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
 
-from gpmodel.api.poses import choose_poses
-from gpmodel.cli.console import write_frame
-from gpmodel.cli.options import mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.api.poses import AFTER, BEFORE, choose_poses
+from gpmodel.cli.console import path_for, write_frame
+from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.mechanism.source import LoadedMechanism
 
 
 @click.command()
-@mechanism_options()
+@mechanism_options(required=False)
 @click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1), help="How many poses.")
-@click.option("--criterion", type=click.Choice(["spread", "observability"]), default="spread", show_default=True)
-@click.option("--above", default=None, metavar="HEIGHT", help="Lowest tip height over the root frame, as in 200mm.")
+@click.option("--after", default=None, metavar="RESULT", type=click.Path(path_type=Path),
+              help="The next poses after what calibrate or discover left here.")  # fmt: skip
+@click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))), default=None,
+              help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
+@click.option("--above", default=None, metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
+@click.option("--box", default=None, metavar="X:X,Y:Y,Z:Z", help="Of the tool point: 800:1200,-200:200,300:700mm.")
+@click.option("--instrument", default=None, metavar="X,Y,Z", help="Its place in the root frame: 3000,0,1500mm.")
+@click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
+              help="Where the target looks in the measured frame.")  # fmt: skip
+@click.option("--cone", default=30.0, show_default=True, type=Number(above=0.0), metavar="DEG",
+              help="It is seen within this angle of that.")  # fmt: skip
+@click.option("--tool-point", default=None, metavar="X,Y,Z", help="In the measured frame. [default: its origin]")
+@click.option("--collisions/--no-collisions", default=True, help="Leave out poses in which the arm meets itself.")
+@click.option("--noise", default="0.03mm", show_default=True, metavar="LENGTH", help="Of one coordinate.")
 @seed_option
 @out_file_option
 @quiet_option
-def poses(
-    mechanism: LoadedMechanism, count: int, criterion: Literal["spread", "observability"], above: str | None, seed: int,
-    out: Path | None, quiet: bool,
-) -> None:  # fmt: skip
-    """Joint values within the limits worth measuring at.
+def poses(mechanism: LoadedMechanism | None, count: int, out: Path | None, quiet: bool, **asked: Any) -> None:
+    """Joint values within the limits worth measuring at, and the curve of what is known against their number.
 
-    spread: every pose as different from the others as possible (the equal distribution criterion). observability:
-    the geometric errors as well determined as possible. Collisions are not known here: look before you move.
+    spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
+    observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
+    the point over the workspace. --after RESULT, beside the poses measured: rivals: what tells findings from what they
+    could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not meet itself
+    where its URDF has geometry.
     """
-    chosen = choose_poses(mechanism, count, criterion=criterion, above=above, seed=seed)
-    path = write_frame(chosen.to_dataframe(), out, "poses.csv")
-    if not quiet and path is not None:
-        click.echo(f"{chosen.summary()}: {path}")
+    chosen = choose_poses(mechanism, count, **asked)
+    path = None if out is None else path_for(out, "poses.csv")
+    if path is None:
+        write_frame(chosen.to_dataframe(), None, "poses.csv")
+        return
+    chosen.save(path)
+    if not quiet:
+        click.echo(f"{chosen.summary()}\n{path}")

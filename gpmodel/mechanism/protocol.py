@@ -157,6 +157,24 @@ class Massive(Protocol):
 
 
 @runtime_checkable
+class Collides(Protocol):
+    """A mechanism that may know where its parts are."""
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether it does; otherwise it never meets or hides anything."""
+        ...
+
+    def collides(self, q: Array) -> Mask:
+        """Whether it meets itself (N,) at q (N, n), rad and m."""
+        ...
+
+    def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
+        """Whether a part of it stands (N,) between points (N, 3) and the instrument (3,), m, in the root frame."""
+        ...
+
+
+@runtime_checkable
 class ExportsUrdf(Protocol):
     """A mechanism that can write itself, with constant errors in it, as URDF."""
 

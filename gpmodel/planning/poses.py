@@ -1,41 +1,25 @@
-"""Measurement poses worth taking."""
+"""Measurement poses worth taking before anything is measured."""
+
+from collections.abc import Callable
 
 import numpy as np
-from scipy import linalg
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import linearise
-from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import joint_range, random_poses
+from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.error_model import ErrorModel, Placement, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
+from gpmodel.planning.design import Determinant, Goal, Question, Smallest, Variance
+from gpmodel.planning.reach import Reach, candidates
 from gpmodel.table.dataset import Dataset
 
-POOL = 20
-MARGIN = 0.02
+POOL, SMALLEST_POOL = 20, 600
+"""Candidate poses for each one wanted, and at least."""
+
 PARAMETER_LIMIT = 1e4
-EXCHANGES = 200
-
-
-def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, above: float = -np.inf) -> Array:
-    """Random joint values (count, n) a little inside the limits, tips not below `above` (m, along root z)."""
-    chosen: list[Array] = []
-    found = 0
-    for _ in range(50):
-        q = random_poses(mechanism, count, rng)
-        middle = np.array([sum(joint_range(j)) / 2 for j in mechanism.joints])
-        q = middle + (1.0 - MARGIN) * (q - middle)
-        keep = chain(mechanism.transforms(q))[-1][:, 2, 3] >= above
-        chosen.append(q[keep])
-        found += int(keep.sum())
-        if found >= count:
-            return np.vstack(chosen)[:count]
-    raise InputError(
-        f"{found} of {50 * count} random poses of {mechanism.name} are above it; expected a lower plane", "above"
-    )
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
@@ -45,21 +29,41 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
     return np.hstack([q / ranges, tips / max(float(np.ptp(tips, axis=0).max()), 1e-9)])
 
 
-def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, above: float = -np.inf) -> Array:
+def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
+    """Joint values (P, n) to choose `count` poses from. Raises InputError as `candidates`."""
+    return candidates(mechanism, max(POOL * count, SMALLEST_POOL), rng, reach)
+
+
+def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
     """Joint values (count, n) that differ as much as possible from one another: the equal distribution criterion.
 
     From a pool of random poses, each next one is the farthest from those chosen, in joint values and tip position
     together, so the smallest difference between any two is nearly as large as it can be (within a factor 2).
     Source: Robertson (2003), 3.3.3; Gonzalez (1985).
     """
-    pool = candidates(mechanism, max(POOL * count, 400), rng, above)
-    where = coordinates(mechanism, pool)
-    chosen = [int(np.argmin(np.linalg.norm(where - where.mean(axis=0), axis=1)))]
-    distance = np.linalg.norm(where - where[chosen[0]], axis=1)
+    pool = candidates(mechanism, max(POOL * count, 400), rng, reach)
+    return pool[spread_among(mechanism, pool, count)]
+
+
+def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | None = None) -> IntArray:
+    """Indices (count,) of the poses of a pool (P, n) that are farthest from one another and from those `taken` (M, n).
+
+    Without any taken the first is the one in the middle.
+    """
+    before = 0 if taken is None else len(taken)
+    where = coordinates(mechanism, pool if taken is None else np.vstack([taken, pool]))
+    where, there = where[before:], where[:before]
+    if before:
+        distance = np.min(np.linalg.norm(where[:, None] - there[None], axis=2), axis=1)
+        chosen = [int(np.argmax(distance))]
+        distance = np.minimum(distance, np.linalg.norm(where - where[chosen[0]], axis=1))
+    else:
+        chosen = [int(np.argmin(np.linalg.norm(where - where.mean(axis=0), axis=1)))]
+        distance = np.linalg.norm(where - where[chosen[0]], axis=1)
     while len(chosen) < count:
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(where - where[chosen[-1]], axis=1))
-    return pool[chosen]
+    return np.array(chosen, dtype=np.int64)
 
 
 def spacing(mechanism: Mechanism, q: Array) -> float:
@@ -94,39 +98,22 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     return blocks
 
 
-def observable_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, above: float = -np.inf) -> Array:
-    """Joint values (count, n) that make the geometric errors as well determined as possible: D-optimal.
+def over_the_pool(columns: Array) -> Array:
+    """Weight (K, K) of the mean variance of the point over the poses of a pool with columns (P, 3, K)."""
+    return np.einsum("pij,pik->jk", columns, columns) / len(columns)
 
-    Maximises log det Σ JᵀJ over a pool of random poses, starting from the spread ones, exchanging the pose that
-    adds least for the one that adds most. Source: Fedorov (1972); Borm and Menq (1991).
-    Raises InputError for fewer poses than geometric errors need.
-    """
-    pool = np.vstack(
-        [spread_poses(mechanism, count, rng, above), candidates(mechanism, max(POOL * count, 600), rng, above)]
-    )
+
+GOALS: dict[str, Callable[[Array], Goal]] = {
+    "d-optimal": lambda columns: Determinant(),
+    "e-optimal": lambda columns: Smallest(),
+    "i-optimal": lambda columns: Variance(over_the_pool(columns)),
+}
+"""By the name of a criterion, what is to be small, over a pool of columns (P, 3, K)."""
+
+
+def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
+    """How well poses of a pool (P, n) tell where the tool is, m, by the geometric errors, with noise of a coordinate in
+    m: I-optimal."""
     columns = geometric_columns(mechanism, pool)
-    unknowns = columns.shape[2]
-    if 3 * count <= unknowns:
-        raise InputError(f"{count} poses give {3 * count} values for {unknowns} unknowns; expected more poses", "count")
-    chosen = np.arange(count)
-    information = np.einsum("nij,nik->jk", columns[chosen], columns[chosen]) + 1e-9 * np.eye(unknowns)
-    for _ in range(EXCHANGES):
-        inverse = linalg.inv(information)
-        gains = _log_determinants(columns, inverse, 1.0)
-        gains[chosen] = -np.inf
-        enter = int(np.argmax(gains))
-        grown = information + columns[enter].T @ columns[enter]
-        losses = _log_determinants(columns[chosen], linalg.inv(grown), -1.0)
-        leave = int(np.argmax(losses))
-        if gains[enter] + losses[leave] < 1e-6:
-            break
-        out = chosen[leave]
-        chosen[leave] = enter
-        information = grown - columns[out].T @ columns[out]
-    return pool[chosen]
-
-
-def _log_determinants(columns: Array, inverse: Array, sign: float) -> Array:
-    """Change (N,) of log det M on adding (sign 1) or removing (-1) each pose: log det (I ± J M⁻¹ Jᵀ)."""
-    inner = np.eye(3) + sign * columns @ inverse @ np.swapaxes(columns, 1, 2)
-    return np.linalg.slogdet(inner)[1]
+    goal = Variance(noise**2 * over_the_pool(columns))
+    return Question(columns, np.zeros((columns.shape[2], columns.shape[2])), goal)

@@ -3,62 +3,126 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from cli_cases import one_line, run
+from cli_cases import one_line, robot, run
 
+from gpmodel.api.calibrate import calibrate
+from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.poses import candidates, geometric_columns, observable_poses, spacing, spread_poses
+from gpmodel.planning.design import Determinant, Smallest, Variance, choose, deviations
+from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, spread_poses
+from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.table.read import read_table
 
 ARMS = ["irb6400r", "ur5", "panda"]
-MAKERS = {"spread": spread_poses, "observability": observable_poses}
 
 
-def log_determinant(mechanism: Mechanism, q: np.ndarray, reference: np.ndarray) -> float:
-    """log det Σ JᵀJ / N per unknown of poses q, with parameters chosen and scaled over poses q and `reference`."""
-    columns = geometric_columns(mechanism, np.vstack([q, reference]))[: len(q)]
-    information = np.einsum("nij,nik->jk", columns, columns) / len(q)
-    return float(np.linalg.slogdet(information)[1] / columns.shape[2])
-
-
-@pytest.mark.parametrize("criterion", MAKERS)
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("criterion", BEFORE)
+@pytest.mark.parametrize("arm", ["irb6400r", "ur5"])
 def test_poses_are_within_the_limits(arm: str, criterion: str) -> None:
     mechanism = load_mechanism(arm)
-    q = MAKERS[criterion](mechanism, 25, np.random.default_rng(0))
+    q = choose_poses(mechanism, 25, criterion=criterion).q  # type: ignore[arg-type]
     assert q.shape == (25, len(mechanism.joints))
+    assert len(np.unique(q, axis=0)) == 25
     for joint, values in zip(mechanism.joints, q.T, strict=True):
         assert (values >= joint.lower).all()
         assert (values <= joint.upper).all()
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_each_criterion_beats_random_poses_and_the_other_one_at_its_own(arm: str) -> None:
+def test_each_goal_is_best_served_by_its_own_design(arm: str) -> None:
     mechanism = load_mechanism(arm)
     rng = np.random.default_rng(1)
-    random = candidates(mechanism, 30, rng)
-    spread, observable = spread_poses(mechanism, 30, rng), observable_poses(mechanism, 30, rng)
-    reference = candidates(mechanism, 200, rng)
-    assert spacing(mechanism, spread) > 1.25 * max(spacing(mechanism, random), spacing(mechanism, observable))
-    value = {n: log_determinant(mechanism, q, reference) for n, q in (("r", random), ("s", spread), ("o", observable))}
-    assert value["o"] > value["s"]
-    assert value["o"] > value["r"] + 0.1
+    pool = candidates(mechanism, 400, rng)
+    question = geometric_question(mechanism, pool, 3e-5)
+    columns, known = question.columns, question.known
+    goals = (Determinant(), Smallest(), Variance(over_the_pool(columns)))
+    designs = [choose(columns, known, 30, goal) for goal in goals]
+    designs += [rng.choice(400, 30, replace=False)]
+    for k, goal in enumerate(goals):
+        values = [goal.value(np.einsum("pij,pik->jk", columns[d], columns[d])) for d in designs]
+        assert values[k] < min(values) + 0.01, (arm, goal, values)
+        assert values[k] < values[-1] - 0.2
+    spread = spread_poses(mechanism, 30, rng)
+    assert spacing(mechanism, spread) > 1.25 * max(spacing(mechanism, pool[d]) for d in designs)
 
 
-def test_tips_stay_above_the_plane() -> None:
+def test_what_a_goal_says_of_a_pose_is_what_it_then_gains() -> None:
+    rng = np.random.default_rng(2)
+    columns = rng.normal(size=(12, 3, 5))
+    information = np.einsum("pij,pik->jk", columns, columns)
+    for goal in (Determinant(), Smallest(), Variance(over_the_pool(columns))):
+        for sign in (1.0, -1.0):
+            said = goal.change(information, columns, sign)
+            moved = [goal.value(information + sign * c.T @ c) for c in columns]
+            np.testing.assert_allclose(said, goal.value(information) - np.array(moved), rtol=1e-8)
+
+
+def test_a_deviation_is_that_of_the_fit() -> None:
+    rng = np.random.default_rng(3)
+    question = geometric_question(load_mechanism("ur5"), candidates(load_mechanism("ur5"), 60, rng), 1e-4)
+    order = np.arange(40)
+    found = deviations((question,), order)
+    rows = question.columns[:40].reshape(120, -1)
+    wanted = 1e-4 * np.sqrt(np.trace(np.linalg.inv(rows.T @ rows) @ over_the_pool(question.columns)))
+    assert np.isnan(found[:5]).all()
+    assert found[-1] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_the_tool_stays_in_its_box_and_in_sight() -> None:
+    mechanism, point = load_mechanism("ur5"), np.array([0.05, 0.0, 0.1])
+    box = np.array([[-0.5, -0.8, 0.1], [0.6, 0.8, 0.9]])
+    sight = Sight(np.array([3.0, 0.5, 1.0]), np.array([0.0, 0.0, 1.0]), np.radians(40))
+    q = spread_poses(mechanism, 20, np.random.default_rng(0), Reach(box, point, sight))
+    frames = chain(mechanism.transforms(q))[-1]
+    tips = frames[:, :3, 3] + frames[:, :3, :3] @ point
+    assert (tips >= box[0]).all()
+    assert (tips <= box[1]).all()
+    beam = sight.instrument - tips
+    facing = np.sum(frames[:, :3, 2] * beam, axis=1) / np.linalg.norm(beam, axis=1)
+    assert (facing >= np.cos(sight.cone)).all()
+    with pytest.raises(InputError, match="outside the box"):
+        spread_poses(mechanism, 30, np.random.default_rng(0), Reach(box + 5.0))
+
+
+def test_an_arm_that_folds_into_itself_is_left_out_and_one_in_the_beam_too() -> None:
     mechanism = load_mechanism("ur5")
-    q = spread_poses(mechanism, 30, np.random.default_rng(0), 0.1)
-    assert chain(mechanism.transforms(q))[-1][:, 2, 3].min() >= 0.1
-    with pytest.raises(InputError, match="above"):
-        spread_poses(mechanism, 30, np.random.default_rng(0), 5.0)
+    folded, straight = np.radians([[0, -90, 170, 0, 90, 0]]), np.radians([[0, -90, 0, 0, 90, 0]])
+    reach = Reach()
+    assert reach.failures(mechanism, folded)["in collision with itself"].all()
+    assert reach.allowed(mechanism, straight).all()
+    assert Reach(collisions=False).allowed(mechanism, folded).all()
+    tip = chain(mechanism.transforms(straight))[-1][0, :3, 3]
+    up = np.array([0.0, 0.0, 1.0])
+    places = (tip + np.array([3.0, 0.0, 1.0]), tip + np.array([-3.0, 0.0, 0.0]), np.array([0.0, 0.0, -2.0]))
+    reaches = [Reach(sight=Sight(place, up, np.pi)) for place in places]
+    hidden = [bool(r.failures(mechanism, straight)["hidden from the instrument"][0]) for r in reaches]
+    assert hidden == [False, True, True]
 
 
 def test_too_few_poses_to_determine_the_errors() -> None:
     with pytest.raises(InputError, match="expected more poses"):
-        observable_poses(load_mechanism("irb6400r"), 9, np.random.default_rng(0))
+        choose_poses("irb6400r", 9, criterion="d-optimal")
+
+
+def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path: Path) -> None:
+    mechanism, made = robot(40, 5, "irb6400r", effects=("joint_compliance J5=3e-7", "gear_harmonic J4=30 arcsec"))
+    fit = calibrate(mechanism, made.dataset, ["joint_compliance J5", "gear_harmonic J4"])
+    for criterion in ("effect", "i-optimal"):
+        found = choose_poses(count=10, after=fit.model, criterion=criterion)  # type: ignore[arg-type]
+        value, random = (found.curve.iloc[-1, k] for k in (1, 2))
+        assert value < random < found.curve.iloc[0, 1]
+    fit.report(tmp_path / "fit")
+    done = run("poses", "--after", tmp_path / "fit", "-n", 6, "--out", tmp_path)
+    assert done.exit_code == 0, done.stderr
+    assert "worst known effect" in done.stdout
+    assert len(read_table(tmp_path / "poses.csv", mechanism, need_measurement=False).q) == 6
+    assert len(pd.read_csv(tmp_path / "poses.curve.csv")) == 7
+    assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals"), 2)
+    assert "mechanism" in one_line(run("poses"), 2)
 
 
 def test_command_writes_a_table_that_is_read_again(tmp_path: Path) -> None:

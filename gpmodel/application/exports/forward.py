@@ -7,12 +7,12 @@ import numpy as np
 
 from gpmodel.application.exports.chain import Chain, chain_of
 from gpmodel.application.exports.loads import Body, Loads
-from gpmodel.application.exports.urdf import bare_of
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis
 from gpmodel.mechanism.protocol import AXES, Massive
+from gpmodel.mechanism.source import bare_of
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import read_by
 

@@ -6,18 +6,13 @@ from pathlib import Path
 
 from gpmodel.application.exports.rigid import Rigid
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import ExportsUrdf, Mechanism
-from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.mechanism.protocol import ExportsUrdf
+from gpmodel.mechanism.source import bare_of
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.wording import length
 
 LINK = "Measured link: "
 """What the comment says before the link at which the tool point is given."""
-
-
-def bare_of(mechanism: Mechanism) -> Mechanism:
-    """What the provider of a mechanism built."""
-    return mechanism.bare if isinstance(mechanism, LoadedMechanism) else mechanism
 
 
 def urdf_text(rigid: Rigid, note: str) -> str:

@@ -1,0 +1,170 @@
+"""How many random poses tell as much as those chosen by `gpmodel poses --after`?
+
+Simulated robots with one named effect: thirty random poses, a calibration, then chosen or random poses, measured with
+the same noise, and a fit to all. Compared is what then happens, not what the design says of itself: by how much the
+fitted effect misses the truth and the ± it states; the RMS miss of the predicted point on fresh poses; by how many
+sigma the fit with a rival in the effect's place is worse.
+From the root of the repository: python -m experiments.next_poses.run [--seeds 6]
+"""
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpmodel.application.model_file import saved_model
+from gpmodel.application.next_poses import Finding, Outlook
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.families.by_name import effects_named
+from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.planning.design import Question, choose_for_all
+from gpmodel.planning.poses import pool_of
+from gpmodel.planning.simulate import Simulation, simulate
+
+FIRST, NOISE, GEOMETRY, LIMIT = 30, 3e-5, 3e-4, 100.0
+CHOSEN, RANDOM, FRESH = (5, 10, 20), (5, 10, 20, 40, 80, 160), 300
+CASES = (
+    ("irb6400r", "joint_compliance J5", "3e-7", "J5.moving:Ry:sin(J5)"),
+    ("irb6400r", "gear_harmonic J4", "20 arcsec", "J4.moving:Rx:sin(3*J4)"),
+    ("ur10", "joint_compliance elbow_joint", "3e-6", "elbow_joint.moving:Ry:cos(elbow_joint)"),
+)
+MEASURES = {"effect": "miss_percent", "point": "point_um", "rivals": "rival_apart_sigma"}
+"""What each design is for, and the number that says so."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What is true, the effects asked about, and what they could also be."""
+
+    truth: Simulation
+    asked: tuple[Effect, ...]
+    rival: tuple[Effect, ...]
+
+    def measured(self, q: Array, rng: np.random.Generator, noise: float = NOISE) -> Poses:
+        """Poses at q (N, n) as the instrument would have them."""
+        made, blank = self.truth, np.full((len(q), 3), np.nan)
+        data = replace(made.dataset.subset(np.zeros(len(q), dtype=int)), q=q.copy(), position=blank)
+        data = replace(data, row=np.arange(1, len(q) + 1))
+        tip = observe(made.model, prepare(made.model.mechanism, data), made.theta, made.placement).tip[:, :3, 3]
+        return prepare(made.model.mechanism, replace(data, position=tip + rng.normal(0.0, noise, tip.shape)))
+
+    def fit(self, poses: Poses, beside: tuple[Effect, ...]) -> Calibration:
+        """Geometry and some effects beside it."""
+        mechanism = self.truth.model.mechanism
+        model = ErrorModel(mechanism, geometric_effects(mechanism) + beside)
+        return calibrate(model, poses, condition_limit=LIMIT, robust=False)
+
+    def certainty(self, q: Array, seed: int) -> dict[str, float]:
+        """What poses at q tell."""
+        poses = self.measured(q, np.random.default_rng([seed, 1]))
+        right, wrong = self.fit(poses, self.asked), self.fit(poses, self.rival)
+        count = len(self.asked)
+        true, found = self.truth.theta[-count:], right.theta[-count:]
+        mechanism = self.truth.model.mechanism
+        fresh = self.measured(
+            random_poses(mechanism, FRESH, np.random.default_rng([seed, 2])), np.random.default_rng(0), 0.0
+        )
+        tip = observe(right.model, fresh, right.theta, right.placement).tip[:, :3, 3]
+        worse = np.sum(wrong.error**2) - np.sum(right.error**2)
+        return {
+            "miss_percent": 100 * float(np.linalg.norm(found - true) / np.linalg.norm(true)),
+            "stated_percent": 100 * float(np.linalg.norm(right.stderr[-count:]) / np.linalg.norm(true)),
+            "point_um": 1e6 * float(np.sqrt(np.mean(np.sum((tip - fresh.dataset.position) ** 2, axis=1)))),
+            "rival_apart_sigma": float(np.sqrt(max(worse, 0.0))) / NOISE,
+        }
+
+
+def robot(case: tuple[str, str, str, str], seed: int) -> tuple[Robot, Array]:
+    """A robot and its first poses."""
+    name, effect, value, rival = case
+    mechanism = MechanismChoice(name).load()
+    rng = np.random.default_rng([seed, 0])
+    q = random_poses(mechanism, FIRST, rng)
+    truth = simulate(mechanism, q, (f"{effect}={value}",), rng, geometry_sigma=GEOMETRY)
+    states = prepare(mechanism, truth.dataset).states
+    return Robot(truth, effects_named(effect, mechanism, states), effects_named(rival, mechanism, states)), q
+
+
+def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Array]:
+    """Chosen poses by what they are for, in their order, and the pool they are from."""
+    mechanism, rng = made.truth.model.mechanism, np.random.default_rng([seed, 3])
+    poses = made.measured(first, np.random.default_rng([seed, 1]))
+    outlook = Outlook.over(
+        saved_model(made.fit(poses, made.asked), poses), pool := pool_of(mechanism, max(RANDOM), rng), rng
+    )
+    count = len(made.asked)
+    finding = Finding("asked", np.arange(len(outlook.saved.theta))[-count:])
+    questions: dict[str, Question] = {
+        "effect": outlook.of_finding(finding),
+        "point": outlook.of_the_point(),
+        "rivals": outlook.of_finding(finding, made.rival),
+    }
+    return {name: pool[choose_for_all((asked,), max(CHOSEN))] for name, asked in questions.items()}, pool
+
+
+def needed(numbers: list[float], wanted: float) -> float:
+    """Random poses that tell as much, between those tried; the most tried where even they do not."""
+    values = np.array(numbers)
+    rising = values[-1] > values[0]
+    good = values >= wanted if rising else values <= wanted
+    if not good.any():
+        return float(RANDOM[-1])
+    at = int(np.argmax(good))
+    if at == 0:
+        return float(RANDOM[0])
+    x = np.log([values[at - 1], values[at]])
+    part = (np.log(wanted) - x[0]) / (x[1] - x[0])
+    return float(np.exp(np.interp(part, [0, 1], np.log([RANDOM[at - 1], RANDOM[at]]))))
+
+
+def rms(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Root mean squares over the seeds, of every number."""
+    return {name: round(float(np.sqrt(np.mean([row[name] ** 2 for row in rows]))), 4) for name in rows[0]}
+
+
+def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
+    """One robot over the seeds."""
+    chosen: dict[str, dict[int, list[dict[str, float]]]] = {name: {n: [] for n in CHOSEN} for name in MEASURES}
+    random: dict[int, list[dict[str, float]]] = {n: [] for n in RANDOM}
+    for seed in range(seeds):
+        made, first = robot(case, seed)
+        found, pool = designs(made, first, seed)
+        for name, q in found.items():
+            for n in CHOSEN:
+                chosen[name][n].append(made.certainty(np.vstack([first, q[:n]]), seed))
+        draw = pool[np.random.default_rng([seed, 4]).permutation(len(pool))]
+        for n in RANDOM:
+            random[n].append(made.certainty(np.vstack([first, draw[:n]]), seed))
+    by_chance = {n: rms(rows) for n, rows in random.items()}
+    out: dict[str, Any] = {"arm": case[0], "effect": case[1], "rival": case[3], "random": by_chance, "chosen": {}}
+    for name, measure in MEASURES.items():
+        told = {n: rms(rows) for n, rows in chosen[name].items()}
+        stated = "stated_percent" if measure == "miss_percent" else measure
+        as_good = {n: round(needed([by_chance[m][stated] for m in RANDOM], told[n][stated]), 1) for n in CHOSEN}
+        out["chosen"][name] = {"after": told, "random_poses_as_good": as_good}
+        print(case[0], case[1], name, as_good, flush=True)
+    return out
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
+    given = parser.parse_args(arguments)
+    command = f"python -m experiments.next_poses.run --seeds {given.seeds}"
+    results = {"command": command, "first_poses": FIRST, "cases": [study(case, given.seeds) for case in CASES]}
+    write_text(given.out, to_json(results))
+    return results
+
+
+if __name__ == "__main__":
+    main()

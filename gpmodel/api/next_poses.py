@@ -1,0 +1,91 @@
+"""What the next poses after a result are for."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.api.arguments import file_path
+from gpmodel.api.model import Model, load_model
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.next_poses import Finding, Outlook
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.planning.design import Question
+from gpmodel.planning.questions import Asked
+from gpmodel.report.origin import names_of
+from gpmodel.report.quantity import translate
+from gpmodel.report.saved import NAME, read_report
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord
+
+_PHASE = re.compile(r", (sin|cos)$")
+MOST_RIVALS = 3
+"""Of each finding, the closest: those after them predict worse and are told apart on the way."""
+
+
+def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
+    """A model and, where it lies in a folder of discover or calibrate, its report. Raises InputError for neither."""
+    if isinstance(after, Model):
+        return after, None
+    path = file_path(after, "after")
+    folder = path if path.is_dir() else path.parent
+    model = load_model(folder / "model.json" if path.is_dir() else path)
+    return model, read_report(folder) if (folder / NAME).is_file() else None
+
+
+def next_questions(
+    saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
+) -> Asked:
+    """What is asked of a pool (P, n) of poses after a result: by "rivals", "effect", "i-optimal" or "spread".
+
+    None for the first of these that there is something for. Raises InputError where there is nothing to ask.
+    """
+    outlook = Outlook.over(saved, pool, rng)
+    of_point = outlook.of_the_point()
+    point = Asked("i-optimal", (of_point,), (of_point,), "± of the predicted point over the workspace [mm]", 1e3)
+    if criterion == "spread":
+        return replace(point, said="spread, away from what is measured", choose=(), taken=outlook.measured.dataset.q)
+    if criterion == "i-optimal":
+        return point
+    findings = findings_of(outlook, record)
+    pairs = [(f, name, effects) for f in findings for name, effects in f.rivals]
+    if pairs and criterion in (None, "rivals"):
+        told = tuple(outlook.of_finding(finding, effects) for finding, _, effects in pairs)
+        said = "; ".join(f"{f.name} or {name}" for f, name, _ in pairs)
+        return Asked(f"rivals: {said}", told, told, "closest rivals apart [sigma]", inverse=True)
+    if criterion == "rivals":
+        raise InputError("rivals: no finding has a rival of the catalogue that predicts about as well", "criterion")
+    if not findings and criterion == "effect":
+        raise InputError("effect: the model has nothing beside its geometry", "criterion")
+    if not findings:
+        return point
+    sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
+    said = f"effect: {'; '.join(f.name for f in findings)}"
+    return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
+
+
+def findings_of(outlook: Outlook, record: Report | None) -> list[Finding]:
+    """The findings of a report with their close rivals; without one every effect beside the geometry by itself."""
+    saved = outlook.saved
+    effects = saved.model.effects
+    if record is None or record.kind != "discover" or not record.effects:
+        stems: dict[str, list[int]] = {}
+        for i in (i for i, e in enumerate(effects) if not e.constant and saved.theta[i]):
+            stems.setdefault(_PHASE.sub("", effects[i].name), []).append(i)
+        return [Finding(name, np.array(own)) for name, own in stems.items()]
+    names = names_of(outlook.measured.dataset)
+    by_mechanism = {translate(c, names): c for c in outlook.candidates}
+    found = []
+    for effect in record.effects:
+        own = [i for i, e in enumerate(effects) if _is_of(translate(e.name, names), effect) and saved.theta[i]]
+        wanted = [by_mechanism[r.name] for r in effect.close_rivals() if r.name in by_mechanism][:MOST_RIVALS]
+        rivals = tuple((translate(n, names), outlook.candidates[n]) for n in wanted)
+        if own:
+            found.append(Finding(effect.name, np.array(own), rivals))
+    return found
+
+
+def _is_of(name: str, effect: EffectRecord) -> bool:
+    return name == effect.name or name.startswith(f"{effect.name},")

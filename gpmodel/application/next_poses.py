@@ -1,0 +1,98 @@
+"""What further poses would tell a fitted model: how well its effects are known, and its rivals told apart.
+
+Each finding is taken with the shape it was fitted in, so that its one unknown is its amplitude, 1 as fitted. Beside a
+rival the standard deviation of that amplitude says by how many the two are apart: 1 / σ. Source: Atkinson and Fedorov
+(1975), whose T-optimality this is for models that are linear in what is not shared.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from gpmodel.application.exports.sample import at_joint_values, measured_table
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.uncertainty import placement_columns
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.families import catalogue
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.planning.design import Question, Variance
+from gpmodel.planning.poses import over_the_pool
+
+LITTLE = 1e-9
+"""Of what the pool would tell of an unknown: with less than that the measured poses tell nothing of it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding by its name: the indices of its effects in the model, and its rivals' names and effects."""
+
+    name: str
+    effects: IntArray
+    rivals: tuple[tuple[str, tuple[Effect, ...]], ...] = ()
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """A fitted model, its measured poses and a pool (P, n) of joint values to choose from."""
+
+    saved: SavedModel
+    measured: Poses
+    pool: Poses
+
+    @classmethod
+    def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
+        """The pool; what poses have besides joint values is as in random rows of the measured table.
+
+        Raises InputError where the model does not hold its table.
+        """
+        data = measured_table(saved)
+        ready = (prepare(saved.mechanism, rows) for rows in (data, at_joint_values(data, pool, rng)))
+        return cls(saved, *ready)
+
+    def of_the_point(self) -> Question:
+        """How well the predicted point is known over the pool, its variance in m²: I-optimal."""
+        here, there = self._columns(self.measured), self._columns(self.pool)
+        return self._question(here, there, self.saved.sigma**2 * over_the_pool(there))
+
+    def of_finding(self, finding: Finding, rival: tuple[Effect, ...] = ()) -> Question:
+        """How well the amplitude of a finding is known, beside a rival where one is given."""
+        here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
+        weight = np.zeros((there.shape[2], there.shape[2]))
+        weight[-1, -1] = 1.0
+        return self._question(here, there, weight)
+
+    def _question(self, here: Array, there: Array, weight: Array) -> Question:
+        """In unknowns scaled to what the measured poses tell of each by itself."""
+        known, may_tell = np.einsum("pij,pik->jk", here, here), np.einsum("pij,pij->j", there, there)
+        scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
+        scale[scale == 0.0] = 1.0
+        return Question(there / scale, known / np.outer(scale, scale), Variance(weight / np.outer(scale, scale)))
+
+    def _amplitude_last(self, poses: Poses, finding: Finding, rival: tuple[Effect, ...]) -> Array:
+        """Columns of everything but the finding, of the rival, and of the finding as it was fitted."""
+        columns = self._columns(poses, rival)
+        first = len(self.saved.covariance.placement)
+        at = [first + int(np.flatnonzero(self._kept == i)[0]) for i in finding.effects if i in self._kept]
+        shape = columns[:, :, at] @ self.saved.theta[[i for i in finding.effects if i in self._kept]]
+        return np.concatenate([np.delete(columns, at, axis=2), shape[:, :, None]], axis=2)
+
+    @cached_property
+    def candidates(self) -> dict[str, tuple[Effect, ...]]:
+        """Effects of every candidate of the catalogue on the measured poses, by its name."""
+        pool = catalogue.candidates(self.saved.mechanism, self.measured.states)
+        return {candidate.name: candidate.effects for candidate in pool}
+
+    @property
+    def _kept(self) -> IntArray:
+        return np.flatnonzero(np.isfinite(self.saved.stderr))
+
+    def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
+        """Columns (N, 3, K) of registration, tool, every effect that was held, and `more`, over σ of a coordinate."""
+        saved = self.saved
+        observed = observe(saved.model, poses, saved.theta, saved.placement)
+        effects = (*(saved.model.effects[i] for i in self._kept), *more)
+        own = effect_columns(effects, saved.model, poses, observed)[:, :3]
+        return np.concatenate([placement_columns(saved, poses, observed), own], axis=2) / saved.sigma

@@ -1,0 +1,193 @@
+"""Choosing measurements by what they tell: optimal designs over a pool of candidate poses.
+
+A pose adds JᵀJ to the information M of the unknowns, J (3, K) their columns over the standard deviation of a
+coordinate; M⁻¹ is then their covariance. Sources: Fedorov (1972); Pukelsheim (1993); Atkinson and Fedorov (1975).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array, IntArray
+
+EXCHANGES = 200
+"""At most this many swaps of a chosen pose for another."""
+
+TRIED = 10
+"""Poses that gain most by entering are tried for a swap before none is found."""
+
+ENOUGH = 1e-6
+"""A swap that improves the logarithm of a criterion by less is none."""
+
+DETERMINED = 1e-7
+"""Smallest eigenvalue of M, its diagonal made 1, below which some unknown is not determined."""
+
+LITTLE = 1e-6
+"""Added to what is known of every unknown, so that M is never singular: a millionth of what one pose tells."""
+
+SHORTLIST = 60
+"""Candidates that are looked at exactly for the smallest eigenvalue, of those that tell most of its eigenvector."""
+
+
+class Goal(Protocol):
+    """What a design is for: smaller is better."""
+
+    def value(self, information: Array) -> float:
+        """The logarithm of what is to be small, of M (K, K)."""
+        ...
+
+    def change(self, information: Array, columns: Array, sign: float) -> Array:
+        """What is gained (N,) by adding (sign 1) each of N poses with columns (N, 3, K), or removing (-1)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Determinant:
+    """D-optimal: the volume of the unknowns' confidence region, -log det M."""
+
+    def value(self, information: Array) -> float:
+        """-log det M."""
+        return -float(np.linalg.slogdet(information)[1])
+
+    def change(self, information: Array, columns: Array, sign: float) -> Array:
+        """log det (I ± J M⁻¹ Jᵀ)."""
+        return np.asarray(np.linalg.slogdet(_inner(linalg.inv(information), columns, sign))[1])
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """E-optimal: the worst determined combination of unknowns, -log of the smallest eigenvalue of M."""
+
+    def value(self, information: Array) -> float:
+        """-log λ_min."""
+        return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
+
+    def change(self, information: Array, columns: Array, sign: float) -> Array:
+        """The change of log λ_min, exact for those poses that tell most (or least) of its eigenvector."""
+        values, vectors = np.linalg.eigh(information)
+        told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
+        near = np.argsort(-sign * told)[:SHORTLIST]
+        moved = information + sign * np.swapaxes(columns[near], 1, 2) @ columns[near]
+        out = np.full(len(columns), -np.inf)
+        out[near] = np.log(np.maximum(np.linalg.eigvalsh(moved)[:, 0], 1e-300) / max(values[0], 1e-300))
+        return out
+
+
+@dataclass(frozen=True)
+class Variance:
+    """I-, c- and L-optimal: the variance trace(L M⁻¹) of something predicted. weight: L (K, K)."""
+
+    weight: Array
+
+    def value(self, information: Array) -> float:
+        """log trace(L M⁻¹)."""
+        return float(np.log(np.trace(linalg.solve(information, self.weight, assume_a="pos"))))
+
+    def change(self, information: Array, columns: Array, sign: float) -> Array:
+        """-log of what (I ± J M⁻¹ Jᵀ)⁻¹ J M⁻¹ L M⁻¹ Jᵀ leaves of the trace."""
+        inverse = linalg.inv(information)
+        through = columns @ inverse
+        inner = _inner(inverse, columns, sign)
+        moved = np.linalg.solve(inner, through @ self.weight @ np.swapaxes(through, 1, 2))
+        whole = np.trace(inverse @ self.weight)
+        left = 1.0 - sign * np.trace(moved, axis1=1, axis2=2) / whole
+        return -np.log(np.maximum(left, 1e-300))
+
+
+def _inner(inverse: Array, columns: Array, sign: float) -> Array:
+    return np.eye(columns.shape[1]) + sign * columns @ inverse @ np.swapaxes(columns, 1, 2)
+
+
+def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
+    """Indices (count,) of the poses to take, the one that tells most first.
+
+    columns: (P, 3, K) of the pool, of the order of 1. known: (K, K), M of what is measured already. One after the
+    other the pose that gains most, then swaps until none gains, then in the order in which each next one gains most.
+    """
+    known = known + LITTLE * np.eye(len(known))
+    chosen, information = _greedy(columns, known, count, np.arange(len(columns)), goal)
+    for _ in range(EXCHANGES):
+        swap = _swap(columns, chosen, information, goal)
+        if swap is None:
+            break
+        enter, leave = swap
+        out = columns[chosen[leave]]
+        information = information + columns[enter].T @ columns[enter] - out.T @ out
+        chosen[leave] = enter
+    return _greedy(columns, known, count, chosen, goal)[0]
+
+
+def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> tuple[int, int] | None:
+    """A pose to enter and the place of the one to leave, so that the goal gains; None where none of the TRIED does."""
+    gains = goal.change(information, columns, 1.0)
+    gains[chosen] = -np.inf
+    for enter in np.argsort(-gains)[:TRIED].tolist():
+        losses = goal.change(information + columns[enter].T @ columns[enter], columns[chosen], -1.0)
+        leave = int(np.argmax(losses))
+        if gains[enter] + losses[leave] > ENOUGH:
+            return enter, leave
+    return None
+
+
+def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goal) -> tuple[IntArray, Array]:
+    """Each next pose the one of `among` that gains most; and M with all of them."""
+    information, left, chosen = known.copy(), list(among.tolist()), []
+    for _ in range(count):
+        at = left.pop(int(np.argmax(goal.change(information, columns[left], 1.0))))
+        information = information + columns[at].T @ columns[at]
+        chosen.append(at)
+    return np.array(chosen, dtype=np.int64), information
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something to find out: columns (P, 3, K) of the pool and known M (K, K) of its unknowns, and what is to be
+    small."""
+
+    columns: Array
+    known: Array
+    goal: Goal
+
+
+def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
+    """Indices (count,) of the poses to take: each next one tells most of the question that is then the worst answered.
+
+    A single question is answered as `choose` does.
+    """
+    if len(questions) == 1:
+        return choose(questions[0].columns, questions[0].known, count, questions[0].goal)
+    known = [question.known + LITTLE * np.eye(len(question.known)) for question in questions]
+    left, chosen = list(range(len(questions[0].columns))), list[int]()
+    for _ in range(count):
+        values = [question.goal.value(m) for question, m in zip(questions, known, strict=True)]
+        worst = int(np.argmax(values))
+        question = questions[worst]
+        at = left.pop(int(np.argmax(question.goal.change(known[worst], question.columns[left], 1.0))))
+        known = [m + q.columns[at].T @ q.columns[at] for m, q in zip(known, questions, strict=True)]
+        chosen.append(at)
+    return np.array(chosen, dtype=np.int64)
+
+
+def deviations(questions: Sequence[Question], order: IntArray) -> Array:
+    """√ trace(L M⁻¹) (n + 1,) of the worst answered of questions of variances, with none, the first, the first two ...
+    of the poses `order` (n,); NaN where an unknown is not determined."""
+    return np.max([_deviations(question, order) for question in questions], axis=0)
+
+
+def _deviations(question: Question, order: IntArray) -> Array:
+    goal = question.goal
+    if not isinstance(goal, Variance):
+        raise TypeError("a deviation is that of a Variance")
+    out, information = [], question.known.copy()
+    for step in range(len(order) + 1):
+        if step:
+            columns = question.columns[order[step - 1]]
+            information = information + columns.T @ columns
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        scaled = information / np.outer(scale, scale)
+        determined = np.linalg.eigvalsh(scaled)[0] > DETERMINED
+        out.append(np.trace(np.linalg.solve(scaled, goal.weight / np.outer(scale, scale))) if determined else np.nan)
+    return np.sqrt(np.array(out, dtype=float))

@@ -1,0 +1,126 @@
+"""Where an arm meets itself, and what of it stands before an instrument, from the geometry of its URDF."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.table.units import identifier
+from robots.urdf_file import parse_model
+
+ALWAYS = 0.95
+"""Share of random poses from which two parts that meet are built into one another: what MoveIt's assistant takes."""
+
+PROBES = 200
+CLEARANCE = 0.01
+"""Metres that parts keep from one another: a reflector's nest and cables are not in the description."""
+
+BEAM = 0.02
+"""Metres, radius of the beam with the reflector at its end: of a 1.5 inch one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The geometry of a URDF. joints: of the chain, by their names as the table has them; fixed: those off the chain
+    stay at neutral. pairs: that may meet."""
+
+    model: pin.Model
+    geometry: pin.GeometryModel
+    joints: tuple[str, ...]
+    tip: int
+
+    @classmethod
+    def read(cls, path: Path, joints: Sequence[str], frame: str) -> Shape | None:
+        """The shape of a file with collision geometry, None where it has none or its meshes are not there."""
+        model = parse_model(path)
+        folders = [str(p) for p in path.resolve().parents]
+        folders += [p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
+        try:
+            geometry = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.COLLISION, package_dirs=folders)
+        except (ValueError, RuntimeError):
+            return None
+        if geometry.ngeoms < 2:
+            return None
+        geometry.addAllCollisionPairs()
+        tip = model.frames[model.getFrameId(frame, pin.FrameType.BODY)].parentJoint
+        shape = cls(model, geometry, tuple(joints), tip)
+        shape._forget_neighbours()
+        return shape
+
+    def collides(self, q: Array) -> Mask:
+        """Whether parts come within CLEARANCE of one another (N,) at joint values (N, n)."""
+        return np.asarray(self._meetings(q).any(axis=1))
+
+    def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
+        """Whether a part beyond which the target does not sit stands in the beam (N,) from points (N, 3) to (3,), m."""
+        data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
+        parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
+        out = np.zeros(len(q), dtype=bool)
+        for k, row in enumerate(self._configurations(q)):
+            pin.updateGeometryPlacements(self.model, data, self.geometry, geometry, row)
+            beam = instrument - points[k]
+            length = float(np.linalg.norm(beam))
+            turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), beam / length).matrix()
+            capsule = coal.Capsule(BEAM, length)
+            placed = coal.Transform3s(turn, points[k] + 0.5 * beam)
+            out[k] = any(self._meets(i, geometry.oMg[i], capsule, placed) for i in parts)
+        return out
+
+    def _meets(self, part: int, at: pin.SE3, capsule: coal.Capsule, placed: coal.Transform3s) -> bool:
+        body = self.geometry.geometryObjects[part].geometry
+        where = coal.Transform3s(at.rotation, at.translation)
+        return bool(coal.collide(body, where, capsule, placed, coal.CollisionRequest(), coal.CollisionResult()))
+
+    def _meetings(self, q: Array) -> Mask:
+        """Which pairs (N, pairs) meet."""
+        data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
+        for request in geometry.collisionRequests:
+            request.security_margin = CLEARANCE
+        out = np.zeros((len(q), len(self.geometry.collisionPairs)), dtype=bool)
+        for k, row in enumerate(self._configurations(q)):
+            pin.updateGeometryPlacements(self.model, data, self.geometry, geometry, row)
+            out[k] = [pin.computeCollision(self.geometry, geometry, i) for i in range(out.shape[1])]
+        return out
+
+    def _configurations(self, q: Array) -> Array:
+        """Pinocchio's configurations (N, nq) of the chain's joint values."""
+        rows = np.repeat(pin.neutral(self.model)[None], len(q), axis=0)
+        names = {identifier(name): i for i, name in enumerate(self.model.names)}
+        for column, name in enumerate(self.joints):
+            joint = self.model.joints[names[name]]
+            if joint.nq == 2:
+                rows[:, joint.idx_q], rows[:, joint.idx_q + 1] = np.cos(q[:, column]), np.sin(q[:, column])
+            else:
+                rows[:, joint.idx_q] = q[:, column]
+        return rows
+
+    def _forget_neighbours(self) -> None:
+        """Leave out parts of one body and of a body and the one it hangs on, and those that always meet."""
+        parents = self.model.parents
+        bodies = [g.parentJoint for g in self.geometry.geometryObjects]
+        pairs = [(p.first, p.second) for p in self.geometry.collisionPairs]
+        apart = [(a, b) for a, b in pairs if bodies[a] not in (bodies[b], parents[bodies[b]])]
+        self._keep([(a, b) for a, b in apart if bodies[b] != parents[bodies[a]]])
+        low, high = self._limits()
+        met = self._meetings(np.random.default_rng(0).uniform(low, high, (PROBES, len(low)))).mean(axis=0)
+        pairs = [(p.first, p.second) for p in self.geometry.collisionPairs]
+        self._keep([pair for pair, share in zip(pairs, met.tolist(), strict=True) if share <= ALWAYS])
+
+    def _keep(self, pairs: Sequence[tuple[int, int]]) -> None:
+        self.geometry.removeAllCollisionPairs()
+        for first, second in pairs:
+            self.geometry.addCollisionPair(pin.CollisionPair(first, second))
+
+    def _limits(self) -> tuple[Array, Array]:
+        names = {identifier(name): i for i, name in enumerate(self.model.names)}
+        at = [self.model.joints[names[name]] for name in self.joints]
+        low = [self.model.lowerPositionLimit[j.idx_q] if j.nq == 1 else -np.pi for j in at]
+        high = [self.model.upperPositionLimit[j.idx_q] if j.nq == 1 else np.pi for j in at]
+        return np.clip(low, -np.pi, np.pi), np.clip(high, -np.pi, np.pi)
