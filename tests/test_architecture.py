@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 FILES = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROOT / package).rglob("*.py"))]
 FENCED = {
     "pinocchio": lambda path: path.parent.name == "robots",
+    "coal": lambda path: path.parent.name == "robots",
     "example_robot_data": lambda path: path.parent.name == "robots",
     "deap": lambda path: path.name in ("tree_breeding.py", "tree_population.py"),
     "numba": lambda path: path.parent == ROOT / "gpmodel" / "evolution" / "kernels",

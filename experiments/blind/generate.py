@@ -25,10 +25,8 @@ def make(case: Case | str, seed: int = 0, folder: Path | str | None = None) -> R
 
     The same case and seed always give the same robot; aside cases never share a stream.
     """
-    case = CASES[case] if isinstance(case, str) else case
-    rng = np.random.default_rng([zlib.crc32(case.name.encode()), seed, 7919 if case.aside else 17])
-    machine = stand(case, ARMS[case.arm], rng)
-    amounts = _amounts(machine, rng)
+    machine, amounts, rng = standing(case, seed)
+    case = machine.case
     train = _table(machine, amounts, rng)
     by_row = case.in_order or any(["row"] in shape.named for shape in machine.shapes)
     later = machine.under(outliers=0.0, repeats=1, order="walk" if case.order == "walk" else "independent")
@@ -41,6 +39,14 @@ def make(case: Case | str, seed: int = 0, folder: Path | str | None = None) -> R
     if folder is not None:
         write(robot, Path(folder))
     return robot
+
+
+def standing(case: Case | str, seed: int) -> tuple[Machine, list[float], np.random.Generator]:
+    """The machine of a case and a seed, the amounts of its effects, and the stream of random numbers after them."""
+    case = CASES[case] if isinstance(case, str) else case
+    rng = np.random.default_rng([zlib.crc32(case.name.encode()), seed, 7919 if case.aside else 17])
+    machine = stand(case, ARMS[case.arm], rng)
+    return machine, _amounts(machine, rng), rng
 
 
 def _amounts(machine: Machine, rng: np.random.Generator) -> list[float]:
