@@ -61,7 +61,7 @@ class Left:
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
     """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
-    out = np.zeros((len(poses), observed.components, len(effects)))
+    out = np.zeros((len(effects), len(poses), observed.components))
     cache: dict[int, Array] = {}
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
@@ -70,10 +70,10 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
         for term in effect.terms:
             slot = known.index(term.slot)
             if slot not in cache:
-                cache[slot] = observed.sensitivity(slot)
-            shape = term.weight * term.basis(seen if term.slot == INSTRUMENT else poses.states)
-            out[:, :, k] += cache[slot][:, :, AXES.index(term.axis)] * shape[:, None]
-    return out
+                cache[slot] = np.ascontiguousarray(np.moveaxis(observed.sensitivity(slot), 2, 0))
+            shape = term.weight * (seen if term.slot == INSTRUMENT else poses.states).value(term.basis)
+            out[k] += cache[slot][AXES.index(term.axis)] * shape[:, None]
+    return np.moveaxis(out, 0, 2)
 
 
 def linearise(

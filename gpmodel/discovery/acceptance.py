@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.discovery.criteria import Criteria, Test, Verdict
-from gpmodel.discovery.cross_validation import Predicted, better_by, cross_validated, paired_t
+from gpmodel.discovery.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.discovery.dependence import inflation
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
@@ -151,7 +151,7 @@ def tested(
     that were not chosen beside the model's own columns."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
-    cv_t = paired_t(before.per_unit - after.per_unit)
+    cv_t = gained(before, after, criteria.outlier_sigmas)
     inflated = inflation(residual, candidate)
     tests = [
         Test("chance", chance.p, criteria.significance, chance.p < criteria.significance),

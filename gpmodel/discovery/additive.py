@@ -29,6 +29,10 @@ from gpmodel.model.error_model import Poses
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
 
+MOST_DETERMINED = 20.0
+"""Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
+law of seven nodes has three constants."""
+
 MOST_RIVALS = 6
 """Rivals shown beside a finding, the nearest first."""
 
@@ -47,20 +51,23 @@ class Additive:
 
 @dataclass(frozen=True)
 class Choice:
-    """What groups are chosen for. fit: calibrates the training poses with candidates. offers: what the catalogue and
-    its user name."""
+    """What groups are chosen for.
+
+    fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
+    user name.
+    """
 
     standard: Calibration
-    fit: Callable[[Sequence[Candidate]], Calibration]
+    fit: Callable[[Sequence[Candidate], Calibration], Calibration]
     train: Poses
     offers: Sequence[Offer]
     search: Search
     criteria: Criteria
     seed: int
 
-    def residual(self, calibration: Calibration, without: Candidate) -> Residual:
-        """What a calibration leaves of the training poses where a candidate is taken out of its model."""
-        return residual_of(calibration, self.train, self.criteria, self.seed, without=without.effects)
+    def residual(self, calibration: Calibration) -> Residual:
+        """What a calibration leaves of the training poses."""
+        return residual_of(calibration, self.train, self.criteria, self.seed)
 
 
 def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
@@ -101,11 +108,13 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
     """
     criteria = choice.criteria
     candidates = [as_candidate(kept) for kept in chosen.kept]
-    curves = [c for c in candidates if len(c.effects) > PLAIN]
-    calibration = choice.fit(candidates) if curves else choice.standard
+    curves = [c for c, k in zip(candidates, chosen.kept, strict=True) if PLAIN < k.determined <= MOST_DETERMINED]
+    if not curves:
+        return {}
+    left = choice.residual(choice.fit(candidates, choice.standard))
     found = {}
     for curve in curves:
-        residual = choice.residual(calibration, curve)
+        residual = left.without(curve.effects)
         laws = tuple(compact_laws(residual, curve, choice.search, choice.seed))
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=None)
@@ -122,9 +131,11 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     kept = {k.group.name: k for k in chosen.kept}
     candidates = {name: as_candidate(k) for name, k in kept.items()}
     judged: dict[str, Hypothesis] = {}
+    calibration = choice.standard
     while True:
-        calibration = choice.fit(tuple(candidates.values()))
-        now = {n: _judged(choice.residual(calibration, c), c, kept[n], chosen) for n, c in candidates.items()}
+        calibration = choice.fit(tuple(candidates.values()), calibration)
+        left = choice.residual(calibration)
+        now = {n: _judged(left.without(c.effects), c, kept[n], chosen) for n, c in candidates.items()}
         judged |= now
         failed = [n for n, h in now.items() if not h.accepted]
         if not failed:

@@ -10,6 +10,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.discovery.residual import Residual
 from gpmodel.model.effect import Effect
 from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
+from gpmodel.numerics.outliers import outlier_limit
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,20 @@ def paired_t(gain: Array) -> float:
     return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
+def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
+    """The paired t by which one prediction is better than another, unit by unit of independent poses.
+
+    Both errors count up to median + sigmas · 1.4826 MAD of those before: where a curve has few poses, one of them
+    missed by far neither proves nor disproves.
+    """
+    limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
+    return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))
+
+
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
     """The paired t by which effects predict better than others, unit by unit of independent poses."""
-    return paired_t(cross_validated(residual, others).per_unit - cross_validated(residual, effects).per_unit)
+    before, after = cross_validated(residual, others), cross_validated(residual, effects)
+    return gained(before, after, residual.criteria.outlier_sigmas)
 
 
 def _refitted(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:

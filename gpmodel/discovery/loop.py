@@ -149,7 +149,7 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
         return calibration
     loop.say(f"round {number}: choosing groups of effects together")
     choice = Choice(
-        standard_fit, lambda found: loop.fit(loop.model(found), standard_fit) if found else standard_fit, train,
+        standard_fit, lambda found, start: loop.fit(loop.model(found), start) if found else standard_fit, train,
         loop.offers, loop.search, loop.criteria, loop.seed,
     )  # fmt: skip
     found = additive(choice, (*loop.evolved, *new))

@@ -1,7 +1,7 @@
 """The residual of a calibration: what was measured less all that the model explains, and columns seen the same way."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +31,7 @@ class Residual:
     Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
     far as their priors let them, no further. enabled: (M + B, K) orthonormal columns of the model. values: (M + B,).
     system, target: the columns (M + B, K') and right side these came from. fold_of_row: (M,).
-    unit_of_pose: (N,) which poses count as one observation. winsorised: (N,) poses whose residual was shortened.
+    unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
     criteria: the limits everything about it is held to.
     """
 
@@ -44,8 +44,13 @@ class Residual:
     values: Array
     fold_of_row: IntArray
     unit_of_pose: IntArray
-    winsorised: Mask
+    shrink: Array
     criteria: Criteria
+
+    @property
+    def winsorised(self) -> Mask:
+        """The poses (N,) whose residual was shortened."""
+        return np.asarray(self.shrink < 1.0)
 
     @property
     def measured(self) -> int:
@@ -94,6 +99,11 @@ class Residual:
         np.add.at(energy, self.problem.pose_of_row, left)
         return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
+    def without(self, effects: Sequence[Effect]) -> "Residual":
+        """The same with the part of some of its model's effects given back, as if they were not in it."""
+        system, target, enabled = _system(self.calibration, self.problem, self.shrink, effects)
+        return replace(self, system=system, target=target, enabled=enabled, values=ident.remove(enabled, target))
+
     @cached_property
     def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:
         """Of every fold: its rows (M,), the factored normal equations of the system without them, their solution."""
@@ -108,18 +118,31 @@ class Residual:
 
 
 def residual_of(
-    calibration: Calibration, poses: Poses, criteria: Criteria, seed: int, without: Sequence[Effect] = (),
-    trusted: Mask | None = None,
-) -> Residual:  # fmt: skip
+    calibration: Calibration, poses: Poses, criteria: Criteria, seed: int, trusted: Mask | None = None
+) -> Residual:
     """The residual of a calibration at poses, every one of them; far-out poses are winsorised, not dropped.
 
-    without: effects of the model whose part is given back to the residual, as if they were not in it. trusted: (N,)
-    poses taken as they are. seed: of the folds.
+    trusted: (N,) poses taken as they are. seed: of the folds.
     """
     problem = problem_at(calibration, poses)
     shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0
+    system, target, enabled = _system(calibration, problem, shrink, ())
+    fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
+    return Residual(
+        calibration, problem.poses, problem, system, target, enabled, ident.remove(enabled, target), fold,
+        independent_units(poses.dataset, criteria), shrink, criteria,
+    )  # fmt: skip
+
+
+def _system(
+    calibration: Calibration, problem: Linearised, shrink: Array, without: Sequence[Effect]
+) -> tuple[Array, Array, Array]:
+    """Columns and right side (M + B) of what is enabled but for some effects, and the orthonormal span of the columns.
+
+    without: effects whose part is given back to the right side.
+    """
     returned = np.isin([e.name for e in calibration.model.effects], [e.name for e in without])
     shortened = problem.residual * shrink[problem.pose_of_row]
     shortened = shortened + problem.columns[:, problem.placement :][:, returned] @ calibration.theta[returned]
@@ -129,13 +152,7 @@ def residual_of(
     system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
-    enabled = _spanned(system, np.any(belief[:, free] != 0, axis=0))
-    values = ident.remove(enabled, target)
-    fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
-    return Residual(
-        calibration, problem.poses, problem, system, target, enabled, values, fold,
-        independent_units(poses.dataset, criteria), shrink < 1.0, criteria,
-    )  # fmt: skip
+    return system, target, _spanned(system, np.any(belief[:, free] != 0, axis=0))
 
 
 def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:

@@ -60,7 +60,7 @@ class Effect:
         out = np.zeros((len(states), 6))
         for term in self.terms:
             if term.slot == slot:
-                out[:, AXES.index(term.axis)] += term.weight * term.basis(states)
+                out[:, AXES.index(term.axis)] += term.weight * states.value(term.basis)
         return out
 
 

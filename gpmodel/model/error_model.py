@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism, closed, places
+from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.observation import Tips, observations
 from gpmodel.model.observed import Observed
@@ -72,13 +72,12 @@ class ErrorModel:
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
         """Error twists (N, 6), m and rad, by the index of the slot they act at; none where nothing acts."""
         out: dict[int, Array] = {}
-        for effect, value in zip(self.effects, theta, strict=True):
-            if value != 0.0:
-                for slot in effect.slots:
-                    if slot != INSTRUMENT:
-                        at = self.mechanism.slots.index(slot)
-                        out[at] = out.get(at, 0.0) + value * effect.twist(poses.states, slot)
-        return out
+        terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
+        for term, size in terms:
+            if term.slot != INSTRUMENT:
+                twist = out.setdefault(self.mechanism.slots.index(term.slot), np.zeros((6, len(poses))))
+                twist[AXES.index(term.axis)] += size * poses.states.value(term.basis)
+        return {at: twist.T for at, twist in out.items()}
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
         """The model and its unknowns without what is the instrument's alone."""

@@ -1,13 +1,14 @@
 """What a basis may read: named, unit-carrying columns, one value a pose."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
+from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
 from gpmodel.model.instrument import Seen, seen_columns
@@ -39,6 +40,16 @@ class States:
     weights: UnitLoads | None = None
     seen: Seen | None = None
     rows: IntArray | None = None
+    _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def value(self, basis: Basis) -> Array:
+        """Values (N,) of a basis here, computed once: a calibration asks for hundreds of them at every step."""
+        text = str(basis)
+        if not isinstance(basis, Expression):
+            return basis(self)
+        if text not in self._known:
+            self._known[text] = basis(self)
+        return self._known[text]
 
     def __getitem__(self, name: str) -> Array:
         if name in self.columns:

@@ -16,7 +16,8 @@ from gpmodel.model.effect import Effect
 @dataclass(frozen=True)
 class Kept:
     """A group in the model. gain: nats over the model without it, its cost not counted. values, stderr: (E,) of its
-    effects. rivals: groups that could stand in its place, with the nats lost."""
+    effects. rivals: groups that could stand in its place, with the nats lost. determined: how many of its unknowns the
+    data say more of than the prior does."""
 
     group: Group
     gain: float
@@ -24,6 +25,7 @@ class Kept:
     values: Array
     stderr: Array
     rivals: tuple[tuple[Group, float], ...] = ()
+    determined: float = 0.0
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -72,8 +74,10 @@ def summarised(
         effects, spreads = tuple(group.effects[k] for k in pick), tuple(group.spreads[k] for k in pick)
         group = replace(group, effects=effects, spreads=spreads)
         others = tuple((active.pool.groups[r.number], r.loss) for r in rivals.get(g, ()))
+        said = variance * active.own(g)[0]
+        determined = float(np.sum(said / (1.0 + said)))
         gain = active.worth(g)[0]
-        kept.append(Kept(group, gain, variance, fit.point.theta[own], deviation[own], others))
+        kept.append(Kept(group, gain, variance, fit.point.theta[own], deviation[own], others, determined))
     geometry = tuple(k for k in kept if k.group.standing)
     found = tuple(sorted((k for k in kept if not k.group.standing), key=lambda k: -k.gain))
     shared = float(np.sqrt(fit.point.ratio)) * fit.sigma
