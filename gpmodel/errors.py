@@ -1,5 +1,8 @@
 """The exceptions a user can meet."""
 
+LONGEST = 1000
+"""Characters of a message; what it quotes may be a whole file."""
+
 
 class GpModelError(Exception):
     """Root of every error raised on purpose; the message is one line: what, where, what was expected."""
@@ -13,9 +16,9 @@ class InputError(GpModelError, ValueError):
     """
 
     def __init__(self, message: str, argument: str = "") -> None:
-        super().__init__(f"{argument}: {message}" if argument else message)
         self.argument = argument
-        self.said = message
+        self.said = message if len(message) <= LONGEST else f"{message[: LONGEST - 200]} … {message[-200:]}"
+        super().__init__(f"{argument}: {self.said}" if argument else self.said)
 
 
 class WriteError(InputError):

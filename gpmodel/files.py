@@ -1,7 +1,6 @@
 """Results on disk: whole or not at all, and one process at a time."""
 
 import errno
-import hashlib
 import json
 import math
 import os
@@ -9,18 +8,16 @@ import re
 import shutil
 import socket
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gpmodel.errors import InputError, WriteError
 
 LOCK = ".gpmodel.lock"
-SEAL = "sha256"
 _NUMBERS = re.compile(r"\[\n[-+0-9.eE,\snul]*\]")
 _DRAFT = ".gpmodel-draft"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -137,57 +134,23 @@ def not_written(path: Path, error: OSError) -> WriteError:
     return WriteError(f"{path}: cannot be written ({error.strerror or error}){hint}")
 
 
-def seal(content: Mapping[str, object]) -> str:
-    """SHA-256 of JSON content by value, whatever its layout, its own seal left out."""
-    bare = {key: value for key, value in content.items() if key != SEAL}
-    text = json.dumps(_plain(bare), sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write JSON content with its seal. Raises WriteError when it cannot be written."""
-    write_text(path, json.dumps({**content, SEAL: seal(content)}))
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The content of a sealed file. Raises OSError where it cannot be read, ValueError where its seal is broken."""
-    content = parse_json(path.read_text(encoding="utf-8"))
-    if not isinstance(content, dict) or content.pop(SEAL, None) != seal(content):
-        raise ValueError("its content is not what was written")
-    return content
-
-
-def parse_json(text: str | bytes) -> Any:
-    """JSON as the standard has it. Raises ValueError: no JSON, nested too deep, or a number that is not finite."""
-    try:
-        return json.loads(text, parse_constant=_finite, parse_float=_finite)
-    except RecursionError:
-        raise ValueError("nested too deep") from None
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text} is no finite number")
-    return value
-
-
 def to_json(value: object) -> str:
     """JSON text of nested dicts, sequences and NumPy numbers; a row of numbers is a line, not finite ones are null."""
-    text = json.dumps(_plain(value), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False)
     return _NUMBERS.sub(lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text) + "\n"
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """The same as JSON has it: NumPy numbers and arrays as numbers and lists, what is not finite as null."""
     match value:
         case dict():
-            return {str(k): _plain(v) for k, v in value.items()}
+            return {str(k): plain(v) for k, v in value.items()}
         case list() | tuple():
-            return [_plain(v) for v in value]
+            return [plain(v) for v in value]
         case np.ndarray():
-            return _plain(value.tolist())
+            return plain(value.tolist())
         case np.generic():
-            return _plain(value.item())
+            return plain(value.item())
         case float():
             return value if math.isfinite(value) else None
         case Path():

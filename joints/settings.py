@@ -1,7 +1,6 @@
 """Settings of the joint's studies: a TOML table laid over the thesis' joint, every quantity written with its unit."""
 
 import re
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import pint
 
 from gpmodel.errors import InputError
+from gpmodel.texts import read_toml as read_table
 from joints.limits import require
 
 _QUANTITY = re.compile(r"^\s*([-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([^\s\d].*?)\s*$")
@@ -70,12 +70,7 @@ def laid_over(study: str, given: Settings, file: str) -> Settings:
 
 def read_toml(path: Path) -> Settings:
     """The TOML table at `path`; InputError in one line if there is none."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}, expected a TOML file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: no TOML: {' '.join(str(error).split())}") from error
+    return read_table(path, "a TOML file")
 
 
 def _overlay(default: Settings, given: Settings, file: str, place: str) -> Settings:

@@ -37,7 +37,6 @@ Angles take _deg or _rad, lengths _mm, _m or _in, masses _kg.
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +45,7 @@ import pinocchio as pin
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.texts import read_toml
 from robots.chain import SerialChain
 from robots.links import Link
 from robots.motion import along, translation
@@ -56,8 +56,8 @@ from robots.toml_table import TomlTable
 def of_another_kind(path: Path) -> bool:
     """Whether a TOML file names the `kind` of what it describes, which is some other provider's; False where unread."""
     try:
-        return "kind" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return "kind" in read_toml(path, "a mechanism")
+    except InputError:
         return False
 
 
@@ -68,13 +68,7 @@ def read_dh(path: Path) -> SerialChain:
     the row's a and alpha. The joint moves about or along its z axis either way.
     Raises InputError where the file cannot be read, or a key is unknown, lacks a unit or has no sensible value.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a TOML table of DH rows") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not TOML ({error}); expected a table of DH rows") from error
-    top = TomlTable(content, str(path))
+    top = TomlTable(read_toml(path, "a TOML table of DH rows"), str(path))
     name = top.text("name", path.stem)
     convention = top.choice("convention", ("standard", "modified"))
     gravity = top.quantity("gravity", "acceleration", np.array(DOWN), size=3)
@@ -121,6 +115,8 @@ def read_dh(path: Path) -> SerialChain:
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
     """The row as a link, and the constant transform from its motion to its own frame."""
     name = row.text("name", f"J{number}")
+    if not name.isidentifier():
+        raise InputError(f"{row.where}: name is {name!r}, expected letters, digits and underscores")
     axis = {"revolute": "Rz", "prismatic": "Tz"}[row.choice("kind", ("revolute", "prismatic"), "revolute")]
     alpha, theta = row.quantity("alpha", "angle", 0.0), row.quantity("theta", "angle", 0.0)
     a, d = row.quantity("a", "length", 0.0), row.quantity("d", "length", 0.0)

@@ -19,6 +19,8 @@ from robots.urdf_file import Mimic, parse_mimics, parse_model
 
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
+LONGEST_CHAIN = 64
+"""Moving joints; work and memory grow with their square. A snake robot has 20."""
 
 
 def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) -> SerialChain:
@@ -42,6 +44,8 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
     chain = _moving_joints(model, frame)
     if not chain:
         raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
+    if len(chain) > LONGEST_CHAIN:
+        raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
     return _chain(model, chain, name or path.stem, frame, mimics, path)
 
 

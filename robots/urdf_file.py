@@ -15,6 +15,11 @@ import pinocchio as pin
 
 from gpmodel.errors import InputError
 
+LARGEST_FILE = 16 << 20
+"""Bytes; a humanoid with its hands has 0.3 MB."""
+MOST_JOINTS = 300
+"""Of which a chain may be made; a humanoid with its hands has 100."""
+
 
 @dataclass(frozen=True)
 class Mimic:
@@ -25,16 +30,28 @@ class Mimic:
     offset: float
 
 
+class _Plain(ET.TreeBuilder):
+    """Elements alone: a document type, which could define entities that grow without end, is refused."""
+
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
+        """Raises ValueError."""
+        raise ValueError(f"document type {name!r}")
+
+
 def parse_xml(path: Path) -> ET.Element:
     """The <robot> element, comments kept. Raises InputError where the file cannot be a URDF."""
     try:
-        root = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected a URDF file")
+        root = ET.parse(path, ET.XMLParser(target=_Plain(insert_comments=True))).getroot()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
     if root.tag != "robot":
         raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
+    if len(root.findall("joint")) > MOST_JOINTS:
+        raise InputError(f"{path}: more than {MOST_JOINTS} joints; expected the description of one machine")
     if any("xacro" in str(element.tag) for element in root.iter()):
         raise InputError(f"{path}: holds xacro macros; expected plain URDF (run `xacro {path.name}` first)")
     return root

@@ -9,7 +9,7 @@ from unittest import mock
 
 import pytest
 
-from gpmodel import files
+from gpmodel import files, texts
 from gpmodel.errors import InputError, WriteError
 
 
@@ -77,16 +77,16 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
 
 def test_a_seal_is_of_the_content_not_of_its_layout(tmp_path: Path) -> None:
     content = {"b": [1.0, 2, None], "a": {"x": "é"}}
-    assert files.seal(content) == files.seal({"a": {"x": "é"}, "b": [1.0, 2, None], files.SEAL: "anything"})
-    assert files.seal(content) != files.seal(content | {"b": [1.0, 2.5, None]})
-    files.write_json(tmp_path / "f", content)
-    assert files.read_json(tmp_path / "f") == content
+    assert texts.seal(content) == texts.seal({"a": {"x": "é"}, "b": [1.0, 2, None], texts.SEAL: "anything"})
+    assert texts.seal(content) != texts.seal(content | {"b": [1.0, 2.5, None]})
+    texts.write_json(tmp_path / "f", content)
+    assert texts.read_json(tmp_path / "f") == content
     text = (tmp_path / "f").read_text()
     wrong = (text.replace("2", "3"), text.replace("null", "NaN"), text.replace("1.0", "1e999"))
     for damaged in (*wrong, "[]", "", "[" * 100_000):
         (tmp_path / "f").write_text(damaged)
         with pytest.raises(ValueError, match=r".+"):
-            files.read_json(tmp_path / "f")
+            texts.read_json(tmp_path / "f")
 
 
 def test_a_removed_folder_is_gone_from_one_moment_to_the_next(tmp_path: Path) -> None:

@@ -124,7 +124,7 @@ FROM_TEXT = {
     "discovery/encoding.py",
     "discovery/journal.py",
     "evolution/runs.py",
-    "files.py",
+    "texts.py",
     "joints/contact_types.py",
     "joints/description.py",
     "joints/settings.py",

@@ -21,9 +21,9 @@ from gpmodel.application.predict import beside, misses, predicted_columns
 from gpmodel.application.usable import of_the_session, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.files import SEAL
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.read import dataset_from
+from gpmodel.texts import SEAL
 from gpmodel.wording import measured
 
 

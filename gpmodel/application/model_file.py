@@ -13,7 +13,7 @@ from gpmodel.application.model_schema import KIND, SCHEMA, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
-from gpmodel.files import SEAL, seal, to_json, write_text
+from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
@@ -23,6 +23,7 @@ from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
+from gpmodel.texts import SEAL, seal
 
 TIP_TOLERANCE = 1e-7
 """Metres by which the nominal tip may differ from the one that was saved: rounding of another machine or library."""
@@ -191,6 +192,9 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         )
         for e in part.effects
     )
+    odd = [name for e in effects for name in e.inputs if not name.isidentifier()]
+    if odd:
+        raise InputError(f"a basis reads {odd[0]!r}, which is no name of a column")
     unknown = [s for e in effects for s in e.slots if s not in places(mechanism)]
     if unknown:
         raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(places(mechanism))}")

@@ -6,7 +6,7 @@ import msgspec
 
 from gpmodel.application.model_schema import KIND, LARGEST_FILE, SCHEMA, ModelPart
 from gpmodel.errors import InputError
-from gpmodel.files import SEAL, parse_json, seal
+from gpmodel.texts import SEAL, parse_json, seal
 
 REPORT, REPORTED = "report.json", "model_sha256"
 

@@ -26,14 +26,19 @@ ROTATION_TOLERANCE = 1e-6
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
-Name = Annotated[str, msgspec.Meta(max_length=1000)]
-Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+_PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029]*\Z'
+Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=_PLAIN)]
+"""Text that cannot end a line, a comment or a string of source that is made of a model."""
+Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=_PLAIN)]
+Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
+"""The name of a column, as expressions write it."""
+Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%*/^.() -]*\Z")]
 FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00]+\Z")]
 Point = tuple[Finite, Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]
 Transform = tuple[Row, Row, Row, Row]
-Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000)]
-Columns = Annotated[dict[Label, Name], msgspec.Meta(max_length=MOST_COLUMNS)]
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=_PLAIN)]
+Columns = Annotated[dict[Word, Unit], msgspec.Meta(max_length=MOST_COLUMNS)]
 Transforms = Annotated[dict[Name, Transform], msgspec.Meta(max_length=MOST_COLUMNS)]
 Value = TypeVar("Value")
 Rows = Annotated[tuple[Value, ...], msgspec.Meta(max_length=MOST_ROWS)]
@@ -54,7 +59,7 @@ class EffectPart(msgspec.Struct, frozen=True):
 
     name: Label
     family: Name
-    unit: Name
+    unit: Unit
     prior: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST_NUMBER)] | None
     value: Finite
     stderr: Deviation | None
@@ -71,7 +76,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
     frame: Label | None
     payload_kg: Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)] | None
     payload_com_m: Point | None
-    joints: Annotated[tuple[Label, ...], msgspec.Meta(min_length=1, max_length=200)]
+    joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
     tip_at_probe_m: Point
     description: str | None = None
 
@@ -89,7 +94,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     distances_m: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
     payload_kg: Rows[float] | None
     labels: Annotated[dict[Label, Rows[Name]], msgspec.Meta(max_length=MOST_COLUMNS)]
-    extras: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    extras: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
     extra_units: Columns
     columns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
     in_order: bool
@@ -121,7 +126,7 @@ class ModelPart(msgspec.Struct, frozen=True):
     covariance: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=MOST_EFFECTS + MOST_COLUMNS)]
     unknowns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
     centre_m: Point
-    ranges: Annotated[dict[Label, tuple[Finite, Finite]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    ranges: Annotated[dict[Word, tuple[Finite, Finite]], msgspec.Meta(max_length=MOST_COLUMNS)]
     registration: Transforms
     tool: Transforms
     anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_COLUMNS)]

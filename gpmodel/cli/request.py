@@ -12,9 +12,9 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import JournalFiles, unfinished
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
-from gpmodel.files import seal
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.progress import Say
+from gpmodel.texts import seal
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from gpmodel.discovery.result import Finding, Round
 from gpmodel.errors import InputError
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
-from gpmodel.files import read_json, remove_folder, seal, set_aside, write_json
+from gpmodel.files import remove_folder, set_aside
 from gpmodel.progress import Say, Teller, silent
+from gpmodel.texts import read_json, seal, write_json
 
 FOLDER = "unfinished"
 REQUEST = "request.json"

@@ -2,11 +2,11 @@
 
 import dataclasses
 import datetime
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from gpmodel.errors import InputError
+from gpmodel.texts import read_toml
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,7 @@ def read_particulars(path: Path) -> Particulars:
 
     Raises InputError: no such file, no TOML, an unknown key, or a value that is no text, number or date.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no TOML ({error}); expected lines as in serial = '64-10291'") from None
+    content = read_toml(path, "lines as in serial = '64-10291'")
     known = [f.name for f in dataclasses.fields(Particulars)]
     for key, value in content.items():
         if key not in known:

@@ -6,6 +6,7 @@ import hashlib
 import io
 import re
 import warnings
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ from gpmodel.errors import InputError
 LARGEST = 1e20
 """In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""
 
+LARGEST_FILE = 128 << 20
+"""Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
+
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
@@ -26,6 +30,11 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
     """
     try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(
+                f"{path.name}: {path.stat().st_size >> 20} MB, expected a table of at most {LARGEST_FILE >> 20} MB; "
+                "leave columns or rows away"
+            )
         raw = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a measured table") from None
@@ -34,10 +43,13 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in (".xlsx", ".xls"):
         try:
+            _check_unpacked(raw, path)
             header = pd.read_excel(io.BytesIO(raw), header=None, nrows=1, dtype=str).iloc[0].dropna()
             frame = pd.read_excel(io.BytesIO(raw), dtype=str, keep_default_na=False, na_values=[""])
         except ImportError:
             raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
+        except InputError:
+            raise
         except Exception as error:  # zip, xml and openpyxl errors of many kinds
             raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
         _check_names(header.tolist(), path)
@@ -49,6 +61,14 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     if frame.empty:
         raise InputError(f"{path.name}: no rows below the header; expected one row per pose")
     return frame.reset_index(drop=True), digest
+
+
+def _check_unpacked(raw: bytes, path: Path) -> None:
+    """Raises InputError where an Excel table is larger than it looks."""
+    if zipfile.is_zipfile(io.BytesIO(raw)):
+        size = sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(raw)).infolist())
+        if size > LARGEST_FILE:
+            raise InputError(f"{path.name}: {size >> 20} MB unpacked, expected at most {LARGEST_FILE >> 20} MB")
 
 
 def _read_text(raw: bytes, path: Path) -> pd.DataFrame:

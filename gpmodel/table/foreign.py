@@ -1,7 +1,6 @@
 """Measured files of other programs: a small map of columns turns one into a table this program reads."""
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.units import factor, known_unit, split_header
+from gpmodel.texts import read_toml
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
@@ -48,12 +48,7 @@ def read_map(path: Path) -> ColumnMap:
 
     Raises InputError where it is missing, no TOML, or has other keys.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a map of columns") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path.name}: is no TOML ({error}); expected a map of columns") from None
+    content = read_toml(path, "a map of columns")
     columns, orientation = content.pop("columns", None), content.pop("orientation", None)
     if content:
         raise InputError(f"{path.name}: '{next(iter(content))}' is unknown; expected [columns] and [orientation]")

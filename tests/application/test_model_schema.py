@@ -11,7 +11,7 @@ from model_cases import fitted
 from gpmodel.application.model_file import load_model, model_text
 from gpmodel.application.model_schema import LARGEST_FILE
 from gpmodel.errors import InputError
-from gpmodel.files import SEAL, seal
+from gpmodel.texts import SEAL, seal
 
 
 def sealed(content: dict[str, Any], **changes: object) -> str:
@@ -82,6 +82,9 @@ EFFECTS: dict[str, tuple[dict[str, object], str]] = {
     "null value": ({"value": None}, "effects[0].value: Expected `float`, got `null`"),
     "no terms": ({"terms": []}, "effects[0].terms: Expected `array` of length >= 1"),
     "negative deviation": ({"stderr": -1.0}, "effects[0].stderr: Expected `float` >= 0.0"),
+    "a name that ends a text": ({"name": '"""'}, "effects[0].name: Expected `str` matching regex"),
+    "a name of two lines": ({"name": "a\nimport os"}, "effects[0].name: Expected `str` matching regex"),
+    "a unit that ends a comment": ({"unit": "*/"}, "effects[0].unit: Expected `str` matching regex"),
     "long name": ({"name": "x" * 100_000}, "effects[0].name: Expected `str` of length <= 1000"),
 }
 TERMS: dict[str, tuple[object, str]] = {
@@ -94,6 +97,7 @@ BASES = {
     "code": ("__import__('os').system('true')", "cannot read"),
     "a long sum": ("+".join(["J1"] * 20_000), "effects[0].terms[0].basis: Expected `str` of length <= 20000"),
     "many terms": ("+".join(["J1"] * 400), "300 within each other"),
+    "a column that is no name": ("'x; system(1)'", "reads 'x; system(1)', which is no name of a column"),
     "minus signs": ("-" * 5000 + "1", "not an expression"),
     "a bomb": ("a = J1;" + 17 * "a = a+a*J2;" + "a", "when it is written out"),
 }

@@ -10,6 +10,7 @@ import pytest
 from effect_cases import numbers
 from loop_cases import QUICK, found, quick, robot
 
+from gpmodel import texts
 from gpmodel.discovery import journal
 from gpmodel.discovery.journal import JournalFiles
 from gpmodel.discovery.loop import discover
@@ -165,7 +166,7 @@ def test_files_of_another_search_are_not_read(tmp_path: Path) -> None:
 
 def test_another_schema_is_refused_and_stays(tmp_path: Path) -> None:
     assert journal.unfinished(tmp_path) is None
-    journal.write_json(tmp_path / journal.FOLDER / journal.REQUEST, {"schema": 99})
+    texts.write_json(tmp_path / journal.FOLDER / journal.REQUEST, {"schema": 99})
     with pytest.raises(InputError, match="schema 99; this version resumes schema"):
         journal.unfinished(tmp_path)
     assert (tmp_path / journal.FOLDER / journal.REQUEST).exists()

@@ -8,6 +8,7 @@ from robots_cases import STANDARD_DH, slot_frames
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.source import MechanismChoice
 from robots.dh import read_dh
 
 ROW = "[[joint]]\na_mm = 100\n"
@@ -74,7 +75,7 @@ def test_modified_rows_multiply_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        ("convention = ", "not TOML"),
+        ("convention = ", "is no TOML"),
         ("", "convention is None, expected one of 'standard', 'modified'"),
         (MODIFIED, "no .*joint.* rows"),
         (ROW, "convention"),
@@ -109,3 +110,19 @@ def test_bad_file_is_one_line(content: str, complaint: str, tmp_path: Path) -> N
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_dh(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", ["../../x", "<b>", "a b", '"""', "1J"])
+def test_a_joint_is_named_as_expressions_can_write_it(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(f"convention = 'standard'\n[[joint]]\nname = '{name}'\na_mm = 100\n")
+    with pytest.raises(InputError, match="expected letters, digits and underscores"):
+        read_dh(path)
+
+
+@pytest.mark.parametrize("text", ["a = " + 100_000 * "[", "a = " + 5000 * "{a = "])
+def test_a_table_nested_too_deep_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="nested too deep"):
+        MechanismChoice(str(path)).load()

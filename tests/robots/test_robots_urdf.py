@@ -12,6 +12,7 @@ from gpmodel.errors import InputError
 from robots import load_mechanism
 from robots.library import EXAMPLE_ARMS
 from robots.urdf import read_urdf
+from robots.urdf_file import LARGEST_FILE
 
 LINK = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
 JOINT = (
@@ -164,3 +165,41 @@ def test_missing_file_and_unknown_frame(tmp_path: Path, odd: Path) -> None:
         read_urdf(odd, frame="flange")
     with pytest.raises(InputError, match="no moving joint"):
         read_urdf(odd, frame="bench")
+
+
+def chain_of(joints: int) -> str:
+    """A URDF of so many joints in a row."""
+    link = '<link name="l{}"/>'
+    joint = '<joint name="j{0}" type="continuous"><parent link="l{0}"/><child link="l{1}"/><axis xyz="0 0 1"/></joint>'
+    parts = [link.format(0), *(link.format(k + 1) + joint.format(k, k + 1) for k in range(joints))]
+    return f'<robot name="snake">{"".join(parts)}</robot>'
+
+
+BILLION = "<!DOCTYPE robot [<!ENTITY a0 'ha'>" + "".join(
+    f"<!ENTITY a{k} '{10 * f'&a{k - 1};'}'>" for k in range(1, 12)
+)  # fmt: skip
+BOMBS = {
+    "entities": (f"{BILLION}]><robot>&a11;</robot>", "document type"),
+    "a file of the machine": ('<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot>&x;</robot>', "document"),
+    "a document elsewhere": ('<!DOCTYPE robot SYSTEM "http://localhost/r.dtd"><robot/>', "document type"),
+    "depth": (f"<robot>{100_000 * '<a>'}{100_000 * '</a>'}</robot>", "not a URDF that can be read"),
+    "joints": (chain_of(5000), "more than 300 joints"),
+    "a long chain": (chain_of(65), "65 moving joints to 'l65', expected at most 64"),
+}
+
+
+@pytest.mark.parametrize("kind", BOMBS)
+def test_a_description_that_grows_when_it_is_read_is_refused(kind: str, tmp_path: Path) -> None:
+    text, said = BOMBS[kind]
+    path = tmp_path / "bomb.urdf"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as caught:
+        read_urdf(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_too_large_is_refused_unread(tmp_path: Path) -> None:
+    with (tmp_path / "large.urdf").open("wb") as file:
+        file.truncate(LARGEST_FILE + 1)
+    with pytest.raises(InputError, match="larger than 16 MB"):
+        read_urdf(tmp_path / "large.urdf")

@@ -1,6 +1,7 @@
 """Reading tables: separators, decimal commas, units, labels."""
 
 import math
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.read import read_table
 from gpmodel.table.write import frame_of
@@ -175,3 +177,19 @@ def test_text_columns_and_empty_rows_are_remembered(tmp_path: Path) -> None:
     data = read_table(path, ROBOT)
     assert data.ignored == ("operator",)
     assert data.empty_rows == 1
+
+
+def test_a_table_of_a_gigabyte_is_refused_unread(tmp_path: Path) -> None:
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(1 << 30)
+    with pytest.raises(InputError, match=r"large.csv: 1024 MB, expected a table of at most 128 MB"):
+        read_frame(tmp_path / "large.csv")
+
+
+def test_an_excel_table_that_is_larger_than_it_looks_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.xlsx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", bytes(200 << 20))
+    assert path.stat().st_size < 1 << 20
+    with pytest.raises(InputError, match=r"bomb.xlsx: 200 MB unpacked, expected at most 128 MB"):
+        read_frame(path)

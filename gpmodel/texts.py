@@ -1,0 +1,78 @@
+"""JSON and TOML from outside: read within limits, and JSON with a seal by which it is recognised."""
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gpmodel.errors import InputError
+from gpmodel.files import plain, write_text
+
+SEAL = "sha256"
+LARGEST_TOML = 1 << 20
+"""Bytes; a description of an arm has some thousand."""
+LARGEST_INTEGER = 2**63
+"""As TOML has it; a float cannot hold one of hundreds of digits."""
+
+
+def seal(content: Mapping[str, object]) -> str:
+    """SHA-256 of JSON content by value, whatever its layout, its own seal left out."""
+    bare = {key: value for key, value in content.items() if key != SEAL}
+    text = json.dumps(plain(bare), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write JSON content with its seal. Raises WriteError when it cannot be written."""
+    write_text(path, json.dumps({**content, SEAL: seal(content)}))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The content of a sealed file. Raises OSError where it cannot be read, ValueError where its seal is broken."""
+    content = parse_json(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict) or content.pop(SEAL, None) != seal(content):
+        raise ValueError("its content is not what was written")
+    return content
+
+
+def parse_json(text: str | bytes) -> Any:
+    """JSON as the standard has it. Raises ValueError: no JSON, nested too deep, or a number that is not finite."""
+    try:
+        return json.loads(text, parse_constant=_finite, parse_float=_finite)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def read_toml(path: Path, expected: str) -> dict[str, Any]:
+    """The content of a TOML file. Raises InputError, saying what was `expected`: cannot be read, too large, no TOML."""
+    try:
+        if path.stat().st_size > LARGEST_TOML:
+            raise InputError(f"{path}: larger than {LARGEST_TOML >> 20} MB; expected {expected}")
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        _check_integers(content)
+        return content
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
+    except InputError:
+        raise
+    except RecursionError:
+        raise InputError(f"{path}: nested too deep; expected {expected}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is no TOML ({error}); expected {expected}") from None
+
+
+def _check_integers(value: object) -> None:
+    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise ValueError("an integer that is too large")
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_integers(part)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
