@@ -83,6 +83,9 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "chance": lambda t: f"chance of it on shuffled residuals {wording.chance(t.value)}, limit {t.limit}",
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
+    "cross-fitting": lambda t: (
+        f"laws evolved without some poses predict these {t.value:.1f} deviations better, limit {t.limit}"
+    ),
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",

@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.kept import KeptRuns
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.programs import as_candidate, parts, without_poles
@@ -78,10 +78,9 @@ def explore(
     n = len(residual.poses)
     count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
-    inputs, names = readable_inputs(residual.poses.states, rows)
-    problem = SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node)
+    problem, names = posed(residual, sites, search, rows)
     if not search.runs:
-        return Exploration((), np.zeros(0), without_runs(inputs.names, residual.criteria.input_significance))
+        return Exploration((), np.zeros(0), without_runs(problem.inputs.names, residual.criteria.input_significance))
     budget = search.budget(turn.opening)
     settings = [Settings(strategy, budget=budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
@@ -93,36 +92,44 @@ def explore(
     ]
     tasks = dict(enumerate([*real, *shuffles]))
     first = tasks if turn.number == 1 else dict(list(tasks.items())[: len(real)])
-    found = _run(first, search, turn)
-    candidates = _candidates(residual, sites, search, names, found[: len(real)])
+    found = run(first, search, turn)
+    candidates = candidates_of(residual, sites, search, names, found[: len(real)])
     by_chance = found[len(real) :]
     if turn.number > 1 and _could_be_accepted(residual, candidates):
-        by_chance = _run(dict(list(tasks.items())[len(real) :]), search, turn)
+        by_chance = run(dict(list(tasks.items())[len(real) :]), search, turn)
 
     ran = [*zip(real, found, strict=False), *zip(shuffles, by_chance, strict=False)]
-    strengths = [_most_saved(residual, search, run, len(sites)) for _, run in ran]
+    strengths = [_most_saved(residual, search, evolution, len(sites)) for _, evolution in ran]
     records = [
-        RunRecord(label(task.settings.representation), k >= len(real), run.best.program, strength)
-        for k, ((task, run), strength) in enumerate(zip(ran, strengths, strict=True))
+        RunRecord(label(task.settings.representation), k >= len(real), evolution.best.program, strength)
+        for k, ((task, evolution), strength) in enumerate(zip(ran, strengths, strict=True))
     ]
-    counted = histogram(records, inputs.names, residual.criteria.input_significance)
+    counted = histogram(records, problem.inputs.names, residual.criteria.input_significance)
     return Exploration(candidates, np.array(strengths[len(real) :]), counted)
 
 
-def _run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution]:
+def posed(
+    residual: Residual, sites: tuple[Site, ...], search: Search, rows: IntArray
+) -> tuple[SlotProblem, Mapping[str, str]]:
+    """What is evolved on some poses at all sites, and how its inputs are written over the table's columns."""
+    inputs, names = readable_inputs(residual.poses.states, rows)
+    return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
+
+
+def run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution]:
     """All runs by number; each is kept as it finishes and told of, and those kept before are not repeated."""
-    found = {n: run for n in tasks if (run := turn.kept.run((turn.number, n))) is not None}
+    found = {n: kept for n in tasks if (kept := turn.kept.run((turn.number, n))) is not None}
     left = [n for n in tasks if n not in found]
     turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
     workers = search.executor or Threads(search.workers)
-    for place, run in workers(run_task, [tasks[n] for n in left]):
-        turn.kept.keep_run((turn.number, left[place]), run)
-        found[left[place]] = run
+    for place, evolution in workers(run_task, [tasks[n] for n in left]):
+        turn.kept.keep_run((turn.number, left[place]), evolution)
+        found[left[place]] = evolution
         turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
     return [found[n] for n in tasks]
 
 
-def _candidates(
+def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, names: Mapping[str, str], runs: Sequence[Evolution]
 ) -> tuple[Candidate, ...]:
     """What the runs found, as effects at their sites, each once; without those that pass a pole."""

@@ -15,6 +15,7 @@ from gpmodel.discovery.acceptance import Hypothesis, judge
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.cross_fitting import cross_fitted
 from gpmodel.discovery.explore import Exploration, Turn, explore
 from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.null import shuffled
@@ -220,4 +221,5 @@ def _explored(
         named = instances_of(loop.mechanism, residual.poses.states, loop.offers)
         pool = [*(c for c in named if c.name not in known), *pool]
         nulls["catalogue"] = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
-    return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)
+    judged = judge(residual, pool_of(residual, pool, nulls), loop.search)
+    return exploration, cross_fitted(residual, judged, sites, loop.search, rng, turn)
