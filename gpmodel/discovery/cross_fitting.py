@@ -37,7 +37,7 @@ def cross_fitted(
     """
     if not any(h.verdict.passed_but_for("preference") for h in judged):
         return tuple(judged)
-    t, limit = _gain(residual, sites, search, rng, turn), residual.criteria.minimum_cv_t
+    t, limit = gain_of_search(residual, sites, search, rng, turn), residual.criteria.minimum_cv_t
     test = Test("cross-fitting", t, limit, t > limit)
     return tuple(
         replace(h, verdict=Verdict((*h.verdict.tests, test))) if h.verdict.passed_but_for("preference") else h
@@ -45,7 +45,9 @@ def cross_fitted(
     )
 
 
-def _gain(residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, turn: Turn) -> float:
+def gain_of_search(
+    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, turn: Turn
+) -> float:
     """By how many deviations poses are predicted better with what is evolved, and fitted, without them."""
     fold = folds(residual.poses.dataset, FOLDS, rng)
     parts = [np.flatnonzero(fold != k) for k in np.unique(fold)]
