@@ -82,7 +82,10 @@ def improvement() -> dict[str, Any]:
     draw("fig_5_16_distribution", sphere_charts.distribution_chart, {n: s.heldout_error for n, s in rungs.items()})
     heldout_rows = {n: summary(s.heldout_error) for n, s in rungs.items()}
     heldout_rows["oracle told the effect"] = summary(errors_on(oracle, poses.subset(heldout)))
-    return {"heldout": heldout_rows, **{key: report[key] for key in ("effects", "verdict", "histogram", "absorbed")}}
+    return {
+        "heldout": heldout_rows,
+        **{key: report[key] for key in ("effects", "verdict", "histogram", "unobservable")},
+    }
 
 
 if __name__ == "__main__":
