@@ -153,9 +153,10 @@ def _joint_columns(
     expected = by_number if numbered else by_name
     missing = [name for name in expected if name not in columns]
     if missing:
+        units = "[mm] or [m]" if expected[missing[0]].kind == "prismatic" else "[deg] or [rad]"
         raise InputError(
             f"{path.name}: joint column '{missing[0]}' is missing; expected {', '.join(by_number)}"
-            f" or {', '.join(by_name)}, each with [deg] or [rad]"
+            f" or {', '.join(by_name)}, this one with {units}"
         )
     surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
     if surplus:

@@ -145,3 +145,9 @@ def test_lengths_that_meet_in_no_platform_are_refused_by_pose() -> None:
     q[1] = (0.1, 0.9, 0.1, 0.9, 0.1, 0.9)
     with pytest.raises(InputError, match=r"legs of 100.0, 900.0.* do not meet in one platform \(pose 2\)"):
         hexapod().transforms(q)
+
+
+def test_a_table_without_its_lengths_is_told_their_names_and_unit() -> None:
+    frame = pd.DataFrame({"x [mm]": ["1"], "y [mm]": ["2"], "z [mm]": ["3"]})
+    with pytest.raises(InputError, match=r"'J1' is missing.*L1, L2.* with \[mm\] or \[m\]"):
+        gp.read_table(frame, "hexapod")
