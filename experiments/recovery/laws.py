@@ -23,7 +23,8 @@ class Law:
 
 
 def evaluate(text: str) -> Callable[[dict[str, Array]], Array]:
-    names = {name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "pi")}
+    names = {name: getattr(np, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "pi")}
+    names["asin"] = np.arcsin
     return lambda columns: eval(text, {"__builtins__": {}}, {**names, **columns})
 
 

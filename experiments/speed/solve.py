@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from deap import algorithms, base, creator, gp, tools
 
-from experiments.recovery.engines import available
-from experiments.recovery.run import slowdown
+from experiments.recovery.engines import available, slowdown
 from experiments.speed.slot_problems import EFFECTS, NOISE, TRUE_SITE, Planted, planted
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gpmodel.errors import InputError
 from gpmodel.evolution.constants import own_constants_polished
 from gpmodel.evolution.pareto import program_at
-from gpmodel.evolution.problems import CartesianProblem, Problem
+from gpmodel.evolution.problems import CartesianProblem, Scored, SlotProblem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.settings import Settings
@@ -22,7 +22,7 @@ POLISHED = 4
 class Generations:
     """A problem's populations under some settings, without a clock."""
 
-    def __init__(self, problem: Problem, settings: Settings, rng: np.random.Generator) -> None:
+    def __init__(self, problem: Scored, settings: Settings, rng: np.random.Generator) -> None:
         self.problem, self.selection, self.budget, self.rng = problem, settings.selection, settings.budget, rng
         self.threads = self.budget.threads or cores()
         self.breeding = settings.representation.breeding(problem.inputs, problem.start, self.threads)
@@ -86,7 +86,7 @@ class Generations:
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
         """The best programs not met before, their constants fitted, in the place of the worst."""
-        if isinstance(self.problem, CartesianProblem) or not self.layout.own_constants:
+        if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
             return population, scores
         columns = self.problem.inputs.mapping()
         order = np.argsort(scores.score, kind="stable")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,6 +176,34 @@ class SlotProblem:
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """The same search with the residual permuted over the poses."""
         return replace(self, targets=self.targets.shuffled(rng), validation=None, validation_inputs=None)
+
+
+class Scored(Protocol):
+    """What the generations of a search ask of a problem."""
+
+    @property
+    def inputs(self) -> Inputs:
+        """The columns that a program may read."""
+        ...
+
+    @property
+    def start(self) -> tuple[str, ...]:
+        """Inputs that the registers start from, where it matters."""
+        ...
+
+    @property
+    def slice(self) -> int:
+        """Programs that are scored at a time."""
+        ...
+
+    @property
+    def can_drop_the_hopeless(self) -> bool:
+        """Whether a score that passes a limit need not be computed to its end."""
+        ...
+
+    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+        """Scores of decoded programs on rows ``fixed`` (base, N); those above ``hopeless`` may be infinite."""
+        ...
 
 
 Problem = CartesianProblem | SlotProblem

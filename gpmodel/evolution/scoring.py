@@ -56,9 +56,16 @@ def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) ->
 
     code: P programs; fixed (base, N): rows of inputs and constants. A program with nothing to offer scores 0.
     """
+    return projected_scores(values(code, fixed), code, targets, parsimony)
+
+
+def projected_scores(scaled: Array, code: Code, targets: Targets, parsimony: float) -> Scores:
+    """The same from the values (P, k m, N) of columns, scaled in place: the m outputs, then what was made of each.
+
+    A column counts the nodes of the output that it was made of.
+    """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
-    scaled = values(code, fixed)
     programs, outputs, poses = scaled.shape
     usable = np.empty((programs, outputs), dtype=bool)
     pairs = workspace("pairs", (programs, outputs * (outputs + 1) // 2, poses))

@@ -68,12 +68,14 @@ def evolve(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return _search(Generations(problem, settings, rng), settings, progress)
+        return _search(problem, Generations(problem, settings, rng), settings, progress)
 
 
-def _search(run: Generations, settings: Settings, progress: Callable[[Generation], None] | None) -> Evolution:
+def _search(
+    problem: Problem, run: Generations, settings: Settings, progress: Callable[[Generation], None] | None
+) -> Evolution:
     budget = run.budget
-    archive = Archive(run.problem, run.layout)
+    archive = Archive(problem, run.layout)
     began = time.perf_counter()
     rows: list[Generation] = []
     evaluations = 0
@@ -112,8 +114,8 @@ def _search(run: Generations, settings: Settings, progress: Callable[[Generation
         if budget.polish_every and generation % budget.polish_every == 0:
             population, scores = run.polished(population, scores)
     front = archive.front()
-    if budget.climb and isinstance(run.problem, SlotProblem):
-        front = _finished(front, run.problem, run.layout, budget.climb)
+    if budget.climb and isinstance(problem, SlotProblem):
+        front = _finished(front, problem, run.layout, budget.climb)
     chosen = archive.best(front)
     history = {
         name: np.array([getattr(row, name) for row in rows])

@@ -122,7 +122,7 @@ class TreeBreeding:
             child = toolbox.mutate_operator(own)[0]
         if len(child) > self.depth + 1 and child.height > self.depth:
             return mother
-        return Individual((*mother.trees[:place], child, *mother.trees[place + 1 :]))
+        return mother.replaced(place, child)
 
 
 def _complete(

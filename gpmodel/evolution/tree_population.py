@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import chain
 from operator import attrgetter
@@ -46,14 +46,24 @@ def _standard_normal() -> float:
 
 ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)
 ConstantNode.code = OWN_CONSTANT
-_CODE = attrgetter("code")
+_CODE, _TREES = attrgetter("code"), attrgetter("trees")
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Individual:
-    """Several trees bred together."""
+    """Several trees bred together; ``codes`` are their prefix codes, empty where a tree has not been packed yet.
+
+    A tree is never changed after it was packed: who varies it, varies a copy.
+    """
 
     trees: tuple[gp.PrimitiveTree, ...]
+    codes: tuple[bytes, ...] = field(default=(), compare=False)
+
+    def replaced(self, place: int, tree: gp.PrimitiveTree) -> "Individual":
+        """With another tree in one place; the codes of the others are kept."""
+        trees, codes = [*self.trees], [*self.codes] or [b""] * len(self.trees)
+        trees[place], codes[place] = tree, b""
+        return Individual(tuple(trees), tuple(codes))
 
     @property
     def constants(self) -> list[float]:
@@ -72,12 +82,15 @@ class Trees:
 
     @cached_property
     def forest(self) -> Forest:
-        """All trees one after another, the own constants of each individual numbered in turn."""
-        trees = [tree for individual in self.individuals for tree in individual.trees]
-        nodes = list(chain.from_iterable(trees))
-        codes = np.fromiter(map(_CODE, nodes), np.int16, len(nodes))
-        ends = np.cumsum([0, *map(len, trees)])
-        roots = len(trees) // len(self)
+        """All trees one after another, the own constants of each individual numbered in turn.
+
+        Only trees that no population before has packed are; the codes of the others are copied.
+        """
+        self._pack()
+        parts = list(chain.from_iterable(individual.codes for individual in self.individuals))
+        codes = np.frombuffer(bytearray().join(parts), np.int16)
+        ends = np.concatenate([[0], np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)) // codes.itemsize)])
+        roots = len(parts) // len(self)
         bounds = ends[np.arange(len(self))[:, None] * roots + np.arange(roots + 1)]
         own = np.flatnonzero(codes == OWN_CONSTANT)
         first = np.searchsorted(own, bounds[:, 0])
@@ -85,8 +98,26 @@ class Trees:
         number = np.arange(len(own)) - first[row]
         codes[own] += number.astype(np.int16)
         constants = np.zeros((len(self), int(number.max(initial=0)) + 1))
-        constants[row, number] = [nodes[k].value for k in own.tolist()]
+        if len(own):
+            nodes = list(chain.from_iterable(tree for individual in self.individuals for tree in individual.trees))
+            constants[row, number] = [nodes[k].value for k in own.tolist()]
         return Forest(codes, bounds.astype(np.int32), constants)
+
+    def _pack(self) -> None:
+        """The codes of all trees that have none, in one go."""
+        bare = [one for one in self.individuals if not one.codes]
+        some = [one for one in self.individuals if b"" in one.codes]
+        holed = [(one, k) for one in some for k, code in enumerate(one.codes) if not code]
+        trees = [*chain.from_iterable(map(_TREES, bare)), *(one.trees[k] for one, k in holed)]
+        lengths = np.fromiter(map(len, trees), np.int64, len(trees))
+        ends = np.cumsum(lengths * np.dtype(np.int16).itemsize).tolist()
+        packed = np.fromiter(map(_CODE, chain.from_iterable(trees)), np.int16, int(lengths.sum())).tobytes()
+        codes = map(packed.__getitem__, map(slice, [0, *ends], ends))
+        roots = len(self.individuals[0].trees)
+        for one, made in zip(bare, zip(*[codes] * roots, strict=False), strict=False):
+            one.codes = made
+        for (one, k), code in zip(holed, codes, strict=True):
+            one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
         """The trees at some rows."""

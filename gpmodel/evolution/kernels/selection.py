@@ -73,9 +73,13 @@ def choose_outputs(
 
     wins. The energy left is never taken for less than what rounding leaves of the least independent output
     (so exact fits are told from near singular ones). A program with nothing to offer scores 0 with gain 0.
+    Column i is made of the program's output i modulo their number, by which ``sizes`` (P, 2^roots) counts nodes.
     """
     programs, outputs, sites = pull.shape
     columns = seen.shape[3]
+    roots = 0
+    while sizes.shape[1] >> (roots + 1):
+        roots += 1
     gram = np.empty((outputs, outputs))
     total = np.empty(outputs)
     rest = np.empty(outputs)
@@ -115,9 +119,12 @@ def choose_outputs(
                 bits |= 1 << best
                 explained += most / energy
                 smallest = min(smallest, gram[best, best] / total[best])
+                below = 0
+                for i in range(outputs):
+                    below |= ((bits >> i) & 1) << (i % roots)
                 size = 0
-                for subset in range(1, 1 << outputs):
-                    if subset & bits:
+                for subset in range(1, 1 << roots):
+                    if subset & below:
                         size += sizes[p, subset]
                 count = 0
                 for i in range(outputs):

@@ -1,0 +1,194 @@
+"""Links: what of a response is a sum of terms, so that their coefficients can be solved (McCullagh, Nelder 1989).
+
+A law ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``.
+"""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.program import Builder, Program
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Link:
+    """The operator of a response (N,) that makes it a sum, and the one that makes the sum a response again.
+
+    "" for none. with_inputs: whether the inputs under the same operator are terms of every sum: powers under the
+    logarithm, squares under the square. logarithms: whether those of a program's outputs are offered beside them.
+    quotient: whether outputs are offered as terms of a denominator too, which multiply the response:
+    y (1 - sum b phi) = sum c phi.
+    """
+
+    name: str
+    operator: str = ""
+    inverse: str = ""
+    with_inputs: bool = False
+    logarithms: bool = False
+    quotient: bool = False
+
+    def forward(self, response: Array) -> Array:
+        """The response (N,) as the sum that it is."""
+        with np.errstate(all="ignore"):
+            return BY_NAME[self.operator].function(response) if self.operator else response
+
+    def applies(self, response: Array) -> bool:
+        """Whether the response can be recovered from its link."""
+        there = self.forward(response)
+        if not np.all(np.isfinite(there)) or np.ptp(there) <= 0:
+            return False
+        if self.operator == "square":
+            return bool(np.all(response > 0) or np.all(response < 0))
+        return self.operator != "sin" or bool(np.abs(response).max() <= np.pi / 2)
+
+    def always(self, inputs: Mapping[str, Array]) -> list["Term"]:
+        """Terms of every sum: one, and where it is said so each input under the same operator."""
+        builder = Builder()
+        nodes = [builder.constant(1.0)]
+        for name, column in inputs.items():
+            if self.with_inputs and np.all(np.isfinite(self.forward(column))):
+                nodes.append(builder.apply(self.operator, builder.input(name)))
+        return [Term(builder.program([node])) for node in nodes]
+
+    def companions(self, values: Array, response: Array) -> Array:
+        """What is offered beside outputs (P, m, N): (P, m, N), or (P, 0, N).
+
+        Terms of a denominator are centred: a denominator whose mean over the points is 1 cannot make all errors small.
+        (It can most, so that laws are judged by what they leave of the response itself.)
+        """
+        with np.errstate(all="ignore"):
+            if self.logarithms:
+                return np.log(np.abs(values))
+            if self.quotient:
+                return np.asarray((values - values.mean(axis=2, keepdims=True)) * response)
+        return values[:, :0]
+
+
+LINKS = (
+    Link("logarithm", "log", "exp", with_inputs=True, logarithms=True),
+    Link("identity"),
+    Link("quotient", quotient=True),
+    Link("reciprocal", "reciprocal", "reciprocal"),
+    Link("square", "square", "sqrt", with_inputs=True),
+    Link("sine", "sin", "asin"),
+)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A one-output program in a sum, or, below the bar of a quotient, in the denominator."""
+
+    program: Program
+    below: bool = False
+
+    def column(self, columns: Mapping[str, Array], response: Array) -> Array:
+        """Its values (N,) in the linear problem of the coefficients."""
+        values = self.program.evaluate(columns)[0]
+        return values * response if self.below else values
+
+
+def solved(
+    terms: list[Term], link: Link, columns: Mapping[str, Array], response: Array, price: float
+) -> Program | None:
+    """The law of some terms with their coefficients by least squares, those not worth ``price`` nats left out.
+
+    None where no term is left or the columns are no numbers.
+    """
+    there = link.forward(response)
+    table = np.stack([term.column(columns, response) for term in terms], axis=1)
+    if not np.all(np.isfinite(table)):
+        return None
+    scale = np.abs(table).max(axis=0)
+    kept = np.flatnonzero(scale > 0).tolist()
+    while kept:
+        part = table[:, kept] / scale[kept]
+        triangle = np.linalg.qr(part, mode="r")
+        diagonal = np.abs(np.diag(triangle))
+        if diagonal.min() <= 1e-10 * diagonal.max():
+            kept.pop(int(diagonal.argmin()))
+            continue
+        found = np.linalg.lstsq(part, there, rcond=None)[0]
+        rest = there - part @ found
+        floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
+        inverse = np.linalg.inv(triangle)
+        loss = 0.5 * len(there) * np.log1p(found**2 / np.square(inverse).sum(axis=1) / max(float(rest @ rest), floor))
+        if loss.min() >= price:
+            with np.errstate(all="ignore"), suppress(InputError):
+                return _assembled([terms[k] for k in kept], (found / scale[kept]).tolist(), link)
+            return None
+        kept.pop(int(loss.argmin()))
+    return None
+
+
+def _assembled(terms: list[Term], coefficients: list[float], link: Link) -> Program:
+    builder = Builder()
+    above = [(t.program, c) for t, c in zip(terms, coefficients, strict=True) if not t.below]
+    below = [(t.program, -c) for t, c in zip(terms, coefficients, strict=True) if t.below]
+    if link.logarithms:
+        return builder.program([_product(builder, above)])
+    node = _sum(builder, above)
+    if below:
+        below.append((_one(), 1.0))
+        node = builder.apply("divide", node, _sum(builder, below))
+    return builder.program([builder.apply(link.inverse, node) if link.inverse else node])
+
+
+def _one() -> Program:
+    builder = Builder()
+    return builder.program([builder.constant(1.0)])
+
+
+def _sum(builder: Builder, terms: list[tuple[Program, float]]) -> int:
+    """The node of a sum; a program that reads no input stands for 1."""
+    total: int | None = None
+    for program, coefficient in terms:
+        number = builder.constant(_tidy(coefficient))
+        node = number
+        if program.inputs:
+            node = builder.copy(program)[program.outputs[0]]
+            node = node if _tidy(coefficient) == 1.0 else builder.apply("multiply", number, node)
+        total = node if total is None else builder.apply("add", total, node)
+    return builder.constant(0.0) if total is None else total
+
+
+def _product(builder: Builder, terms: list[tuple[Program, float]]) -> int:
+    """exp of a sum, its logarithms written as powers where the exponent is a multiple of a half."""
+    factors: list[int] = []
+    constant = 0.0
+    for program, coefficient in terms:
+        if not program.inputs:
+            constant += coefficient
+            continue
+        copies = builder.copy(program)
+        last = program.nodes[program.outputs[0]]
+        half = round(2.0 * coefficient)
+        if last.operator == "log" and abs(2.0 * coefficient - half) < 1e-6 and 0 < abs(half) < 17:
+            factors.append(_power(builder, copies[last.arguments[0]], half))
+        else:
+            scaled = builder.apply("multiply", builder.constant(_tidy(coefficient)), copies[program.outputs[0]])
+            factors.append(builder.apply("exp", scaled))
+    total = builder.constant(_tidy(float(np.exp(constant))))
+    for factor in factors:
+        total = builder.apply("multiply", total, factor)
+    return total
+
+
+def _power(builder: Builder, base: int, half: int) -> int:
+    """``base`` to the power of half of a whole number."""
+    from gpmodel.formula.parse import raise_to
+
+    node = raise_to(builder, base if half % 2 == 0 else builder.apply("sqrt", base), abs(half) // (2 - half % 2))
+    return node if half > 0 else builder.apply("reciprocal", node)
+
+
+def _tidy(value: float) -> float:
+    """Without the rounding that solving leaves of a whole number."""
+    whole = round(value) if abs(value) < 1e9 else 0
+    return float(whole) if whole and abs(value - whole) < 1e-11 * abs(whole) else value

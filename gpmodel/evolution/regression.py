@@ -1,0 +1,240 @@
+"""Symbolic regression: the law of a response over inputs, searched under several links side by side."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.engine import Code, values
+from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.links import LINKS, Link, Term, solved
+from gpmodel.evolution.problems import Inputs
+from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
+from gpmodel.evolution.representation import Population
+from gpmodel.evolution.scoring import Scores, projected_scores
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.formula.program import Builder, Program
+
+Array = NDArray[np.float64]
+
+EXACT = 1e-20
+"""Share of the response's variance below which a law is taken for exact: rounding leaves about 1e-28."""
+
+PROMISING = 1.0 - 1e-7
+"""Gain of a program whose law is looked at at once."""
+
+NEGLIGIBLE = 1e-9
+
+ALWAYS_ON, RANKED_EVERY = 2, 20
+"""Links that have a generation in every turn, and turns after which they are ranked anew."""
+
+PRICE = 3.0
+"""Nats of a node or coefficient (description length; a node is one of some twenty operators and inputs)."""
+
+SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
+BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A one-output program for a response, the share of the variance that it leaves, and its description length."""
+
+    program: Program
+    left: float
+    nats: float
+
+
+@dataclass(frozen=True)
+class LinkedProblem:
+    """A response (N,) under a link, as a problem of ``gpmodel.evolution.generations``."""
+
+    inputs: Inputs
+    response: Array
+    link: Link
+    slice: ClassVar[int] = 128
+    start: ClassVar[tuple[str, ...]] = ()
+    can_drop_the_hopeless: ClassVar[bool] = False
+
+    @cached_property
+    def always(self) -> list[Term]:
+        """Terms of every sum."""
+        return self.link.always(self.inputs.mapping())
+
+    @cached_property
+    def targets(self) -> Targets:
+        """What is left of the linked response without these terms."""
+        there = self.link.forward(self.response)
+        columns = self.inputs.mapping()
+        table = np.stack([term.column(columns, self.response) for term in self.always], axis=1)
+        orthonormal, triangle = np.linalg.qr(table)
+        diagonal = np.abs(np.diag(triangle))
+        orthonormal = orthonormal[:, diagonal > 1e-9 * diagonal.max()]
+        rest = there - orthonormal @ (orthonormal.T @ there)
+        rest = rest - orthonormal @ (orthonormal.T @ rest)
+        ones = np.ones((1, len(there)))
+        energy = max(float(rest @ rest), 1e-300)
+        return Targets(ones, orthonormal.T[None], rest[None], energy, (self.link.name,), len(there), ROUNDING_SHARE)
+
+    @cached_property
+    def share(self) -> float:
+        """Share of the linked response's variance that these terms leave."""
+        there = self.link.forward(self.response)
+        return self.targets.energy / float(np.sum(np.square(there - there.mean())))
+
+    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+        """Description length and gain of decoded programs, what the link makes of their outputs offered as well."""
+        outputs = values(code, fixed)
+        offered = np.concatenate([outputs, self.link.companions(outputs, self.response)], axis=1)
+        return projected_scores(offered, code, self.targets, PRICE)
+
+    def law(self, program: Program, chosen: int) -> Program | None:
+        """The law of the columns of a program in the bit set ``chosen``."""
+        count = len(program.outputs)
+        terms = list(self.always)
+        for k in range(count):
+            for column in (k, k + count):
+                if chosen >> column & 1:
+                    terms.append(self._term(program.select([k]), column >= count))
+        return solved(terms, self.link, self.inputs.mapping(), self.response, PRICE)
+
+    def _term(self, program: Program, companion: bool) -> Term:
+        if companion and self.link.logarithms:
+            builder = Builder()
+            copies = builder.copy(program)
+            return Term(builder.program([builder.apply("log", copies[program.outputs[0]])]))
+        return Term(program, companion)
+
+
+class Island:
+    """A population under one link, and the best program of each size that it has seen."""
+
+    def __init__(self, problem: LinkedProblem, representation: Linear, rng: np.random.Generator) -> None:
+        self.problem = problem
+        self.run = Generations(problem, Settings(representation, budget=BUDGET), rng)
+        self.population, self.scores = self.run.start()
+        self.kept: dict[int, tuple[float, Population, int]] = {}
+        self.record = np.inf
+        self.left = np.inf
+        self.idle = 0
+
+    def step(self) -> bool:
+        """One generation, or a fresh population where nothing has improved for long; whether something may be exact."""
+        best = float(self.scores.score.min())
+        self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
+        self.record = min(self.record, best)
+        if self.idle >= self.run.budget.restart_after:
+            self.idle, self.record = 0, np.inf
+            self.population, self.scores = self.run.start()
+        else:
+            self.population, self.scores = self.run.following(self.population, self.scores)
+        return self._keep()
+
+    def _keep(self) -> bool:
+        """Take in what beats what is known at its size; whether any of it may be exact."""
+        scores, exact = self.scores, False
+        largest = int(scores.complexity.max(initial=0))
+        known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
+        better = np.flatnonzero(scores.gain > known[scores.complexity] + 1e-12)
+        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
+            gain, chosen = float(scores.gain[row]), int(scores.chosen[row])
+            self.kept[int(scores.complexity[row])] = gain, self.population.take(np.array([row])), chosen
+            exact |= gain > PROMISING
+        return exact
+
+    def linked_left(self) -> float:
+        """Share of the linked response's variance that its best program leaves; a denominator can shrink any error."""
+        best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
+        return np.inf if self.problem.link.quotient else self.problem.share * (1.0 - best)
+
+    def laws(self, least: float = 0.0) -> Iterator[Program]:
+        """Laws of the programs kept whose gain is at least so large, the largest gain first."""
+        for gain, population, chosen in sorted(self.kept.values(), key=lambda kept: -kept[0]):
+            if gain >= least:
+                law = self.problem.law(population.program(0, self.run.layout), chosen)
+                if law is not None:
+                    yield law
+
+
+def regress(
+    inputs: Inputs,
+    response: Array,
+    rng: np.random.Generator,
+    seconds: float = 5.0,
+    representation: Linear = SEQUENCES,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Law:
+    """The first law of a response (N,) that is exact, or after ``seconds`` that of least description length.
+
+    Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). One population a link
+    (``gpmodel.evolution.links``); the two whose laws leave least have a generation in every turn, the others take
+    turns. Raises InputError where the response is constant or holds a number that is not finite.
+    """
+    regression(response)
+    began = clock()
+    columns = inputs.mapping()
+    response = np.asarray(response, dtype=float)
+    islands: list[Island] = []
+    found: list[Law] = []
+    for link in LINKS:
+        if link.applies(response):
+            island = Island(LinkedProblem(inputs, response, link), representation, rng)
+            sums = solved(island.problem.always, link, columns, response, PRICE)
+            found += [] if sums is None else _judged([sums], columns, response)
+            islands.append(island)
+    turn = 1
+    while clock() - began < seconds and not any(law.left < EXACT for law in found):
+        for island in _in_turn(islands, turn):
+            if island.step():
+                found += _judged(island.laws(PROMISING), columns, response)
+        if turn % RANKED_EVERY == 0:
+            for island in islands:
+                island.left = min(
+                    [
+                        island.left,
+                        island.linked_left(),
+                        *(l.left for l in _judged(islice(island.laws(), 1), columns, response)),
+                    ]
+                )
+        turn += 1
+    if not any(law.left < EXACT for law in found):
+        found += [law for island in islands for law in _judged(island.laws(), columns, response)]
+    if not found:
+        raise InputError("regress: no program is finite on these inputs")
+    return min(found, key=lambda law: law.nats)
+
+
+def _in_turn(islands: Sequence[Island], turn: int) -> list[Island]:
+    ranked = sorted(islands, key=lambda island: island.left)
+    others = ranked[ALWAYS_ON:]
+    return [*ranked[:ALWAYS_ON], *(others[turn % len(others) :][:1] if others else [])]
+
+
+def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> list[Law]:
+    """Programs as laws, times the factor that fits best, with what they leave of the response; the finite ones."""
+    laws = []
+    variance = float(np.sum(np.square(response - response.mean())))
+    for program in programs:
+        values = program.evaluate(columns)[0]
+        size = float(values @ values)
+        if not np.isfinite(size) or size <= 0:
+            continue
+        factor = float(values @ response) / size
+        rest = response - factor * values
+        builder = Builder()
+        node = builder.copy(program)[program.outputs[0]]
+        if abs(factor - 1.0) > NEGLIGIBLE:
+            whole = abs(factor - round(factor)) < NEGLIGIBLE
+            node = builder.apply("multiply", builder.constant(round(factor) if whole else factor), node)
+        scaled = builder.program([node])
+        left = float(rest @ rest) / variance
+        length = scaled.complexity + len(scaled.constants)
+        nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * length
+        laws.append(Law(scaled, left, nats))
+    return laws

@@ -1,0 +1,125 @@
+"""Laws of a response: what a link makes a sum of, how coefficients are solved, and what is found."""
+
+from itertools import count
+
+import numpy as np
+import pytest
+
+from gpmodel.errors import InputError
+from gpmodel.evolution.engine import values
+from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.links import LINKS, Link, Term, solved
+from gpmodel.evolution.problems import Inputs
+from gpmodel.evolution.regression import BUDGET, EXACT, PRICE, SEQUENCES, LinkedProblem, regress
+from gpmodel.evolution.settings import Settings
+from gpmodel.formula.parse import parse
+
+RNG = np.random.default_rng(3)
+COLUMNS = {name: RNG.uniform(1.0, 3.0, 80) for name in "abc"}
+INPUTS = Inputs(tuple(COLUMNS), np.array(list(COLUMNS.values())))
+BY_NAME = {link.name: link for link in LINKS}
+
+LAWS = {
+    "powers": "7*a*b**2/c",
+    "logarithm": "exp(a*b)*sqrt(c)",
+    "identity": "3 + 2*sin(a) - 5*b*c",
+    "quotient": "(a + b)/(1 + 2*a*b)",
+    "reciprocal": "1/(1/a + b/c)",
+    "square": "sqrt(a**2 + b**2 + 0.25)",
+    "sine": "asin(0.3*sin(a*b))",
+}
+
+
+def values_of(text: str) -> np.ndarray:
+    return parse(text).evaluate(COLUMNS)[0]
+
+
+def terms(*texts: str, below: tuple[str, ...] = ()) -> list[Term]:
+    return [*(Term(parse(text)) for text in texts), *(Term(parse(text), below=True) for text in below)]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_is_found_exactly_under_one_of_the_links(name: str) -> None:
+    response = values_of(LAWS[name])
+    law = regress(INPUTS, response, np.random.default_rng(0), 20_000, clock=count().__next__)
+    assert law.left < EXACT
+    np.testing.assert_allclose(law.program.evaluate(COLUMNS)[0], response, rtol=1e-8)
+
+
+def test_a_law_depends_on_the_seed_alone() -> None:
+    noisy = values_of("a*sin(b) + c") + 0.1 * np.random.default_rng(1).normal(size=80)
+    first, second = (regress(INPUTS, noisy, np.random.default_rng(4), 30, clock=count().__next__) for _ in range(2))
+    assert (first.program, first.left) == (second.program, second.left)
+
+
+@pytest.mark.parametrize(
+    ("link", "law", "above", "below"),
+    [
+        ("identity", "2*sin(a) + 3", ["1", "sin(a)", "b", "exp(c)"], ()),
+        ("logarithm", "5*a**2/sqrt(b)*exp(-2*c)", ["1", "log(a)", "log(b)", "log(c)", "c"], ()),
+        ("reciprocal", "1/(2*a + b/c)", ["1", "a", "b/c", "c"], ()),
+        ("square", "sqrt(3*a + 2*b)", ["1", "a", "b", "c"], ()),
+        ("sine", "asin(0.2*cos(a))", ["1", "cos(a)", "b"], ()),
+        ("quotient", "(1 + 2*a)/(1 - 0.1*b)", ["1", "a", "c"], ("b", "c")),
+    ],
+)
+def test_coefficients_are_solved_and_terms_not_worth_their_price_left_out(
+    link: str, law: str, above: list[str], below: tuple[str, ...]
+) -> None:
+    response = values_of(law)
+    found = solved(terms(*above, below=below), BY_NAME[link], COLUMNS, response, PRICE)
+    assert found is not None
+    np.testing.assert_allclose(found.evaluate(COLUMNS)[0], response, rtol=1e-10)
+    assert set(found.inputs) == set(parse(law).inputs)
+
+
+def test_a_logarithm_keeps_the_sign_of_its_odd_factors() -> None:
+    response = values_of("3*cos(a)*b")
+    found = solved(terms("1", "log(cos(a))", "log(b)"), BY_NAME["logarithm"], COLUMNS, response, PRICE)
+    assert found is not None
+    np.testing.assert_allclose(found.evaluate(COLUMNS)[0], response, rtol=1e-10)
+
+
+def test_nothing_is_solved_of_columns_that_are_no_numbers() -> None:
+    assert solved(terms("log(a - a)"), BY_NAME["identity"], COLUMNS, values_of("a"), PRICE) is None
+
+
+@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
+def test_scores_are_those_of_least_squares_on_the_chosen_columns(link: Link) -> None:
+    response = values_of("0.02*a*b/c + 0.1/(1 + a)")
+    problem = LinkedProblem(INPUTS, response, link)
+    run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), np.random.default_rng(0))
+    population, scores = run.start()
+    there = link.forward(response)
+    always = np.stack([term.column(COLUMNS, response) for term in problem.always], axis=1)
+    rest = there - always @ np.linalg.lstsq(always, there, rcond=None)[0]
+    used = 0
+    for row in range(0, len(population), 2):
+        outputs = population.program(row, run.layout).evaluate(COLUMNS)
+        offered = np.concatenate([outputs[None], link.companions(outputs[None], response)], axis=1)[0]
+        chosen = [k for k in range(len(offered)) if scores.chosen[row] >> k & 1]
+        table = np.column_stack([always, offered[chosen].T])
+        table = table / np.abs(table).max(axis=0)
+        if np.linalg.cond(table) < 1e5:
+            left = there - table @ np.linalg.lstsq(table, there, rcond=None)[0]
+            np.testing.assert_allclose(scores.gain[row], 1.0 - left @ left / (rest @ rest), atol=1e-6)
+            used += bool(chosen)
+    assert used > 20
+
+
+def test_a_column_costs_the_nodes_of_the_output_that_it_is_made_of() -> None:
+    problem = LinkedProblem(INPUTS, values_of("a*b/(1 + c)"), BY_NAME["quotient"])
+    run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), np.random.default_rng(2))
+    population, scores = run.start()
+    for row in range(40):
+        program = population.program(row, run.layout)
+        chosen = {k % len(program.outputs) for k in range(8) if scores.chosen[row] >> k & 1}
+        assert scores.complexity[row] == (program.select(sorted(chosen)).complexity if chosen else 0)
+    assert values(population.decoder(run.layout)(slice(0, 4)), run.fixed).shape == (4, 4, 80)
+
+
+@pytest.mark.parametrize("response", [np.ones(80), np.full(80, np.nan), np.ones(2)])
+def test_a_response_without_anything_to_explain_is_one_clear_line(response: np.ndarray) -> None:
+    with pytest.raises(InputError, match="response") as caught:
+        regress(INPUTS, response, np.random.default_rng(0), 1.0)
+    assert "\n" not in str(caught.value)
