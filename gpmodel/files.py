@@ -91,8 +91,13 @@ def finished_folder(out: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` through a file beside it, so that no reader ever sees half of it, not even after a power
-    cut.
+    """Write `text` to `path` as `write_bytes` does, in UTF-8."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write `content` to `path` through a file beside it, so that no reader ever sees half of it, not even after a
+    power cut.
 
     Raises WriteError when it cannot be written.
     """
@@ -101,8 +106,8 @@ def write_text(path: Path, text: str) -> None:
         _sweep(path.parent.resolve())
         handle, draft = tempfile.mkstemp(prefix=_mine(), dir=path.parent)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-                file.write(text)
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
             os.chmod(draft, 0o666 & ~_umask())

@@ -14,7 +14,7 @@ UNKNOWN = "–"
 
 
 @dataclass(frozen=True)
-class Measured:
+class Stated:
     """value ± deviation and unit as text; the deviation is empty where it is unknown."""
 
     value: str
@@ -50,18 +50,18 @@ def pretty_unit(unit: str) -> str:
     return unit.replace("degC", "°C").replace("degF", "°F").replace("/Nm", "/(N·m)").replace("Nm", "N·m")
 
 
-def measured(value: float | None, deviation: float | None, unit: str) -> Measured:
+def measured(value: float | None, deviation: float | None, unit: str) -> Stated:
     """Value and deviation (SI) with two digits of the deviation, in the prefix of the larger of the two."""
     if value is None or not math.isfinite(value):
-        return Measured(UNKNOWN, "", pretty_unit(unit))
+        return Stated(UNKNOWN, "", pretty_unit(unit))
     known = deviation is not None and math.isfinite(deviation) and deviation > 0
     factor, unit = prefix(max(abs(value), deviation if known and deviation else 0.0), unit)
     value *= factor
     if not known or deviation is None:
-        return Measured(minus(significant(value, 3)), "", unit)
+        return Stated(minus(significant(value, 3)), "", unit)
     deviation *= factor
     decimals = min(8, max(0, 1 - math.floor(math.log10(deviation))))
-    return Measured(minus(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}", unit)
+    return Stated(minus(f"{value:.{decimals}f}"), f"{deviation:.{decimals}f}", unit)
 
 
 def significant(value: float, digits: int) -> str:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +14,7 @@ import click
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from gpmodel.errors import InputError
+from gpmodel.files import write_bytes
 
 if TYPE_CHECKING:
     from joints.studies.study import Study, Table
@@ -66,7 +64,8 @@ def _command(name: str) -> click.Command:
             return
         study = STUDIES[name](toml, seed)
         files = study_files(name, study, seed, json_file, out)
-        write_all(files)
+        for path, content in files.items():
+            write_bytes(path, content)
         show(study, [str(path) for path in files])
 
     return run
@@ -116,23 +115,6 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
             files[out / "figures" / figure_name] = image.getvalue()
         files |= {out / page_name: text.encode() for page_name, text in study.pages.items()}
     return files
-
-
-def write_all(files: Mapping[Path, bytes]) -> None:
-    """Each file whole or not at all; InputError in one line where the disk refuses."""
-    for path, content in files.items():
-        temporary = None
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as handle:
-                temporary = handle.name
-                handle.write(content)
-            os.chmod(temporary, 0o666 & ~_umask())
-            os.replace(temporary, path)
-        except OSError as error:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
-            raise InputError(f"{path}: cannot be written ({error.strerror}), expected a writable place") from error
 
 
 def show(study: Study, files: list[str]) -> None:
@@ -191,9 +173,3 @@ def _rich(table: Table, width: int) -> RichTable:
 
 def _cell(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from joints.settings import unit_factor
+from gpmodel.table.units import factor_like, split_header
 
 
 def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, NDArray[np.float64]]:
@@ -26,12 +26,14 @@ def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, NDArray[np.f
     header = [cell.strip() for cell in rows[0]]
     curve = {}
     for name, unit in columns.items():
-        found = [i for i, cell in enumerate(header) if cell.split("[")[0].strip() == name]
+        found = [i for i, cell in enumerate(header) if split_header(cell)[0] == name]
         expected = f"expected a column '{name} [{unit}]'"
-        if len(found) != 1 or not header[found[0]].endswith("]"):
+        given = split_header(header[found[0]])[1] if len(found) == 1 else None
+        if given is None:
             raise InputError(f"{path}: columns {', '.join(header)}, {expected}")
-        given = header[found[0]].split("[", 1)[1][:-1].strip()
-        factor = unit_factor(given, unit, f"{path}: column '{header[found[0]]}', {expected}")
+        factor = factor_like(given, unit)
+        if factor is None:
+            raise InputError(f"{path}: column '{header[found[0]]}', {expected}")
         curve[name] = factor * np.array(
             [_number(row, found[0], f"{path}: row {i}, column '{name}'") for i, row in enumerate(rows[1:], 2)]
         )

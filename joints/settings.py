@@ -1,57 +1,28 @@
 """Settings of the joint's studies: a TOML table laid over the thesis' joint, every quantity written with its unit."""
 
-import re
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import pint
-
 from gpmodel.errors import InputError
+from gpmodel.table.units import factor_like, split_quantity
 from gpmodel.texts import read_toml as read_table
 from joints.limits import require
 
-_QUANTITY = re.compile(r"^\s*([-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([^\s\d].*?)\s*$")
 DATA = Path(__file__).parent / "data"
 
 Settings = dict[str, Any]
 
 
-@lru_cache(maxsize=1)
-def _units() -> pint.UnitRegistry:
-    registry: pint.UnitRegistry = pint.UnitRegistry()
-    registry.define("sccm = centimeter ** 3 / minute")
-    return registry
-
-
 def quantity(text: Any, like: str, where: str) -> float:
-    """The SI value of `text`, a number and a unit such as "25.4 mm", of the same dimension as the example `like`."""
-    expected = f"a quantity with its unit, such as '{like}'"
-    match = _QUANTITY.match(text) if isinstance(text, str) else None
-    if match is None:
-        raise InputError(f"{where}: {text!r}, expected {expected}")
-    example = _QUANTITY.match(like)
-    assert example is not None
-    unit = unit_factor(match[2], example[2], f"{where}: {text!r}, expected {expected}")
-    return float(match[1]) * unit
+    """The SI value of `text`, a number and a unit such as "25.4 mm", of the same dimension as the example `like`.
 
-
-def unit_factor(unit: str, like: str, message: str) -> float:
-    """How many SI units one `unit` is; InputError(`message`) unless it has the dimension of `like`.
-
-    Scales with a zero of their own (degC) are refused: their values are no multiples of a unit.
+    Raises InputError naming `where`.
     """
-    try:
-        parsed = _units().Quantity(1.0, unit.removeprefix("/").strip())
-        value = 1 / parsed if unit.startswith("/") else parsed
-        reference = _units().Quantity(1.0, like.removeprefix("/").strip())
-        same = value.dimensionality == (1 / reference if like.startswith("/") else reference).dimensionality
-        offset = _units().Quantity(0.0, unit.removeprefix("/").strip()).to_base_units().magnitude != 0
-        return float(value.to_base_units().magnitude) if same and not offset else _refuse(message)
-    except InputError:
-        raise
-    except Exception as error:  # pint raises its own, tokenize's and attribute errors for malformed text
-        raise InputError(message) from error
+    given, example = (split_quantity(t) if isinstance(t, str) else None for t in (text, like))
+    unit = factor_like(given[1], example[1]) if given and example else None
+    if given is None or unit is None:
+        raise InputError(f"{where}: {text!r}, expected a quantity with its unit, such as '{like}'")
+    return given[0] * unit
 
 
 def load_settings(study: str, path: Path | None = None) -> Settings:
@@ -95,7 +66,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
         return [_entry(default[0], entry, file, f"{place}[{i}]") for i, entry in enumerate(entries)]
     value = default if given is None else given
     if isinstance(default, str):
-        if _QUANTITY.match(default):
+        if split_quantity(default):
             return quantity(value, default, where)
         if not isinstance(value, str):
             raise InputError(f"{where} = {value!r}, expected text such as '{default}'")
@@ -120,7 +91,3 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
         if missing:
             raise InputError(f"{file}: {place} has no '{missing[0]}', expected {', '.join(default)}")
     return _value(default, given, file, place)
-
-
-def _refuse(message: str) -> float:
-    raise InputError(message)

@@ -11,7 +11,7 @@ from gpmodel.calibration.noise import blocks_of
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import Shapes, geometry_groups
-from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.standing import GENERIC, of_offers, offered
 from gpmodel.families import catalogue
@@ -36,7 +36,7 @@ def problem() -> tuple[Active, np.ndarray]:
     shapes = Shapes(poses.states)
     groups = [*geometry_groups(model.effects), *offered(STANDING, arm, shapes)[::40]]
     target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))
-    active = Active(Pool(Rows(arm, linear, target, noise, shapes), groups, Criteria()), {}, {}, 4e-10)
+    active = Active(GroupPool(Rows(arm, linear, target, noise, shapes), groups, Criteria()), {}, {}, 4e-10)
     for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
         active = active.added(g, a)
     return active, target

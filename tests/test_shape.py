@@ -140,6 +140,12 @@ def test_nothing_is_of_any_type_but_what_is_read_of_text() -> None:
     assert {name_of(p) for p in PRODUCT if "Any" in names[p]} <= FROM_TEXT
 
 
+def test_a_name_is_of_one_thing() -> None:
+    bodies = [ast.parse(p.read_text(encoding="utf-8")).body for p in (ROOT / "gpmodel").rglob("*.py")]
+    classes = [node.name for body in bodies for node in body if isinstance(node, ast.ClassDef)]
+    assert sorted({name for name in classes if classes.count(name) > 1}) == []
+
+
 ELSEWHERE = {"evolution", "formula", "planning"}
 
 

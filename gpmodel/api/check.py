@@ -10,7 +10,7 @@ from gpmodel.api.arguments import file_path, texts
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, read_table
-from gpmodel.checks.judge import Finding, check_dataset
+from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.model.error_model import prepare
@@ -24,7 +24,7 @@ class CheckResult:
 
     mechanism: str
     dataset: Dataset
-    findings: tuple[Finding, ...]
+    findings: tuple[Remark, ...]
     command: str
 
     @property

@@ -23,6 +23,7 @@ from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
+from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
@@ -157,6 +158,8 @@ def _sensible(search: Search, criteria: Criteria) -> None:
     """Raises InputError that names the first field that is no such number."""
     limit(search.stop_after, "stop_after", 0.0)
     evolved(search.strategies)
+    if isinstance(search.selection, type) or not isinstance(search.selection, SelectionScheme):
+        raise InputError(f"{shown(search.selection)}, expected a scheme, as in Tournament()", "selection")
     for field, value in ((f, getattr(owner, f.name)) for owner in (search, criteria) for f in fields(owner)):
         if isinstance(field.default, int):
             whole(value, field.name, LEAST.get(field.name, 0))

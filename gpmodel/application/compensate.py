@@ -33,7 +33,7 @@ times shorter than the one before."""
 
 
 @dataclass(frozen=True)
-class Targets:
+class TargetPoses:
     """Tool poses (N, 4, 4) to reach in the root frame, from the joint values of `dataset`. whole: with orientation."""
 
     dataset: Dataset
@@ -60,7 +60,9 @@ class Compensation:
     outside: tuple[str, ...]
 
 
-def targets_in(saved: SavedModel, text: pd.DataFrame, path: Path, rng: np.random.Generator, in_order: bool) -> Targets:
+def targets_in(
+    saved: SavedModel, text: pd.DataFrame, path: Path, rng: np.random.Generator, in_order: bool
+) -> TargetPoses:
     """The targets in cells of `text`, of `path`: joint values, or else x, y and z in the root frame.
 
     in_order: the rows are in the order in which the targets are reached. Raises InputError where they are no targets of
@@ -80,7 +82,7 @@ def targets_in(saved: SavedModel, text: pd.DataFrame, path: Path, rng: np.random
     raise InputError(f"{path.name}: no targets; expected joint columns, or x, y and z in the root frame")
 
 
-def compensated(saved: SavedModel, frame: pd.DataFrame, targets: Targets, max_move: float) -> pd.DataFrame:
+def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
     """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
     row."""
     found = compensate(saved, targets, max_move)
@@ -97,16 +99,16 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: Targets, max_mo
     return frame.assign(**added, outside=list(found.outside), status=list(found.status))
 
 
-def joint_targets(saved: SavedModel, dataset: Dataset) -> Targets:
+def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """The tool poses that the nominal mechanism would have at joint values.
 
     The whole pose with six joints or more, the position with fewer. Raises InputError as `matched`.
     """
     fitting = remembered(saved, matched(saved, dataset))
-    return Targets(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
+    return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
 
 
-def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Generator) -> Targets:
+def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Generator) -> TargetPoses:
     """Tool poses in the root frame, dataset.position, m, and dataset.rotation, rad; from their nominal joint values.
 
     Without rotations, or with fewer than six joints, the position alone. Raises InputError for a row without a whole
@@ -124,10 +126,10 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
     frames[:, :3, 3] = dataset.position
     whole = bool(turned.all()) and len(saved.mechanism.joints) >= 6
     reached = replace(fitting, q=inverse(saved, fitting, frames, whole, rng))
-    return Targets(remembered(saved, reached), frames, whole)
+    return TargetPoses(remembered(saved, reached), frames, whole)
 
 
-def compensate(saved: SavedModel, targets: Targets, max_move: float = MAX_MOVE) -> Compensation:
+def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
     """The solution nearest the start of each target, no joint farther from it than `max_move` (rad; metres at LENGTH).
 
     Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
@@ -141,7 +143,7 @@ def compensate(saved: SavedModel, targets: Targets, max_move: float = MAX_MOVE) 
     status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
     again = np.flatnonzero(status != OK)
     if targets.whole and len(again):
-        within = Targets(dataset.subset(again), targets.frames[again], True)
+        within = TargetPoses(dataset.subset(again), targets.frames[again], True)
         damped, reached = _damped(saved, within, max_move)
         q[again[reached]] = damped[reached]
         status[again[reached]] = SINGULAR
@@ -175,7 +177,7 @@ def _beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
     return ((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE)).any(axis=1)
 
 
-def _damped(saved: SavedModel, targets: Targets, max_move: float) -> tuple[Array, Mask]:
+def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:
     """Joint values that reach the position, and of the orientation what the least of the dampings that keeps within
     `max_move` gives; and where one does. Source: damped least squares in the null space, Chiaverini (1997)."""
     count = len(targets.dataset)
@@ -190,7 +192,7 @@ def _damped(saved: SavedModel, targets: Targets, max_move: float) -> tuple[Array
     return q, found
 
 
-def _position_first(saved: SavedModel, targets: Targets, rows: IntArray, damping: float) -> tuple[Array, Array]:
+def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
     """Joint values (M, n) with the position reached, and metres left of it (M,):
 
     dq = J_p⁺ m_p + N z,   min_z |LENGTH (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p

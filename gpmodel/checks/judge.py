@@ -27,7 +27,7 @@ hundredth."""
 
 
 @dataclass(frozen=True)
-class Finding:
+class Remark:
     """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note".
 
     of_mechanism: it says that another mechanism was measured than is described.
@@ -38,7 +38,7 @@ class Finding:
     of_mechanism: bool = False
 
 
-def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> list[Finding]:
+def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> list[Remark]:
     """What is wrong or odd with `poses`, errors first.
 
     standard: the geometric effects that would be fitted (default: all). Errors: joint values beyond limits, units
@@ -46,14 +46,14 @@ def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ..
     `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
-    errors = [Finding("error", text) for text in _errors(mechanism, poses, standard)]
+    errors = [Remark("error", text) for text in _errors(mechanism, poses, standard)]
     if errors:
         return errors
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
-    wrong = [Finding("warning", text, of_mechanism=True) for text in built_wrong(fit)]
-    warnings = [Finding("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
-    return [*wrong, *warnings, *(Finding("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
+    wrong = [Remark("warning", text, of_mechanism=True) for text in built_wrong(fit)]
+    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
+    return [*wrong, *warnings, *(Remark("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:

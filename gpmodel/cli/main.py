@@ -45,7 +45,7 @@ PLUGIN_HELP = 60
 """Characters of a plugin's own help beside its name: what 80 columns leave."""
 
 
-class Program(click.Group):
+class CommandGroup(click.Group):
     """A group that imports a command when it is called, and turns every error into one line and a status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -115,7 +115,7 @@ def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
     sys.exit(status)
 
 
-@click.group("gpmodel", cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("gpmodel", cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="gpmodel")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error; before the command's name.")
 def main(debug: bool) -> None:

@@ -82,7 +82,7 @@ def explore(
     if not search.runs:
         return Exploration((), np.zeros(0), without_runs(problem.inputs.names, residual.criteria.input_significance))
     budget = search.budget(turn.opening)
-    settings = [Settings(strategy, budget=budget) for strategy in search.strategies]
+    settings = [Settings(strategy, search.selection, budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
     chances = max(1, search.runs // 2) if turn.pooled else search.runs
     orders = shuffled(residual, rng, chances * len(settings)).T

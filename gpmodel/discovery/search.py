@@ -1,9 +1,10 @@
 """How hard to look: the runs of the search, what they evolve with, and when to stop."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.selection import SelectionScheme, Tournament
 from gpmodel.evolution.settings import Budget
 from gpmodel.executor import Workers
 
@@ -14,6 +15,7 @@ class Search:
 
     runs: GP runs a strategy and round, and at most as many on shuffled residuals. strategies: what the runs evolve;
     trees take twice the time of sequences and found nothing more on the shipped table and ten planted shapes.
+    selection: who breeds and who lives on.
     population, generations: of one run. opening_population, opening_generations: at most so many in the first round
     where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
     without them; as many as a law of one term takes (`evolution.laws.QUICK`). climb: how many of a run's best programs
@@ -30,6 +32,7 @@ class Search:
 
     runs: int = 8
     strategies: tuple[Representation, ...] = (Linear(),)
+    selection: SelectionScheme = field(default_factory=Tournament)
     stop_after: float | None = None
     max_effects: int = 40
     workers: int = 2

@@ -1,7 +1,7 @@
 """Who breeds and who lives on."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from gpmodel.evolution.scoring import Scores
 Rows = NDArray[np.intp]
 
 
-class Selection(Protocol):
+@runtime_checkable
+class SelectionScheme(Protocol):
     """Selection of parents and of survivors; scores are minimised."""
 
     def eligible(self, population: int) -> int:

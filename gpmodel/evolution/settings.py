@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, check_ranges
-from gpmodel.evolution.selection import Selection, Tournament, Truncation
+from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Settings:
     """One run; the defaults search a slot's shape. Raises InputError for a population too small to select from."""
 
     representation: Representation = field(default_factory=Linear)
-    selection: Selection = field(default_factory=Tournament)
+    selection: SelectionScheme = field(default_factory=Tournament)
     budget: Budget = field(default_factory=Budget)
 
     def __post_init__(self) -> None:

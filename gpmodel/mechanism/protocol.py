@@ -1,6 +1,6 @@
 """What the engine needs to know of a mechanism: a chain of slots, and the loads in it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -107,7 +107,7 @@ class ClosedLoops(Protocol):
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
     """The mechanism, or what it was loaded from, where it has closed loops; None of a chain."""
-    bare = getattr(mechanism, "bare", mechanism)
+    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
     return bare if isinstance(bare, ClosedLoops) else None
 
 
@@ -133,6 +133,35 @@ class Weighed(Protocol):
         a turning joint is a combination of these whatever its masses. torque_J2_of_J4: torque of the weight that the
         description gives the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
         """
+        ...
+
+
+@runtime_checkable
+class Wrapping(Protocol):
+    """A mechanism around another, which it was loaded as."""
+
+    @property
+    def bare(self) -> Mechanism:
+        """The mechanism inside."""
+        ...
+
+
+@runtime_checkable
+class Levered(Protocol):
+    """A mechanism that says itself which lengths grow with temperature."""
+
+    @property
+    def levers(self) -> dict[str, Array]:
+        """Slot -> the vector (3,), m, from the slot before to it, in its own frame."""
+        ...
+
+
+@runtime_checkable
+class Reaching(Protocol):
+    """A mechanism whose lever a first fit finds, because its nominal description has none."""
+
+    def reaching(self, point: Iterable[float]) -> Mechanism:
+        """The same with the tool at `point` (3,), m, in the measured frame."""
         ...
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed
+from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.mechanism.workspace import links
@@ -115,8 +115,7 @@ class LoadedMechanism:
 
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
         """The same where a first fit found the tool `point` (3,), m, in the measured frame; it matters to a lever."""
-        moved = getattr(self.bare, "reaching", None)
-        return self if moved is None else replace(self, bare=moved(point))
+        return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, Reaching) else self
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """The same with the centre of mass of its payload at `point` (3,), m, in the measured frame."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.mechanism.protocol import Joint, Levered, Mechanism
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
@@ -32,10 +32,9 @@ def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> 
 def links(mechanism: Mechanism) -> dict[str, Array]:
     """Slot -> the vector (3,), m, from the slot before to it, in its own frame: what grows with temperature.
 
-    A mechanism with an attribute `levers` states its own, as a joint whose lever a first fit has found.
+    A Levered mechanism states its own, as a joint whose lever a first fit has found.
     """
-    own: dict[str, Array] | None = getattr(mechanism, "levers", None)
-    if own is not None:
-        return own
+    if isinstance(mechanism, Levered):
+        return mechanism.levers
     rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
     return {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}

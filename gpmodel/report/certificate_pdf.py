@@ -25,7 +25,7 @@ PER_COLUMN = 2
 
 
 @dataclass(frozen=True)
-class Look:
+class TextStyle:
     """How a text is set: its size in points, colour, weight, and which of its ends stands at its place."""
 
     size: float = 8.0
@@ -34,11 +34,11 @@ class Look:
     end: Literal["left", "right"] = "left"
 
 
-PLAIN, FAINT, RIGHT_END = Look(), Look(colour=MUTED), Look(end="right")
-HEADING, BOLD_END = Look(10.0, weight="bold"), Look(weight="bold", end="right")
+PLAIN, FAINT, RIGHT_END = TextStyle(), TextStyle(colour=MUTED), TextStyle(end="right")
+HEADING, BOLD_END = TextStyle(10.0, weight="bold"), TextStyle(weight="bold", end="right")
 """How its texts are set."""
 
-Cell = tuple[float, str, Look]
+Cell = tuple[float, str, TextStyle]
 Row = tuple[float, list[Cell], bool]
 
 
@@ -57,13 +57,13 @@ def write_pdf(found: Certificate, path: Path) -> None:
                     _write(figure, x, y, text, look)
                 if ruled:
                     _rule(figure, y - 0.35 * STEP)
-            _write(figure, RIGHT, 0.035, f"{number}", Look(7.0, MUTED, end="right"))
-            _write(figure, LEFT, 0.035, found.title, Look(7.0, MUTED))
+            _write(figure, RIGHT, 0.035, f"{number}", TextStyle(7.0, MUTED, end="right"))
+            _write(figure, LEFT, 0.035, found.title, TextStyle(7.0, MUTED))
             pdf.savefig(figure)
             number += 1
 
 
-def _write(figure: Figure, x: float, y: float, text: str, look: Look) -> None:
+def _write(figure: Figure, x: float, y: float, text: str, look: TextStyle) -> None:
     figure.text(
         x, y, text, fontsize=look.size, color=look.colour, weight=look.weight, ha=look.end, va="baseline"
     )  # fmt: skip
@@ -80,7 +80,7 @@ def _rule(figure: Figure, y: float) -> None:
 
 def _rows(found: Certificate) -> Iterator[Row]:
     """Height in lines, cells and whether a rule follows, from the top of the first side."""
-    yield 1.2, [(LEFT, found.title, Look(14.0, weight="bold"))], False
+    yield 1.2, [(LEFT, found.title, TextStyle(14.0, weight="bold"))], False
     for title, lines in (("", found.particulars), ("Scope", found.scope)):
         yield from _block(title, lines)
     if found.statistics:
@@ -96,7 +96,7 @@ def _rows(found: Certificate) -> Iterator[Row]:
     yield from _block("Record", found.record)
     yield 1.0, [], False
     for line in wrap(SMALL_PRINT, 132):
-        yield 0.95, [(LEFT, line, Look(6.5, MUTED))], False
+        yield 0.95, [(LEFT, line, TextStyle(6.5, MUTED))], False
     yield 4.0, [(LEFT, "Date, signature: ____________________________", PLAIN)], False
 
 

@@ -16,12 +16,12 @@ from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin, names_of, ranges
 from gpmodel.report.quantity import quantity, read_columns, translate
 from gpmodel.report.referenced import histogram_record
-from gpmodel.report.schema import Confirmation, Report
+from gpmodel.report.schema import ConfirmationRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
     EffectRecord,
-    Rival,
+    RivalRecord,
     RoundRecord,
     TermRecord,
     TestRecord,
@@ -53,10 +53,10 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     return replace(report, verdict=" ".join(filter(None, sentences)))
 
 
-def _confirmation(discovery: Discovery) -> Confirmation | None:
+def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:
     """Whether what was added predicts held-out poses better than the standard model; None where nothing was added."""
     found = discovery.confirmation
-    return None if found is None else Confirmation(found.t, found.p, found.limit, found.units, found.confirmed)
+    return None if found is None else ConfirmationRecord(found.t, found.p, found.limit, found.units, found.confirmed)
 
 
 def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:
@@ -87,7 +87,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
             for t in e.terms
         ),
         rivals=tuple(
-            Rival(translate(n, names), fitted.optional(1e3 * v)) for n, v in sorted(hypothesis.rivals, key=_rms)
+            RivalRecord(translate(n, names), fitted.optional(1e3 * v)) for n, v in sorted(hypothesis.rivals, key=_rms)
         ),
         correlated_with=fitted.correlations(final, candidate.effects[:2], names),
         cv_rms_mm=1e3 * hypothesis.cv_rms,

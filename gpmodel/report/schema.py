@@ -106,7 +106,7 @@ class RankRecord:
 
 
 @dataclass(frozen=True)
-class Confirmation:
+class ConfirmationRecord:
     """Paired test on the held-out poses of the last step against the standard model, which is shipped where it fails.
 
     t: mean of (squared error before - after) over `units` independent poses, in standard deviations of that
@@ -179,7 +179,7 @@ class Report:
     noise_floor_mm: NotNegative | None = None
     noise_from: NoiseSource | None = None
     repeatability: Repeatability | None = None
-    confirmation: Confirmation | None = None
+    confirmation: ConfirmationRecord | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     exports: tuple[ExportRecord, ...] = ()

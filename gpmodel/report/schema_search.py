@@ -35,7 +35,7 @@ class Range:
 
 
 @dataclass(frozen=True)
-class Rival:
+class RivalRecord:
     """Another effect whose signature is alike, and the cross-validated RMS with it instead."""
 
     name: str
@@ -89,7 +89,7 @@ class EffectRecord:
     explanation: str = ""
     kept: bool = True
     terms: tuple[TermRecord, ...] = ()
-    rivals: tuple[Rival, ...] | None = None
+    rivals: tuple[RivalRecord, ...] | None = None
     correlated_with: tuple[Correlation, ...] = ()
     cv_rms_mm: NotNegative | None = None
     cv_before_mm: NotNegative | None = None
@@ -104,7 +104,7 @@ class EffectRecord:
     tool_max_mm: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
 
-    def close_rivals(self) -> tuple[Rival, ...]:
+    def close_rivals(self) -> tuple[RivalRecord, ...]:
         """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""
         if self.cv_rms_mm is None:
             return ()

@@ -23,7 +23,7 @@ _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 
 
 @dataclass(frozen=True)
-class Orientation:
+class OrientationColumns:
     """How a file writes orientations: columns (or formulas) with units, and their convention.
 
     convention: `intrinsic XYZ` means R = Rx(a) Ry(b) Rz(c), `fixed XYZ` R = Rz(c) Ry(b) Rx(a), any axes likewise;
@@ -39,7 +39,7 @@ class ColumnMap:
     """columns: name in the table -> column of the file, or formula of its columns, with its unit in brackets."""
 
     columns: Mapping[str, str]
-    orientation: Orientation | None = None
+    orientation: OrientationColumns | None = None
     source: str = "map"
 
 
@@ -59,14 +59,14 @@ def read_map(path: Path) -> ColumnMap:
     return ColumnMap(columns, None if orientation is None else _orientation(orientation, path.name), path.name)
 
 
-def _orientation(content: object, where: str) -> Orientation:
+def _orientation(content: object, where: str) -> OrientationColumns:
     if not isinstance(content, dict) or set(content) != {"columns", "convention"}:
         raise InputError(f'{where}: [orientation]: expected `columns = [...]` and `convention = "intrinsic XYZ"`')
     convention, columns = content["convention"], content["columns"]
     _, expected = _reader(convention, f"{where}: [orientation]")
     if not isinstance(columns, list) or len(columns) != expected or not all(isinstance(c, str) for c in columns):
         raise InputError(f"{where}: [orientation]: columns: expected {expected} texts for '{convention}'")
-    return Orientation(tuple(columns), convention)
+    return OrientationColumns(tuple(columns), convention)
 
 
 def _reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
@@ -112,7 +112,7 @@ def import_file(path: Path, columns: ColumnMap) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
-def _rotation_vectors(frame: pd.DataFrame, orientation: Orientation, path: Path, where: str) -> Array:
+def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path: Path, where: str) -> Array:
     """Rotation vectors (N, 3), rad; NaN where any of the numbers is missing."""
     reader, count = _reader(orientation.convention, where)
     parts = []

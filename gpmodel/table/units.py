@@ -16,7 +16,9 @@ _SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
 
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry:
-    return pint.UnitRegistry()
+    registry: pint.UnitRegistry = pint.UnitRegistry()
+    registry.define("sccm = centimeter ** 3 / minute")
+    return registry
 
 
 def split_header(header: str) -> tuple[str, str | None]:
@@ -71,13 +73,38 @@ def factor(unit: str, dimension: str, where: str) -> float:
     raise InputError(f"'[{unit}]' is no unit of {dimension}; write {examples[dimension]}", where)
 
 
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """`0.03 mm` gives (0.03, "mm"); None where there is no number or no unit."""
+    match = None if _NUMBER.match(text) else _QUANTITY.match(text)
+    return (float(match["value"]), match["unit"]) if match else None
+
+
+def factor_like(unit: str, like: str) -> float | None:
+    """How many SI units one `unit` is, `/K` with a stroke before it as well; None unless of the dimension of `like`.
+
+    None also for scales with a zero of their own (degC): their values are no multiples of a unit.
+    """
+    try:
+        value: pint.Quantity = _one(unit)
+        offset = _registry().Quantity(0.0, value.units).to_base_units().magnitude != 0
+        same = value.dimensionality == _one(like).dimensionality
+        return None if offset or not same else float(value.to_base_units().magnitude)
+    except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
+        return None
+
+
+def _one(unit: str) -> pint.Quantity:
+    quantity: pint.Quantity = _registry().Quantity(1.0, unit.removeprefix("/").strip())
+    return 1 / quantity if unit.startswith("/") else quantity
+
+
 def parse_quantity(text: str, dimension: str, where: str) -> float:
     """`60kg`, `0.03 mm` in SI. Raises InputError when there is no number or no unit."""
-    match = _QUANTITY.match(text)
-    if not match or _NUMBER.match(text):
+    split = split_quantity(text)
+    if split is None:
         example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg"}[dimension]
         raise InputError(f"'{text}' is no quantity; write a number and its unit, as in {example}", where)
-    return float(match["value"]) * factor(match["unit"], dimension, where)
+    return split[0] * factor(split[1], dimension, where)
 
 
 def convert(text: str, unit: str, where: str) -> float:
@@ -86,10 +113,10 @@ def convert(text: str, unit: str, where: str) -> float:
     Raises InputError when it is no number or its unit does not convert.
     """
     try:
-        match = None if _NUMBER.match(text) else _QUANTITY.match(text)
-        value = float(match["value"] if match else text)
-        if match:
-            spelled = [u.replace("Nm", "N*m") for u in (match["unit"], "" if unit == "1" else unit)]
+        split = split_quantity(text)
+        value = split[0] if split else float(text)
+        if split:
+            spelled = [u.replace("Nm", "N*m") for u in (split[1], "" if unit == "1" else unit)]
             value = float(_registry().Quantity(value, spelled[0]).to(spelled[1]).magnitude)
     except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
         raise InputError(

@@ -12,7 +12,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import from_candidate
-from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.discovery.selection.scan import scan
 from gpmodel.discovery.selection.select import select
 from gpmodel.discovery.selection.standing import Offering
@@ -37,7 +37,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
         for rate in (7.0, 101.37, 250.5):
             group = from_candidate(comb.at(rate), rows.shapes)
             assert group is not None
-            pool = Pool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
+            pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
             assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
 

@@ -9,7 +9,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.selection import Selection, Tournament, Truncation
+from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
 from gpmodel.evolution.settings import Budget, Settings
 
 
@@ -62,7 +62,7 @@ class LinearRanking:
 
 
 @pytest.mark.parametrize("selection", [Tournament(3), Truncation(0.2), LinearRanking()], ids=lambda s: type(s).__name__)
-def test_every_scheme_finds_a_simple_law(selection: Selection) -> None:
+def test_every_scheme_finds_a_simple_law(selection: SelectionScheme) -> None:
     inputs = Inputs(("a", "b"), np.random.default_rng(0).uniform(-2, 2, (2, 50)))
     problem = SlotProblem(inputs, regression(np.sin(inputs["a"]) * inputs["b"]))
     settings = Settings(selection=selection, budget=Budget(300, 60, seconds=1e9, target=0.999))

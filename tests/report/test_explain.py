@@ -9,7 +9,7 @@ from gpmodel import wording
 from gpmodel.errors import InputError
 from gpmodel.report.explain import explain, html, text
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import Correlation, Rival
+from gpmodel.report.schema_search import Correlation, RivalRecord
 
 
 def altered(**parts: object) -> Report:
@@ -48,7 +48,7 @@ def test_the_advice_follows_from_what_it_reads(inputs: tuple[str, ...], said: st
 
 def test_rivals_and_a_small_share_have_their_advice() -> None:
     effect = discovered().effects[0]
-    rival = Rival("something alike", effect.cv_rms_mm)
+    rival = RivalRecord("something alike", effect.cv_rms_mm)
     assert "it and something alike differ" in explain(altered(rivals=(rival,)), 1).advice[0]
     near = (Correlation("J2 Rz", 0.97),)
     weak = altered(unique_share=0.05, correlated_with=near)

@@ -16,8 +16,8 @@ from gpmodel.report import explore
 from gpmodel.report.figures import draw, pictures
 from gpmodel.report.page import html
 from gpmodel.report.saved import to_json
-from gpmodel.report.schema import Confirmation, ErrorsMm, ParameterRecord, Report
-from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, Rival, RoundRecord
+from gpmodel.report.schema import ConfirmationRecord, ErrorsMm, ParameterRecord, Report
+from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, RivalRecord, RoundRecord
 from gpmodel.report.words import beforehand, input_tests, place
 
 VOID = {"meta", "link", "img", "br"}
@@ -101,13 +101,13 @@ def test_pictures_take_their_colours_from_the_page_and_share_no_ids(case: str) -
 def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() -> None:
     report = discovered()
     (effect,) = report.effects
-    rival = Rival("something alike", effect.cv_rms_mm)
+    rival = RivalRecord("something alike", effect.cv_rms_mm)
     head = page(dataclasses.replace(report, effects=(dataclasses.replace(effect, rivals=(rival,)),))).text
     head = head[: head.index("Error after each step")]
     assert "noise floor unknown give repeats or --noise" in head
     assert "Confirmed on the held-out poses" in head
     assert "something alike" in head
-    doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 0.35, 0.1, 20, False))).text
+    doubted = page(dataclasses.replace(report, confirmation=ConfirmationRecord(0.4, 0.35, 0.1, 20, False))).text
     assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard deviations" in doubted
     known = page(quickly()).text
     assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known

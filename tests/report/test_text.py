@@ -6,8 +6,8 @@ import pytest
 from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
-from gpmodel.report.schema import Confirmation
-from gpmodel.report.schema_search import RIVAL_MARGIN, Rival
+from gpmodel.report.schema import ConfirmationRecord
+from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord
 from gpmodel.report.text import summary
 from gpmodel.report.words import noise_floor, rivals
 
@@ -50,7 +50,7 @@ def test_a_finding_has_its_size_deviation_share_and_chance() -> None:
 def test_only_rivals_within_the_margin_are_offered() -> None:
     (effect,) = discovered().effects
     assert effect.cv_rms_mm is not None
-    near, far = (Rival(n, effect.cv_rms_mm * f) for n, f in (("near", 1 + 0.9 * RIVAL_MARGIN), ("far", 1.6)))
+    near, far = (RivalRecord(n, effect.cv_rms_mm * f) for n, f in (("near", 1 + 0.9 * RIVAL_MARGIN), ("far", 1.6)))
     said = rivals(dataclasses.replace(effect, rivals=(near, far)))
     assert "near" in said
     assert "far" not in said
@@ -60,7 +60,7 @@ def test_only_rivals_within_the_margin_are_offered() -> None:
 
 @pytest.mark.parametrize("passed", [True, False])
 def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> None:
-    report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 0.12, 0.1, 20, passed))
+    report = dataclasses.replace(discovered(), confirmation=ConfirmationRecord(1.3, 0.12, 0.1, 20, passed))
     text = summary(report)
     assert ("NOT CONFIRMED" in text) is not passed
     assert "1.3 standard deviations over 20 independent poses" in " ".join(text.split())

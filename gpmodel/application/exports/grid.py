@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import RegularGridInterpolator
 
-from gpmodel.application.compensate import MAX_MOVE, Targets, compensate
+from gpmodel.application.compensate import MAX_MOVE, TargetPoses, compensate
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.kinematics import REACHED, look_at, solve, tips
 from gpmodel.application.model_file import SavedModel
@@ -85,13 +85,13 @@ class _Held:
     near: Dataset
     frame: Array
 
-    def targets(self, points: Array, q: Array | None = None) -> Targets:
+    def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
         """Tool poses at points (N, 3), from joint values q (N, n) or those of the pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
         frames[:, :3, 3] = points
         dataset = many if q is None else replace(many, q=q.copy())
-        return Targets(dataset, frames, len(self.saved.mechanism.joints) >= 6)
+        return TargetPoses(dataset, frames, len(self.saved.mechanism.joints) >= 6)
 
     def nominal(self, points: Array) -> Array:
         """Nominal joint values (N, n), NaN where the nominal mechanism does not reach; on straight ways from the pose,

@@ -13,14 +13,14 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.gain import best
-from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.pool import GroupPool
 
 
 @dataclass(frozen=True)
 class Active:
     """Groups in the model by number, with their variances; chosen: which of a group's effects are still in it."""
 
-    pool: Pool
+    pool: GroupPool
     variances: dict[int, float]
     chosen: dict[int, IntArray]
     sigma2: float

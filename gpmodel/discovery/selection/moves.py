@@ -19,7 +19,7 @@ MOST_RIVALS = 20
 
 
 @dataclass(frozen=True)
-class Rival:
+class Alternative:
     """A group that could stand in the place of a kept one at a loss of so many nats, its cost counted."""
 
     number: int
@@ -131,7 +131,7 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
     return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
-def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Rival, ...], Array]:
+def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
     """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
     active = replacements.active
     own = active.worth(g)[0] - active.pool.cost[g]
@@ -140,15 +140,15 @@ def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Rival, ...], A
     losses = own - (gains - active.pool.cost)
     losses[list(active.variances)] = np.inf
     order = np.argsort(losses)[:MOST_RIVALS]
-    return tuple(Rival(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
+    return tuple(Alternative(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
 
 
-def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Rival, ...]]]:
+def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]]]:
     """Each kept group against every other in its place, and grown again, until neither helps; the rivals of each.
 
     Groups of several places are said by name where they can be.
     """
-    rivals: dict[int, tuple[Rival, ...]] = {}
+    rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
         active = split(active)
         rivals, changed, replacements = {}, False, Replacements(active)

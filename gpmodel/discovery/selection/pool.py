@@ -30,7 +30,7 @@ class SizeClass:
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.pull[at])
 
 
-class Pool:
+class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
     criteria: the limits by which groups come in and go. pull: (E,) products of the distinct unit columns with the

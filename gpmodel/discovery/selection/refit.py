@@ -20,7 +20,7 @@ RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
-class Point:
+class Expansion:
     """Where the chain is linearised: effects with priors and their values (E,), placement, and the poses in use (N,).
 
     ratio: variance of what a pose repeats over that of a measurement.
@@ -38,7 +38,7 @@ class Point:
 class Refit:
     """The fit at a point. covariance: posterior (E, E) of the values. sigma: of one measurement, m. error: (N,) m."""
 
-    point: Point
+    point: Expansion
     problem: Linearised
     whitening: Whitening
     covariance: Array
@@ -78,7 +78,7 @@ def normal(problem: Linearised, noise: Whitening, prior: Array, sigma: float, fr
     return Normal(columns, scale, pull, inner)
 
 
-def refit(point: Point, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
+def refit(point: Expansion, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
     """Solve all values and the placement on the exact chain: θ ~ N(0, prior²), noise σ and the point's ratio."""
     prior = np.array([e.prior for e in point.model.effects])
     theta, placement, before = point.theta.copy(), point.placement, np.inf
@@ -100,7 +100,7 @@ def refit(point: Point, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
     return _summary(replace(point, theta=theta, placement=placement), poses, bundle, sigma)
 
 
-def _summary(point: Point, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
+def _summary(point: Expansion, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
     problem = linearise(point.model, poses, point.theta, point.placement, point.rotation_weight, point.use)
     noise = whitened(problem, bundle, point.ratio)
     system = normal(problem, noise, np.array([e.prior for e in point.model.effects]), sigma)

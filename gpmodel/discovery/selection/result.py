@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import Group
-from gpmodel.discovery.selection.moves import Rival
+from gpmodel.discovery.selection.moves import Alternative
 from gpmodel.discovery.selection.refit import Refit
 from gpmodel.model.effect import Effect
 
@@ -60,7 +60,7 @@ class Selection:
 
 
 def summarised(
-    active: Active, rivals: Mapping[int, tuple[Rival, ...]], fit: Refit, offered_groups: int, by_chance: Array
+    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], fit: Refit, offered_groups: int, by_chance: Array
 ) -> Selection:
     """What was chosen in words and numbers, from the groups in the model, their rivals and the exact fit."""
     deviation = np.sqrt(np.diag(fit.covariance))

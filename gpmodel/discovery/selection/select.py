@@ -15,8 +15,8 @@ from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
 from gpmodel.discovery.selection.moves import exchanged, grown, pruned, reestimated
-from gpmodel.discovery.selection.pool import Pool
-from gpmodel.discovery.selection.refit import Point, Refit, far_out, refit, whitened
+from gpmodel.discovery.selection.pool import GroupPool
+from gpmodel.discovery.selection.refit import Expansion, Refit, far_out, refit, whitened
 from gpmodel.discovery.selection.result import Selection, summarised
 from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.sample import predicted_states, sample_of
@@ -34,7 +34,7 @@ MOST_LOOKS = 3
 class _State:
     """What one pass hands to the next: variances by name, the effects each group still has, the point, σ."""
 
-    point: Point
+    point: Expansion
     sigma: float
     variances: Mapping[str, float] = field(default_factory=dict)
     chosen: Mapping[str, IntArray] = field(default_factory=dict)
@@ -75,7 +75,7 @@ def _select(
     single = offered(offering.single, mechanism, shapes)
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
-    point = Point(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
+    point = Expansion(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
     state = _State(point, calibration.sigma)
     task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
     state = _with_levels(state, poses, bundle)
@@ -112,7 +112,7 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     target = problem.residual + problem.columns[:, problem.placement :] @ point.theta
     noise = whitened(problem, task.bundle[task.sample], point.ratio)
     rows = Rows(task.mechanism, problem, target, noise, task.shapes)
-    pool = Pool(rows, groups, task.criteria)
+    pool = GroupPool(rows, groups, task.criteria)
     active = Active(pool, {}, {}, state.sigma**2)
     for g, group in enumerate(groups):
         if group.standing or group.name in state.variances:

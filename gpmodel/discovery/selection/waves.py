@@ -16,7 +16,7 @@ from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, rotated
 from gpmodel.discovery.selection.group import CAP, Group, Shapes, from_candidate
 from gpmodel.discovery.selection.moves import reestimated
-from gpmodel.discovery.selection.pool import Pool
+from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.families.comb import Comb
 from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer
@@ -129,7 +129,7 @@ def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
         if group is None or group.name in {g.name for g in active.pool.groups}:
             break
         found.append(group)
-        pool = Pool(rows, [*active.pool.groups, group], active.criteria)
+        pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
         active = reestimated(wider.added(len(pool.groups) - 1, 1e-10))
     return found
