@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.next_poses import Finding, Outlook
+from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
@@ -102,7 +102,7 @@ def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Arr
         saved_model(made.fit(poses, made.asked), poses), pool := pool_of(mechanism, max(RANDOM), rng), rng
     )
     count = len(made.asked)
-    finding = Finding("asked", np.arange(len(outlook.saved.theta))[-count:])
+    finding = Questioned("asked", np.arange(len(outlook.saved.theta))[-count:])
     questions: dict[str, Question] = {
         "effect": outlook.of_finding(finding),
         "point": outlook.of_the_point(),

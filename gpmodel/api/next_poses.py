@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import Model, load_model
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.next_poses import Finding, Outlook
+from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.planning.design import Question
@@ -66,7 +66,7 @@ def next_questions(
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
 
 
-def findings_of(outlook: Outlook, record: Report | None) -> list[Finding]:
+def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
     """The findings of a report with their close rivals; without one every effect beside the geometry by itself."""
     saved = outlook.saved
     effects = saved.model.effects
@@ -74,7 +74,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Finding]:
         stems: dict[str, list[int]] = {}
         for i in (i for i, e in enumerate(effects) if not e.constant and saved.theta[i]):
             stems.setdefault(_PHASE.sub("", effects[i].name), []).append(i)
-        return [Finding(name, np.array(own)) for name, own in stems.items()]
+        return [Questioned(name, np.array(own)) for name, own in stems.items()]
     names = names_of(outlook.measured.dataset)
     by_mechanism = {translate(c, names): c for c in outlook.candidates}
     found = []
@@ -83,7 +83,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Finding]:
         wanted = [by_mechanism[r.name] for r in effect.close_rivals() if r.name in by_mechanism][:MOST_RIVALS]
         rivals = tuple((translate(n, names), outlook.candidates[n]) for n in wanted)
         if own:
-            found.append(Finding(effect.name, np.array(own), rivals))
+            found.append(Questioned(effect.name, np.array(own), rivals))
     return found
 
 

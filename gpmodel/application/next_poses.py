@@ -26,7 +26,7 @@ LITTLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Finding:
+class Questioned:
     """A finding by its name: the indices of its effects in the model, and its rivals' names and effects."""
 
     name: str
@@ -57,7 +57,7 @@ class Outlook:
         here, there = self._columns(self.measured), self._columns(self.pool)
         return self._question(here, there, self.saved.sigma**2 * over_the_pool(there))
 
-    def of_finding(self, finding: Finding, rival: tuple[Effect, ...] = ()) -> Question:
+    def of_finding(self, finding: Questioned, rival: tuple[Effect, ...] = ()) -> Question:
         """How well the amplitude of a finding is known, beside a rival where one is given."""
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -71,7 +71,7 @@ class Outlook:
         scale[scale == 0.0] = 1.0
         return Question(there / scale, known / np.outer(scale, scale), Variance(weight / np.outer(scale, scale)))
 
-    def _amplitude_last(self, poses: Poses, finding: Finding, rival: tuple[Effect, ...]) -> Array:
+    def _amplitude_last(self, poses: Poses, finding: Questioned, rival: tuple[Effect, ...]) -> Array:
         """Columns of everything but the finding, of the rival, and of the finding as it was fitted."""
         columns = self._columns(poses, rival)
         first = len(self.saved.covariance.placement)

@@ -1,11 +1,10 @@
 """`gpmodel poses`: where to measure, before anything is measured and next."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from gpmodel.api.poses import AFTER, BEFORE, choose_poses
+from gpmodel.api.poses import AFTER, BEFORE, Criterion, choose_poses
 from gpmodel.cli.console import path_for, write_frame
 from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.mechanism.source import LoadedMechanism
@@ -31,7 +30,11 @@ from gpmodel.mechanism.source import LoadedMechanism
 @seed_option
 @out_file_option
 @quiet_option
-def poses(mechanism: LoadedMechanism | None, count: int, out: Path | None, quiet: bool, **asked: Any) -> None:
+def poses(
+    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None, above: str | None,
+    box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float, tool_point: str | None,
+    collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
+) -> None:  # fmt: skip
     """Joint values within the limits worth measuring at, and the curve of what is known against their number.
 
     spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
@@ -40,7 +43,10 @@ def poses(mechanism: LoadedMechanism | None, count: int, out: Path | None, quiet
     could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not meet itself
     where its URDF has geometry.
     """
-    chosen = choose_poses(mechanism, count, **asked)
+    chosen = choose_poses(
+        mechanism, count, criterion=criterion, after=after, above=above, box=box, instrument=instrument, normal=normal,
+        cone=cone, tool_point=tool_point, collisions=collisions, noise=noise, seed=seed,
+    )  # fmt: skip
     path = None if out is None else path_for(out, "poses.csv")
     if path is None:
         write_frame(chosen.to_dataframe(), None, "poses.csv")
