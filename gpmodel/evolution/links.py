@@ -48,14 +48,14 @@ class Link:
             return bool(np.all(response > 0) or np.all(response < 0))
         return self.operator != "sin" or bool(np.abs(response).max() <= np.pi / 2)
 
-    def always(self, inputs: Mapping[str, Array]) -> list["Term"]:
+    def always(self, inputs: Mapping[str, Array]) -> list["LinkTerm"]:
         """Terms of every sum: one, and where it is said so each input under the same operator."""
         builder = Builder()
         nodes = [builder.constant(1.0)]
         for name, column in inputs.items():
             if self.with_inputs and np.all(np.isfinite(self.forward(column))):
                 nodes.append(builder.apply(self.operator, builder.input(name)))
-        return [Term(builder.program([node])) for node in nodes]
+        return [LinkTerm(builder.program([node])) for node in nodes]
 
     def companions(self, values: Array, response: Array) -> Array:
         """What is offered beside outputs (P, m, N): (P, m, N), or (P, 0, N).
@@ -82,7 +82,7 @@ LINKS = (
 
 
 @dataclass(frozen=True)
-class Term:
+class LinkTerm:
     """A one-output program in a sum, or, below the bar of a quotient, in the denominator."""
 
     program: Program
@@ -95,7 +95,7 @@ class Term:
 
 
 def solved(
-    terms: list[Term], link: Link, columns: Mapping[str, Array], response: Array, price: float
+    terms: list[LinkTerm], link: Link, columns: Mapping[str, Array], response: Array, price: float
 ) -> Program | None:
     """The law of some terms with their coefficients by least squares, those not worth ``price`` nats left out.
 
@@ -127,7 +127,7 @@ def solved(
     return None
 
 
-def _assembled(terms: list[Term], coefficients: list[float], link: Link) -> Program:
+def _assembled(terms: list[LinkTerm], coefficients: list[float], link: Link) -> Program:
     builder = Builder()
     above = [(t.program, c) for t, c in zip(terms, coefficients, strict=True) if not t.below]
     below = [(t.program, -c) for t, c in zip(terms, coefficients, strict=True) if t.below]

@@ -14,7 +14,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.links import LINKS, Link, Term, solved
+from gpmodel.evolution.links import LINKS, Link, LinkTerm, solved
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population
@@ -63,7 +63,7 @@ class LinkedProblem:
     can_drop_the_hopeless: ClassVar[bool] = False
 
     @cached_property
-    def always(self) -> list[Term]:
+    def always(self) -> list[LinkTerm]:
         """Terms of every sum."""
         return self.link.always(self.inputs.mapping())
 
@@ -104,12 +104,12 @@ class LinkedProblem:
                     terms.append(self._term(program.select([k]), column >= count))
         return solved(terms, self.link, self.inputs.mapping(), self.response, PRICE)
 
-    def _term(self, program: Program, companion: bool) -> Term:
+    def _term(self, program: Program, companion: bool) -> LinkTerm:
         if companion and self.link.logarithms:
             builder = Builder()
             copies = builder.copy(program)
-            return Term(builder.program([builder.apply("log", copies[program.outputs[0]])]))
-        return Term(program, companion)
+            return LinkTerm(builder.program([builder.apply("log", copies[program.outputs[0]])]))
+        return LinkTerm(program, companion)
 
 
 class Island:

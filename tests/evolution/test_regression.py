@@ -8,7 +8,7 @@ import pytest
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import values
 from gpmodel.evolution.generations import Generations
-from gpmodel.evolution.links import LINKS, Link, Term, solved
+from gpmodel.evolution.links import LINKS, Link, LinkTerm, solved
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.regression import BUDGET, EXACT, PRICE, SEQUENCES, LinkedProblem, regress
 from gpmodel.evolution.settings import Settings
@@ -34,8 +34,8 @@ def values_of(text: str) -> np.ndarray:
     return parse(text).evaluate(COLUMNS)[0]
 
 
-def terms(*texts: str, below: tuple[str, ...] = ()) -> list[Term]:
-    return [*(Term(parse(text)) for text in texts), *(Term(parse(text), below=True) for text in below)]
+def terms(*texts: str, below: tuple[str, ...] = ()) -> list[LinkTerm]:
+    return [*(LinkTerm(parse(text)) for text in texts), *(LinkTerm(parse(text), below=True) for text in below)]
 
 
 @pytest.mark.parametrize("name", LAWS)
