@@ -23,6 +23,7 @@ from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import point_factor
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
@@ -31,6 +32,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.report.origin import Origin
+from gpmodel.table.bundles import replicates
 from gpmodel.table.split import hold_out
 from robots import load_mechanism
 
@@ -85,11 +87,38 @@ def known(case: Case, seed: int) -> Row:
     )
     both = fit.kept & exact.kept
     own = np.array([e in effects for e in model.effects])
-    off = np.divide(fit.theta - exact.theta, fit.stderr, where=both, out=np.full(len(both), np.nan))
+    off, robust = (
+        np.divide(fit.theta - exact.theta, deviation, where=both, out=np.full(len(both), np.nan))
+        for deviation in (fit.stderr, robust_stderr(fit, here.poses))
+    )
     return {
-        "geometry": _rounded(off[both & ~own]), "effect": _rounded(off[both & own]),
+        "geometry": _rounded(off[both & ~own]), "effect": _rounded(off[both & own]), "robust": _rounded(robust[both]),
         **predicted(here, fit),
     }  # fmt: skip
+
+
+def robust_stderr(fit: Calibration, poses: Poses) -> np.ndarray:
+    """Deviations (E,) by leaving each bundle of repeats out in turn, the two levels of the noise forgotten.
+
+    (CᵀC)⁻¹ Σ_b C_bᵀ ẽ_b ẽ_bᵀ C_b (CᵀC)⁻¹ with ẽ_b = (I - H_bb)⁻¹ e_b. Source: MacKinnon and White (1985), HC3, by
+    clusters (Bell and McCaffrey 2002).
+    """
+    use = np.ones(len(poses), dtype=bool)
+    use[fit.outliers] = False
+    problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+    scale = np.linalg.norm(problem.columns[:, free], axis=0)
+    columns = problem.columns[:, free] / scale
+    inverse = np.linalg.inv(columns.T @ columns)
+    bundle = replicates(poses.dataset)[problem.pose_of_row]
+    meat = np.zeros_like(inverse)
+    for b in np.unique(bundle):
+        own = columns[bundle == b]
+        left = np.linalg.solve(np.eye(len(own)) - own @ inverse @ own.T, problem.residual[bundle == b])
+        meat += np.outer(own.T @ left, own.T @ left)
+    deviation = np.full(len(free), np.nan)
+    deviation[free] = np.sqrt(np.diag(inverse @ meat @ inverse)) / scale
+    return deviation[problem.placement :]
 
 
 def found(case: Case, seed: int, search: Search) -> Row:
