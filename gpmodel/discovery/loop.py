@@ -84,7 +84,7 @@ def discover(
     calibration, stopped = _climbed(loop, standard_fit, calibration, started)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
-    found = loop.refitted(calibration)
+    found = loop.with_inner_constants(loop.refitted(calibration))
     doubt = None
     if loop.findings:
         doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)

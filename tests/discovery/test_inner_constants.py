@@ -1,0 +1,67 @@
+"""The constants inside a law have their own deviations, and the law's coefficient knows of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.inner_constants import inner_changes
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import ErrorModel, Poses
+
+TRUE = 0.5
+
+
+def law(text: str, family: str = "") -> Candidate:
+    return Candidate(
+        text, (effect_at(text, "J3.moving", "Ry", Expression(text), "rad", family),), family, 4.0, "evolved"
+    )
+
+
+def fitted(written: float, seed: int, family: str = "") -> tuple[Calibration, Poses, Candidate]:
+    """A robot with 1 mrad of tanh((J3 - 0.2) / TRUE), fitted with another width."""
+    planted = law(f"tanh((J3 - 0.2)/{TRUE})").effects
+    truth = measure("irb6400r", planted, [1e-3], seed, dataset=bare("irb6400r", 60, seed, payload=False), geometry=0.0)
+    candidate = law(f"tanh((J3 - 0.2)/{written})", family)
+    model = ErrorModel(truth.model.mechanism, candidate.effects)
+    return calibrate(model, truth.poses, robust=False), truth.poses, candidate
+
+
+def with_changes(fit: Calibration, poses: Poses, candidate: Candidate) -> Calibration:
+    changes = inner_changes(candidate, fit, poses.states)
+    model = ErrorModel(fit.model.mechanism, (*fit.model.effects, *changes))
+    return calibrate(model, poses, start=fit, robust=False)
+
+
+def test_a_width_is_corrected_and_its_deviation_is_right() -> None:
+    scores = []
+    for seed in range(20):
+        fit = with_changes(*fitted(0.52, seed))
+        names = [e.name.rsplit(" ", 1)[1] for e in fit.model.effects]
+        at = names.index("0.52")
+        scores.append((0.52 + fit.theta[at] - TRUE) / fit.stderr[at])
+        assert fit.stderr[at] < 0.05
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.45)
+
+
+def test_a_coefficient_is_less_certain_where_the_law_has_constants() -> None:
+    fit, poses, candidate = fitted(TRUE, 1)
+    assert with_changes(fit, poses, candidate).stderr[0] > fit.stderr[0]
+
+
+@pytest.mark.parametrize("text", ["J3/1.7", "sin(2*J3)", "cos(3*J3)*J2/4.1"])
+def test_a_scale_and_a_harmonic_have_no_change_of_their_own(text: str) -> None:
+    fit, poses, _ = fitted(TRUE, 2)
+    candidate = law(text)
+    there = replace(fit, model=ErrorModel(fit.model.mechanism, candidate.effects))
+    assert inner_changes(candidate, there, poses.states) == ()
+
+
+def test_a_named_law_without_fitted_constants_is_left_as_it_is() -> None:
+    fit, poses, candidate = fitted(0.52, 3, family="thermal_growth")
+    assert inner_changes(candidate, fit, poses.states) == ()
