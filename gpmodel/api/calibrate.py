@@ -167,7 +167,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:
-    """Training rows and held-out rows; none are held out with a share of 0."""
+    """Training rows (T,) and held-out rows (H,), as `hold_out`; none are held out with a share of 0."""
     if holdout == 0.0:
         return np.arange(len(dataset)), np.zeros(0, dtype=np.int64)
     return hold_out(dataset, holdout, np.random.default_rng(seed))

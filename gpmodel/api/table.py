@@ -43,7 +43,10 @@ def read_table(table: TableLike, mechanism: MechanismLike, *, in_order: bool = F
 
 
 def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table") -> Dataset:
-    """The same; poses that nobody measured as well where `need_measurement` is False. argument: that errors name."""
+    """The same; poses that nobody measured as well where `need_measurement` is False.
+
+    argument: that errors name. Raises InputError as `read_table`, or where it was read for other joints.
+    """
     payload = choice_of(mechanism).payload
     if isinstance(source, Dataset):
         named = tuple(joint.name for joint in mechanism.joints)

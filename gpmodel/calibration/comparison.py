@@ -66,7 +66,7 @@ def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:
-    """Rows of `other` whose set-up and tool occur in `trained`."""
+    """Rows (K,) of `other` whose set-up and tool occur in `trained`: those that its registrations and tools predict."""
     known = np.ones(len(other), dtype=bool)
     for column in ("setup", "tool"):
         known &= np.isin(other.label(column), trained.label(column))

@@ -40,7 +40,7 @@ def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
 
 
 def preference(mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = ()) -> IntArray:
-    """Indices of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
+    """Indices (E,) of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
 
     Within each kind in the order given. Those beside a joint that stands still are left out: the part that it carries
     is one with the part before it, which has the same parameters.

@@ -170,7 +170,10 @@ def _tool_axes(observed: Observed) -> int:
 
 
 def placement_after(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
-    """The placement moved by a step of its columns, in their order."""
+    """The placement moved by a step (P,), m and rad, of the columns `linearise` gives it, in their order.
+
+    Registrations turn about the middle of the predicted points, tools in their own axes; orientations stay rotations.
+    """
     i = 0
     registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
     centre = observed.tip[:, :3, 3].mean(axis=0)

@@ -81,10 +81,11 @@ def decorrelated(problem: Linearised, bundle: IntArray, ratio: float) -> Lineari
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
-    """The ratio that the residual of a problem says that was whitened by `ratio`, after a fit of the placement and so
-    many effects.
+    """The ratio (variance of what the rows of a bundle share over that of one measurement) that the residual of a
+    problem says that was whitened by `ratio`, after a fit of the placement and so many effects.
 
-    As it is where nothing was measured twice, or where free joints leave no components to compare.
+    bundle: (N,) code of every pose. As it is where nothing was measured twice, or where free joints leave no
+    components to compare.
     """
     if problem.left is not None or len(np.unique(bundle)) == len(bundle):
         return ratio
@@ -93,7 +94,7 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
 
 
 def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:
-    """The blocks of a linearised problem, one a bundle and component, of noise that is independent so far."""
+    """The blocks of a linearised problem, one a bundle (N,) and component, of noise that is independent so far."""
     component = np.nonzero(problem.weights > 0)[1]
     key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component
     return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64))

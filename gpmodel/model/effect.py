@@ -72,7 +72,12 @@ def axis_unit(axis: str) -> str:
 def effect_at(
     name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """The common effect: one slot, one axis, one basis."""
+    """The common effect: one slot, one axis, one basis; θ φ(s) e_axis is the twist there.
+
+    slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument". axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the
+    slot's own frame. basis: φ, an Expression or any object with `inputs`, `str()` and a call that gives (N,). unit: of
+    the unknown θ, that of the axis where empty. family, prior: as of Effect. Raises InputError for an unknown axis.
+    """
     return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family, prior)
 
 

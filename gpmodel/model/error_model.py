@@ -103,7 +103,12 @@ class ErrorModel:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """What the instrument would read at `poses`."""
+    """What the instrument would read at `poses`: T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool of each, and what
+    moves it.
+
+    theta: (E,) values of model.effects, SI. placement: a registration for every set-up of the poses and a point for
+    every tool; KeyError where one is missing.
+    """
     data = poses.dataset
     frames = model.frames(poses, theta)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])

@@ -120,6 +120,7 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     """Every column a basis may read for the poses of `dataset`.
 
     same: states of the same poses with approximate joint values, whose memory of a whole table is kept.
+    Raises InputError for a column of the table with the name of a computed one.
     """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}

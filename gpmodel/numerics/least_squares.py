@@ -10,7 +10,8 @@ MANY_COLUMNS = 100
 
 
 def solve(system: Array, target: Array) -> Array:
-    """Least squares of unit columns: pivoted QR, or normal equations where hundreds of priors keep them regular."""
+    """x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K): by pivoted QR, or by normal equations where
+    hundreds of priors keep them regular."""
     if system.shape[1] < MANY_COLUMNS:
         return linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0]
     return linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False)

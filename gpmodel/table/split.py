@@ -10,7 +10,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
-    """Rows to train on and rows held out (about `fraction` of the poses, whole bundles), both sorted.
+    """Rows (T,) to train on and rows (H,) held out (about `fraction` of the poses, whole bundles), both sorted.
 
     Raises InputError where all poses are one bundle, or `fraction` leaves none to train on.
     """
