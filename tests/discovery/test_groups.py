@@ -14,8 +14,7 @@ from gpmodel.calibration.noise import Whitening
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain
-from gpmodel.discovery.selection.leave_out import left_out
-from gpmodel.discovery.selection.refit import normal, whitened
+from gpmodel.discovery.selection.refit import whitened
 from gpmodel.discovery.selection.result import Selection
 from gpmodel.discovery.selection.scan import Replacements, scan
 from gpmodel.discovery.selection.select import select
@@ -149,28 +148,6 @@ def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, data)))
     assert selection.outliers.tolist() == [84]
     assert [k.group.name for k in selection.kept] == [PLANTED[0]]
-
-
-def test_a_pose_left_out_is_missed_as_a_fit_without_it_misses_it() -> None:
-    fit, poses = found().fit, robot(PLANTED).poses
-    bundle = np.arange(len(poses)) // 2
-    prior = np.array([e.prior for e in fit.point.model.effects])
-    total = fit.problem.residual + fit.problem.columns[:, fit.problem.placement :] @ fit.point.theta
-    out = left_out(fit, bundle)
-    for b in (3, 17):
-        own = bundle[fit.problem.pose_of_row] == b
-        system = normal(fit.problem, fit.whitening, prior, fit.sigma)
-        kept = system.columns[~own]
-        inner = kept.T @ kept + np.diag(system.pull**2 + 1e-12)
-        missed = total[own] - system.columns[own] @ np.linalg.solve(inner, kept.T @ total[~own])
-        assert out[bundle == b].sum() == pytest.approx(float(missed @ missed), rel=1e-6)
-
-
-def test_without_a_true_effect_left_out_poses_are_missed_by_more() -> None:
-    fit = found().fit
-    bundle = np.arange(len(fit.error))
-    names = [e.name for k in found().kept[:1] for e in k.effects]
-    assert left_out(fit, bundle, names).mean() > 1.5 * left_out(fit, bundle).mean()
 
 
 def test_whitening_makes_the_two_levels_one() -> None:

@@ -65,11 +65,10 @@ class Normal:
     inner: Array
 
 
-def normal(problem: Linearised, noise: Whitening, prior: Array, sigma: float, free: Mask | None = None) -> Normal:
-    """The normal equations of a problem; free: (K,) which columns are in, all where None."""
+def normal(problem: Linearised, noise: Whitening, prior: Array, sigma: float) -> Normal:
+    """The normal equations of a problem under priors (E,) of its effects, whitened, columns scaled to one."""
     pull = np.concatenate([np.zeros(problem.placement), sigma / prior])
-    chosen = np.ones(len(pull), dtype=bool) if free is None else free
-    columns, pull = noise.whiten(problem.columns[:, chosen]), pull[chosen]
+    columns = noise.whiten(problem.columns)
     scale = np.hypot(np.linalg.norm(columns, axis=0), pull)
     scale = np.where(scale > 0, scale, 1.0)
     columns, pull = columns / scale, pull / scale
