@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test lint types clean
+.PHONY: install demo test conclusions lint types clean
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -20,6 +20,9 @@ demo: $(BIN)/gpmodel
 
 test: $(BIN)/pytest
 	$(BIN)/pytest
+
+conclusions: $(BIN)/pytest
+	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py
 
 lint: $(BIN)/pytest
 	$(BIN)/ruff check .
