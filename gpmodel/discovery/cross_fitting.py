@@ -29,19 +29,20 @@ def cross_fitted(
     residual: Residual, judged: Sequence[Hypothesis], sites: tuple[Site, ...], search: Search,
     rng: np.random.Generator, turn: Turn,
 ) -> tuple[Hypothesis, ...]:  # fmt: skip
-    """The hypotheses, each that passed with one test more: whether structure and coefficient, both from other poses,
-    predict poses better than the model without, by as many deviations as a coefficient alone has to.
+    """The hypotheses, each without a name that passed with one test more: whether structure and coefficient, both from
+    other poses, predict poses better than the model without, by as many deviations as a coefficient alone has to.
 
-    It asks of the search what cross-validation asks of a coefficient, once for all that it found. Nothing is evolved
+    The structure of a named effect is the catalogue's, not the search's; no poses shaped it. It asks of the search what cross-validation asks of a coefficient, once for all that it found. Nothing is evolved
     where nothing passed. Source: Chernozhukov et al. (2018), cross-fitting.
     """
-    if not any(h.verdict.passed_but_for("preference") for h in judged):
+    asked = [h.verdict.passed_but_for("preference") and not h.candidate.family for h in judged]
+    if not any(asked):
         return tuple(judged)
     t, limit = gain_of_search(residual, sites, search, rng, turn), residual.criteria.minimum_cv_t
     test = Test("cross-fitting", t, limit, t > limit)
     return tuple(
-        replace(h, verdict=Verdict((*h.verdict.tests, test))) if h.verdict.passed_but_for("preference") else h
-        for h in judged
+        replace(h, verdict=Verdict((*h.verdict.tests, test))) if ask else h
+        for h, ask in zip(judged, asked, strict=True)
     )
 
 
