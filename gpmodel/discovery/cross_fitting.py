@@ -32,8 +32,9 @@ def cross_fitted(
     """The hypotheses, each without a name that passed with one test more: whether structure and coefficient, both from
     other poses, predict poses better than the model without, by as many deviations as a coefficient alone has to.
 
-    The structure of a named effect is the catalogue's, not the search's; no poses shaped it. It asks of the search what cross-validation asks of a coefficient, once for all that it found. Nothing is evolved
-    where nothing passed. Source: Chernozhukov et al. (2018), cross-fitting.
+    The structure of a named effect is the catalogue's: no poses shaped it. The test asks of the search what
+    cross-validation asks of a coefficient, once for all that it found; nothing is evolved where nothing passed.
+    Source: Chernozhukov et al. (2018), cross-fitting.
     """
     asked = [h.verdict.passed_but_for("preference") and not h.candidate.family for h in judged]
     if not any(asked):

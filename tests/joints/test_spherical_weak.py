@@ -60,7 +60,7 @@ def test_a_weak_effect_fitted_by_its_catalogue_name_is_there_at_its_size(name: s
     ids=["ball", "pitch axis", "shaft"],
 )
 def test_the_loop_names_a_weak_effect_at_sixty_poses_of_its_own(case: str, name: str) -> None:
-    """And 26 more held out. On how many rigs it does, and with 42 poses, is in the page of `experiments/spherical_joint`."""
+    """And 26 more held out. On how many rigs it does, and with 42 poses, is in `experiments/spherical_joint`."""
     rig = weak.one_rig(case, 86, 0)
     assert rig["named"] == [name]
     standard, found, oracle = rig["heldout_rms_um"]
