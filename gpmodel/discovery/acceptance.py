@@ -173,6 +173,13 @@ def tested(
     return Hypothesis(candidate, score, chance, after.rms, before.rms, others, Verdict(tuple(tests)))
 
 
+def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:
+    """The same with the largest chance it had: what was evolved first and chosen among groups then was found by two
+    searches, and the groups' shuffled residuals know nothing of the first."""
+    found = [h.chance for h in searched if h.candidate.name == hypothesis.candidate.name]
+    return replace(hypothesis, chance=max([hypothesis.chance, *found], key=lambda chance: chance.p))
+
+
 def _sigmas(residual: Residual, candidate: Candidate) -> float:
     """The largest coefficient of a candidate in its standard deviations."""
     span, _ = residual.projected(candidate.effects)

@@ -11,7 +11,7 @@ from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unmeasured_joints import free_joints
-from gpmodel.discovery.acceptance import Hypothesis, judge
+from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
@@ -155,7 +155,8 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     )  # fmt: skip
     found = additive(choice, (*loop.evolved, *new))
     before = {f.candidate.name: f for f in loop.findings}
-    accepted = [h for h in found.hypotheses if h.accepted]
+    searched = [*judged, *(h for r in loop.rounds for h in r.hypotheses)]
+    accepted = [as_searched(h, searched) for h in found.hypotheses if h.accepted]
     loop.findings = [
         replace(before[h.candidate.name], hypothesis=h)
         if h.candidate.name in before

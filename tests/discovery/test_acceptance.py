@@ -192,3 +192,11 @@ def test_a_named_effect_that_predicts_as_well_is_preferred(
     assert chosen is (gear if named else unnamed)
     assert acceptance._preferred(there, [gear, unnamed]) is gear
     assert acceptance._preferred(there, [replace(gear, verdict=gear.verdict.deferred())]) is None
+
+
+def test_what_was_searched_for_twice_has_the_larger_chance() -> None:
+    first, *_ = judged(NAMES[1])
+    likely = replace(first, chance=replace(first.chance, p=0.004))
+    other = replace(first, candidate=expression("J5*J6", 1.0), chance=replace(first.chance, p=0.9))
+    assert acceptance.as_searched(first, [likely, other]).p_value == 0.004
+    assert acceptance.as_searched(likely, [first]).p_value == 0.004
