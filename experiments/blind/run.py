@@ -14,7 +14,6 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
 from pathlib import Path
 
@@ -22,17 +21,19 @@ from experiments.blind.cases import CASES, FAMILIES
 from experiments.blind.grading import summarise
 from experiments.blind.product import Asked, Row, judge
 from experiments.blind.tables import save, saved
+from gpmodel.executor import Processes, Threads
 
 
 def judged(jobs: list[tuple[str, int]], work: Path, workers: int, asked: Asked) -> Iterator[Row]:
     """Rows as they are done: one robot after the other, or several processes side by side."""
     calls = [(name, seed, work / f"{name}_{seed}", asked) for name, seed in jobs]
-    if workers == 1:
-        yield from (judge(*call) for call in calls)
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        for future in as_completed([pool.submit(judge, *call) for call in calls]):
-            yield future.result()
+    side_by_side = Threads(1) if workers == 1 else Processes(workers)
+    for _, row in side_by_side(_judged, calls):
+        yield row
+
+
+def _judged(call: tuple[str, int, Path, Asked]) -> Row:
+    return judge(*call)
 
 
 def chosen(settings: argparse.Namespace) -> list[str]:

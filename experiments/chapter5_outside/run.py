@@ -6,8 +6,6 @@ python -m experiments.chapter5_outside.run [--robots 20] [--rigid 5] [--processe
 import argparse
 import io
 import json
-from concurrent.futures import ProcessPoolExecutor
-from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,6 +18,7 @@ from experiments.chapter5_outside.elastic_arm import PAYLOAD, PAYLOAD_CENTRE, PO
 from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.evolution.linear import Linear
+from gpmodel.executor import Processes
 
 HERE = Path(__file__).parent
 HAND_MADE = ("base_compliance", "joint_compliance J5")
@@ -97,16 +96,19 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--out", type=Path, default=HERE)
     chosen = parser.parse_args(arguments)
     command = f"{parser.prog} --robots {chosen.robots} --rigid {chosen.rigid}"
-    seeds = [*range(chosen.robots), *range(chosen.rigid)]
-    planted = [True] * chosen.robots + [False] * chosen.rigid
-    robots: list[dict[str, Any]] = []
-    with ProcessPoolExecutor(chosen.processes) as pool:
-        for robot in pool.map(one_robot, seeds, planted, repeat(SEARCH)):
-            robots.append(robot)
-            text = json.dumps({"command": command, **summary(robots)}, indent=1)
-            (chosen.out / "results.json").write_text(f"{text}\n", encoding="utf-8")
-            print(robot["seed"], robot["planted"], robot["named"], robot["loop"][-1]["mean_mm"], flush=True)
-    return summary(robots)
+    jobs = [*((seed, True) for seed in range(chosen.robots)), *((seed, False) for seed in range(chosen.rigid))]
+    found: dict[int, dict[str, Any]] = {}
+    for number, robot in Processes(chosen.processes)(_one, jobs):
+        found[number] = robot
+        robots = [found[n] for n in sorted(found)]
+        text = json.dumps({"command": command, **summary(robots)}, indent=1)
+        (chosen.out / "results.json").write_text(f"{text}\n", encoding="utf-8")
+        print(robot["seed"], robot["planted"], robot["named"], robot["loop"][-1]["mean_mm"], flush=True)
+    return summary([found[n] for n in sorted(found)])
+
+
+def _one(job: tuple[int, bool]) -> dict[str, Any]:
+    return one_robot(*job, SEARCH)
 
 
 if __name__ == "__main__":
