@@ -57,9 +57,9 @@ def calibrate(
     """Fit every parameter by damped Gauss-Newton on the analytic columns; never worse than where it started.
 
     condition_limit: constant effects whose share is under 1 / limit are dropped and named; None chooses it by
-    cross-validation over rank.LIMITS. start: a calibration to go on from (its placement, the values of effects of the
-    same name); without it, registration and tool are fitted first. Where the fit ends above its start, the numbers of
-    the start are kept and the status says so.
+    cross-validation over rank.LIMITS, and goes down from there until the fit converges. start: a calibration to go on
+    from (its placement, the values of effects of the same name); without it, registration and tool are fitted first.
+    Where the fit ends above its start, the numbers of the start are kept and the status says so.
     Raises InputError with fewer observations than unknowns or poses all alike.
     """
     with threadpool_limits(limits=1, user_api="blas"):
@@ -86,7 +86,12 @@ def _calibrate(
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])
     fresh = poses.dataset.has_rotation and start is None
-    return _fit(fitting, theta, placement, condition_limit, _Manner(robust, fresh, seed))
+    manner = _Manner(robust, fresh, seed)
+    found = _fit(fitting, theta, placement, condition_limit, manner)
+    for lower in sorted((c.condition_limit for c in found.rank_curve), reverse=True):
+        if lower < found.condition_limit and found.status != "converged":
+            found = replace(_fit(fitting, theta, placement, lower, manner), rank_curve=found.rank_curve)
+    return found
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,9 @@ MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
 law of seven nodes has three constants."""
 
+PROXIES = {"following", "changing"}
+"""Families of groups that stand for any dependence on their inputs, and for no mechanism."""
+
 MOST_RIVALS = 6
 """Rivals shown beside a finding, the nearest first."""
 
@@ -54,7 +57,7 @@ class Choice:
     """What groups are chosen for.
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
-    user name.
+    user name. pointed: inputs that stand out of the histograms, None where there is none. late: whether the time is up.
     """
 
     standard: Calibration
@@ -64,6 +67,12 @@ class Choice:
     search: Search
     criteria: Criteria
     seed: int
+    pointed: frozenset[str] | None = None
+    late: Callable[[], bool] = lambda: False
+
+    def asks_for(self, group: Group) -> bool:
+        """Whether a group may be offered: what follows an input by no mechanism only where a histogram points at it."""
+        return self.pointed is None or group.family not in PROXIES or not self.pointed.isdisjoint(group.inputs)
 
     def residual(self, calibration: Calibration) -> Residual:
         """What a calibration leaves of the training poses."""
@@ -89,7 +98,11 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     still = still_joints(choice.standard.model.mechanism, choice.train.dataset)
 
     def wanted(group: Group) -> bool:
-        return group.name not in without and not all(stands_still(e.slots, still) for e in group.effects)
+        return (
+            group.name not in without
+            and choice.asks_for(group)
+            and not all(stands_still(e.slots, still) for e in group.effects)
+        )
 
     single, pairs = (tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ()))
     combs = combs_of(choice.offers, choice.standard.model.mechanism, choice.train.states)
@@ -113,7 +126,7 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
         return {}
     left = choice.residual(choice.fit(candidates, choice.standard))
     found = {}
-    for curve in curves:
+    for curve in curves if not choice.late() else ():
         residual = left.without(curve.effects)
         laws = tuple(compact_laws(residual, curve, choice.search, choice.seed))
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))

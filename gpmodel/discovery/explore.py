@@ -1,6 +1,6 @@
 """Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -31,15 +31,20 @@ from gpmodel.progress import Teller
 class Turn:
     """Which round this is, where its messages go, and where its finished runs are kept.
 
-    opening: the first round where named effects are offered, explored with a small budget. pooled: rounds before ran
-    with the same budget on shuffled residuals.
+    late: whether the time is up. opening: the first round where named effects are offered, explored with a small
+    budget. pooled: rounds before ran with the same budget on shuffled residuals.
     """
 
     number: int
     tell: Teller
     kept: KeptRuns
+    late: Callable[[], bool] = lambda: False
     opening: bool = False
     pooled: bool = False
+
+
+class OutOfTime(Exception):
+    """The time is up with runs still to do."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ def explore(
     could be accepted; half as many are enough where their maxima are pooled with those of rounds before.
     Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
     with both); what it finds is scored on all. No runs: nothing is evolved, and the histogram is empty.
+    Raises OutOfTime between two runs.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
@@ -125,6 +131,8 @@ def run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution
     for place, evolution in workers(run_task, [tasks[n] for n in left]):
         turn.kept.keep_run((turn.number, left[place]), evolution)
         found[left[place]] = evolution
+        if turn.late() and len(found) < len(tasks):
+            raise OutOfTime
         turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
     return [found[n] for n in tasks]
 

@@ -1,5 +1,6 @@
 """The loop: calibrate, look at the residual, find what is missing, add it, look again."""
 
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import replace
@@ -16,7 +17,7 @@ from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_fitting import cross_fitted
-from gpmodel.discovery.explore import Exploration, Turn, explore
+from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
@@ -75,13 +76,13 @@ def discover(
     loop = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
         distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say, journal,
-        findings, rounds,
+        math.inf if search.stop_after is None else started + search.stop_after, findings, rounds,
     )  # fmt: skip
     loop.say("standard model")
     base = loop.fit(ErrorModel(mechanism, ()))
     standard_fit = loop.fit(loop.model(()))
     calibration = loop.fit(loop.model(loop.found), standard_fit) if loop.findings else standard_fit
-    calibration, stopped = _climbed(loop, standard_fit, calibration, started)
+    calibration, stopped = _climbed(loop, standard_fit, calibration)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
     found = loop.with_inner_constants(loop.refitted(calibration))
@@ -95,17 +96,25 @@ def discover(
     )  # fmt: skip
 
 
-def _climbed(
-    loop: State, standard_fit: Calibration, calibration: Calibration, started: float
-) -> tuple[Calibration, str]:
-    """Rounds until nothing new is seen or a limit of the search is met, and why they ended."""
+def _climbed(loop: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:
+    """Rounds until nothing new is seen or a limit of the search is met, and why they ended.
+
+    Where the time is up before the first round is done, it is done without GP.
+    """
     search = loop.search
     while not loop.repeating:
         if len(loop.findings) >= search.max_effects:
             return calibration, f"stopped at {search.max_effects} effects"
-        if loop.rounds and search.stop_after is not None and time.monotonic() - started > search.stop_after:
+        try:
+            if loop.rounds and loop.late:
+                raise OutOfTime
+            calibration = _round(loop, standard_fit, calibration)
+        except OutOfTime:
+            if not loop.rounds:
+                loop.search = replace(search, runs=0)
+                calibration = _round(loop, standard_fit, calibration)
+                loop.journal.keep(loop.findings, loop.rounds)
             return calibration, f"stopped after {search.stop_after:g} s; there may be more to find"
-        calibration = _round(loop, standard_fit, calibration)
         loop.journal.keep(loop.findings, loop.rounds)
     return calibration, "nothing else stands out of chance"
 
@@ -129,9 +138,10 @@ def _ladder(loop: State, base: Calibration, standard_fit: Calibration, calibrati
     """Registration, the standard model, and the findings one after the other, each with its errors."""
     loop.climb("registration", base)
     loop.climb("standard", standard_fit)
+    rung = standard_fit
     for i in range(len(loop.findings)):
         last = i + 1 == len(loop.findings)
-        rung = calibration if last else loop.fit(loop.model(loop.found[: i + 1]), standard_fit)
+        rung = calibration if last else loop.fit(loop.model(loop.found[: i + 1]), rung)
         loop.climb(f"effect {i + 1}", rung, i)
 
 
@@ -145,13 +155,14 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
         return _one_more(loop, standard_fit, calibration, exploration, judged)
     passed = tuple(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
     new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
-    if loop.rounds and not new:
+    pointed = _pointed(loop, exploration)
+    if loop.rounds and not new and pointed == loop.pointed:
         loop.rounds.append(Round(number, judged, exploration, (), loop.rounds[-1].null_nats))
         return calibration
     loop.say(f"round {number}: choosing groups of effects together")
     choice = Choice(
         standard_fit, lambda found, start: loop.fit(loop.model(found), start) if found else standard_fit, train,
-        loop.offers, loop.search, loop.criteria, loop.seed,
+        loop.offers, loop.search, loop.criteria, loop.seed, pointed, lambda: loop.late,
     )  # fmt: skip
     found = additive(choice, (*loop.evolved, *new))
     before = {f.candidate.name: f for f in loop.findings}
@@ -171,6 +182,13 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
         Round(number, (*found.hypotheses, *judged), exploration, (*new, *found.laws), found.null_nats, dropped)
     )
     return found.calibration
+
+
+def _pointed(loop: State, exploration: Exploration) -> frozenset[str] | None:
+    """Inputs that the histograms point at, this round's included; None where nothing was evolved that could point."""
+    if not loop.search.runs:
+        return loop.pointed
+    return (loop.pointed or frozenset()) | set(exploration.histogram.significant)
 
 
 def _new_finding(hypothesis: Hypothesis, number: int, exploration: Exploration) -> Finding:
@@ -211,7 +229,7 @@ def _explored(
     opening = bool(loop.offers) and number == 1
     earlier = [r.exploration.null_nats for r in loop.rounds[bool(loop.offers) :]]
     pooled = sum(len(nats) for nats in earlier) > 0
-    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), loop.journal, opening, pooled)
+    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), loop.journal, lambda: loop.late, opening, pooled)
     still = still_joints(loop.mechanism, residual.poses.dataset)
     sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
     exploration = explore(residual, sites, loop.search, rng, turn)

@@ -1,5 +1,7 @@
 """The running state of the loop: what is accepted so far, and the ladder it has climbed."""
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -22,7 +24,10 @@ from gpmodel.progress import Teller
 
 @dataclass
 class State:
-    """The loop's running state: what is accepted so far and the ladder it has climbed."""
+    """The loop's running state: what is accepted so far and the ladder it has climbed.
+
+    ends: when the time is up, on the clock of time.monotonic.
+    """
 
     mechanism: Mechanism
     poses: Poses
@@ -37,6 +42,7 @@ class State:
     seed: int
     say: Teller
     journal: Journal
+    ends: float = math.inf
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -50,6 +56,18 @@ class State:
     def evolved(self) -> tuple[Candidate, ...]:
         """What GP found so far that is offered as groups."""
         return tuple(c for r in self.rounds for c in r.evolved)
+
+    @property
+    def pointed(self) -> frozenset[str] | None:
+        """Inputs that the histogram of any round pointed at; None where nothing was evolved that could point."""
+        if not any(sum(r.exploration.histogram.runs.values()) for r in self.rounds):
+            return None
+        return frozenset(name for r in self.rounds for name in r.exploration.histogram.significant)
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is up."""
+        return time.monotonic() > self.ends
 
     @property
     def repeating(self) -> bool:
