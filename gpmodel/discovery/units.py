@@ -19,3 +19,17 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
         codes = replicates(dataset)
     _, first, of_pose = np.unique(codes, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[of_pose.reshape(-1)].astype(np.int64)
+
+
+def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
+    """Code (N,) of the poses that stay together where chance puts the others in another order.
+
+    Independent units; of poses measured once each and in order, stretches of rows, so that what one row has from the
+    row before is kept. Source: Künsch (1989), blocks.
+    """
+    unit = independent_units(dataset, criteria)
+    count = len(dataset)
+    if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_bundles:
+        return unit
+    place = np.argsort(np.argsort(dataset.row, kind="stable"), kind="stable")
+    return (place * criteria.fewest_bundles // count).astype(np.int64)

@@ -15,7 +15,7 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import best_nats, scores
-from gpmodel.discovery.units import independent_units
+from gpmodel.discovery.units import exchangeable, independent_units
 from gpmodel.errors import InputError
 from gpmodel.evolution.chance import chance
 from gpmodel.families.catalogue import candidates
@@ -131,3 +131,12 @@ def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_bef
     assert str(said[0]).startswith(f"{len(heldout)} held-out poses are of a set-up or tool that no training pose is of")
     assert answer.poses.dataset.row[answer.heldout].tolist() == truth.poses.dataset.row[train[:9]].tolist()
     assert answer.poses.dataset.row[answer.train].tolist() == truth.poses.dataset.row[train[9:]].tolist()
+
+
+def test_chance_keeps_stretches_of_rows_together_where_they_are_in_order() -> None:
+    data = bare("ur5", 60, 2, in_order=True)
+    stretches = exchangeable(data, Criteria())
+    assert np.bincount(stretches).tolist() == [3] * Criteria().fewest_bundles
+    assert np.all(np.diff(stretches[np.argsort(data.row)]) >= 0)
+    apart = exchangeable(replace(data, in_order=False), Criteria())
+    assert len(np.unique(apart)) == len(np.unique(independent_units(data, Criteria())))

@@ -22,6 +22,7 @@ from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.sample import predicted_states, sample_of
 from gpmodel.discovery.selection.standing import Builder, Offering, offered
 from gpmodel.discovery.selection.waves import waves_left
+from gpmodel.discovery.units import exchangeable
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.table.bundles import replicates
@@ -90,7 +91,8 @@ def _select(
         state, fit = _refitted(active, task, before)
         if _same(before, state):
             break
-    chance = best_by_chance(active, offering.combs, bundle[sample], rng, criteria.shuffles)
+    together = exchangeable(poses.dataset.subset(sample), criteria)
+    chance = best_by_chance(active, offering.combs, together, rng, criteria.shuffles)
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
