@@ -29,10 +29,13 @@ from experiments.recovery.feynman import halves
 from experiments.recovery.laws import LAWS, Law
 from gpmodel.formula.algebra import to_sympy
 
+ROOT = sympy.sqrt(2 * sympy.pi)
+FACTORS = (sympy.Integer(1), sympy.pi, 1 / sympy.pi, sympy.pi**2, 1 / sympy.pi**2, ROOT, 1 / ROOT)
+
 
 def simple(number: float) -> sympy.Expr:
     """The simple number within 1e-10 of it, relatively: a fraction times a power or root of pi; else itself."""
-    for factor in (sympy.Integer(1), sympy.pi, 1 / sympy.pi, sympy.pi**2, 1 / sympy.pi**2, sympy.sqrt(2 * sympy.pi)):
+    for factor in FACTORS:
         part = Fraction(number / float(factor)).limit_denominator(1000)
         if part and abs(float(part) * float(factor) / number - 1.0) < 1e-10:
             return sympy.Rational(part.numerator, part.denominator) * factor
@@ -40,7 +43,10 @@ def simple(number: float) -> sympy.Expr:
 
 
 def is_exact(found: Found, law: Law) -> bool:
-    """Whether program and law agree to 30 digits once numbers within 1e-10 of simple ones become these."""
+    """Whether program and law agree to 30 digits once numbers within 1e-10 of simple ones become these.
+
+    As it was found, or multiplied out, where numbers meet that stood apart.
+    """
     if found.program is None:
         return False
     names = {name: sympy.Symbol(name, real=True) for name in law.ranges}
@@ -48,7 +54,16 @@ def is_exact(found: Found, law: Law) -> bool:
     terms = [*to_sympy(found.program), sympy.Integer(1)]
     coefficients = [simple(c) if abs(c) > 1e-9 else sympy.Integer(0) for c in found.coefficients]
     guess = sympy.sympify(sum(c * term for c, term in zip(coefficients, terms, strict=True)))
-    guess = guess.xreplace({number: simple(float(number)) for number in guess.atoms(sympy.Float)})
+    return any(agree(with_simple_numbers(form), truth, names, law) for form in (guess, sympy.expand(guess)))
+
+
+def with_simple_numbers(expression: sympy.Expr) -> sympy.Expr:
+    """Every number near a simple one replaced by it."""
+    return expression.xreplace({number: simple(float(number)) for number in expression.atoms(sympy.Float)})
+
+
+def agree(guess: sympy.Expr, truth: sympy.Expr, names: dict[str, sympy.Symbol], law: Law) -> bool:
+    """Whether two expressions have the same 30 digits at five points."""
     rng = np.random.default_rng(0)
     for _ in range(5):
         point = {names[k]: sympy.Rational(int(rng.uniform(*r) * 10**6), 10**6) for k, r in law.ranges.items()}

@@ -64,6 +64,11 @@ class Targets:
         return int(self.pull.shape[0])
 
     @cached_property
+    def is_plain(self) -> bool:
+        """Whether there is one site and every pose weighs 1: plain regression."""
+        return self.sites == 1 and bool(np.all(self.weight == 1.0))
+
+    @cached_property
     def components(self) -> int:
         """Measured components: ``samples``, or one a pose."""
         return self.samples or self.poses

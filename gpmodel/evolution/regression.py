@@ -58,7 +58,7 @@ class LinkedProblem:
     inputs: Inputs
     response: Array
     link: Link
-    slice: ClassVar[int] = 128
+    slice: ClassVar[int] = 256
     start: ClassVar[tuple[str, ...]] = ()
     can_drop_the_hopeless: ClassVar[bool] = False
 

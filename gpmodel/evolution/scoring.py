@@ -68,9 +68,14 @@ def projected_scores(scaled: Array, code: Code, targets: Targets, parsimony: flo
 
     programs, outputs, poses = scaled.shape
     usable = np.empty((programs, outputs), dtype=bool)
-    pairs = workspace("pairs", (programs, outputs * (outputs + 1) // 2, poses))
+    count = outputs * (outputs + 1) // 2
+    pairs = workspace("pairs", (programs, count, 0 if targets.is_plain else poses))
     scale_and_multiply(scaled, usable, pairs)
-    products = pairs.reshape(-1, poses) @ targets.weight.T
+    if targets.is_plain:
+        first, second = np.triu_indices(outputs)
+        products = np.ascontiguousarray((scaled @ scaled.transpose(0, 2, 1))[:, first, second])
+    else:
+        products = pairs.reshape(-1, poses) @ targets.weight.T
     flat = scaled.reshape(-1, poses)
     columns = targets.cross.shape[1]
     seen = flat @ targets.cross.reshape(-1, poses).T

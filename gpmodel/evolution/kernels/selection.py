@@ -25,7 +25,8 @@ def largest_magnitude(row: Array) -> float:
 def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array) -> None:
     """Divide each row of values (P, m, N) by its largest magnitude; products (P, pairs, N) of rows i <= j.
 
-    A row that is zero or not finite is set to zero and marked as not usable.
+    A row that is zero or not finite is set to zero and marked as not usable. Without room for products (N of 0) there
+    are none.
     """
     programs, outputs, poses = values.shape
     for p in range(programs):
@@ -42,7 +43,7 @@ def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array
         pair = 0
         for i in range(outputs):
             for k in range(i, outputs):
-                for j in range(poses):
+                for j in range(products.shape[2]):
                     products[p, pair, j] = values[p, i, j] * values[p, k, j]
                 pair += 1
 
