@@ -22,13 +22,18 @@ from typing import Any
 import numpy as np
 
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
+from experiments.speed.slot_problems import EFFECTS, planted
+from gpmodel.discovery.search import Search
 from gpmodel.evolution import engine
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Inputs
-from gpmodel.evolution.settings import thesis_settings
+from gpmodel.evolution.representation import label
+from gpmodel.evolution.search import evolve
+from gpmodel.evolution.settings import Settings, thesis_settings
 from gpmodel.evolution.threads import over_slices
+from gpmodel.evolution.tree import Tree
 from gpmodel.evolution.tree_breeding import TreeBreeding
 from gpmodel.evolution.tree_population import Individual, Trees
 from gpmodel.executor import cores
@@ -49,11 +54,13 @@ for kind in (Linear(), Tree()):
 """
 
 
-def timed(work: Callable[[], Any], repeats: int) -> dict[str, float]:
-    """Milliseconds of ``work`` after one call to warm up."""
+def timed(work: Callable[[], Any], repeats: int, before: Callable[[], Any] = int) -> dict[str, float]:
+    """Milliseconds of ``work`` after one call to warm up, each after an untimed ``before``."""
+    before()
     work()
     wall, cpu = [], []
     for _ in range(repeats):
+        before()
         begin, used = time.perf_counter(), time.process_time()
         work()
         wall.append(1e3 * (time.perf_counter() - begin))
@@ -116,6 +123,11 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
     fixed = layout.fixed_rows(np.stack(list(columns.values())))
     population = Trees(tuple(Individual((tree,)) for tree in bred))
     forest = population.forest
+
+    def forget(every: int) -> None:
+        for one in population.individuals[::every]:
+            one.codes = ()
+
     first = np.empty(16384)
 
     def evaluate() -> None:
@@ -126,7 +138,12 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
 
     rows = {
         "here": timed(evaluate, repeats),
-        "here, DEAP trees to codes": timed(lambda: Trees(tuple(Individual((tree,)) for tree in bred)).forest, 3),
+        "here, DEAP trees to codes, all new": timed(
+            lambda: Trees(population.individuals).forest, repeats, lambda: forget(1)
+        ),
+        "here, DEAP trees to codes, a third new": timed(
+            lambda: Trees(population.individuals).forest, repeats, lambda: forget(3)
+        ),
     }
     peers = {"DEAP compile and call": deap_evaluate}
     if find_spec("gplearn"):
@@ -136,6 +153,38 @@ def trees(poses: int, repeats: int) -> dict[str, Any]:
         sample = timed(lambda peer=peer: peer(bred[:256], columns), 3)
         rows[name] = {kind: round(64 * value, 1) for kind, value in sample.items()}
     return rows
+
+
+def loop_runs(repeats: int) -> dict[str, Any]:
+    """One run of each representation with the loop's own budget, on one core, and what it explains of the truth."""
+    case = planted(EFFECTS[0], 0)
+    rows: dict[str, Any] = {}
+    for representation in (Linear(), Tree()):
+        settings = Settings(representation, budget=Search().budget(opening=False))
+        gains: list[float] = []
+
+        def run(settings: Settings = settings, gains: list[float] = gains) -> None:
+            gains.append(evolve(case.problem, settings, np.random.default_rng(len(gains))).best.gain)
+
+        row: dict[str, Any] = timed(run, repeats)
+        rows[label(representation)] = row | {"gain": round(max(gains), 4), "true_gain": round(case.gain, 4)}
+    return rows
+
+
+def beside_goals(results: dict[str, Any]) -> dict[str, Any]:
+    """Best and median ms of the work that a goal was set for, beside it."""
+    sequences = results["65536 sequences x 160 elements x 40 poses"]["rows"]
+    few, many = (results[f"16384 trees x 31 nodes x {poses} poses"] for poses in (40, 1000))
+    measured = {
+        "65 536 x 160 x 40, one evaluation": (sequences["evaluation, random population"], 18),
+        "one generation of it": (sequences["one generation"], 22),
+        "16 384 trees x 31 nodes, DEAP's objects to codes, all new": (few["here, DEAP trees to codes, all new"], 20),
+        "the same, evaluation alone": (few["here"], 4),
+        "the same, 1000 points": (many["here"], 20),
+        "one tree run in the loop": (results["one run in the loop"]["tree"], 700),
+    }
+    return {what: {"best_ms": row["best_ms"], "median_ms": row["median_ms"], "goal_ms": goal}
+            for what, (row, goal) in measured.items()}  # fmt: skip
 
 
 def cold_start() -> dict[str, float]:
@@ -169,8 +218,10 @@ def main() -> None:
         "65536 sequences x 160 elements x 40 poses": thesis_scale(chosen.repeats),
         "16384 trees x 31 nodes x 40 poses": trees(40, chosen.repeats),
         "16384 trees x 31 nodes x 1000 poses": trees(1000, chosen.repeats),
+        "one run in the loop": loop_runs(max(3, chosen.repeats // 6)),
         "cold start, s": cold_start(),
     }
+    results["beside goals"] = beside_goals(results)
     chosen.out.mkdir(parents=True, exist_ok=True)
     (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     print(json.dumps(results, indent=1))
