@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from gpmodel.cli.options import (
     workers_option,
 )
 from gpmodel.cli.request import Request, resumed
+from gpmodel.cli.watch import Watch, on_screen
 from gpmodel.discovery.journal import JournalFiles
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError, WriteError
@@ -30,7 +32,10 @@ from gpmodel.executor import Workers, scheduled
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.progress import Progress, Say
+from gpmodel.progress import Progress, Say, silent
+
+WATCHED = 0.5
+"""Minutes after which no new round begins for a batch of a table that is followed, where none are given."""
 
 
 @click.command()
@@ -53,11 +58,16 @@ from gpmodel.progress import Progress, Say
               help="Folder of the results. [default: discovery]")  # fmt: skip
 @click.option("--resume", type=click.Path(path_type=Path), default=None,
               help="Folder of an interrupted run to go on with; nothing else is needed.")  # fmt: skip
+@click.option("--watch", is_flag=True,
+              help="Follow a TABLE that grows: verdict and next poses after every batch of rows.")  # fmt: skip
+@click.option("--batch", type=click.IntRange(1), default=10, show_default=True, help="Of --watch: rows.")
+@click.option("--rows", type=click.IntRange(1), default=None, help="Of --watch: it ends at so many. [default: never]")
 @quiet_option
 @click.pass_context
 def discover(
     ctx: click.Context, /, table: Path | None, mechanism: LoadedMechanism | None, workers: int | None,
-    scheduler: str | None, folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
+    scheduler: str | None, folder: Path | None, resume: Path | None, watch: bool, batch: int, rows: int | None,
+    quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     choice = None if mechanism is None else replace(mechanism.choice, description=None)
@@ -76,6 +86,14 @@ def discover(
         minutes = asked.pop("minutes")
         request = Request(table, choice, asked, minutes)
     folder = folder_for(folder or Path("discovery"))
+    if watch:
+        if resume is not None:
+            raise InputError("follows a TABLE from its first row; leave --resume away", "watch")
+        with scheduled(scheduler, workers or 0) as executor, alone_in(folder):
+            bounded = replace(request, minutes=request.minutes or WATCHED)
+            followed = Watch(request.table, batch, rows)
+            followed.follow(partial(looked, bounded, silent, executor, None), folder, on_screen(quiet))
+        return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
         found = discover_request(request, folder, say, executor)
     if not quiet:
@@ -85,29 +103,33 @@ def discover(
 
 def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
     """Run what was asked, keeping what is finished in `folder`, and leave the results there."""
-    options = request.options
     with alone_in(folder):
         journal = request.journal(folder, say)
         journal.refuse_another()
-        mechanism = request.choice.load()
         with resumable(journal):
-            found = look(
-                mechanism,
-                read_table(request.table, mechanism, in_order=options["in_order"]),
-                holdout=options["holdout"],
-                seed=options["seed"],
-                search=replace(request.search(), executor=executor),
-                candidates=() if options["no_catalogue"] else catalogue,
-                condition_limit=options["condition_limit"],
-                noise=options["noise"],
-                progress=say,
-                journal=journal,
-                command=command_line(),
-            )
+            found = looked(request, say, executor, journal)
             say(Progress("writing the report"))
             found.report(folder)
             journal.close()
     return found
+
+
+def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles | None) -> DiscoveryResult:
+    """Run what was asked; what is finished goes into the journal, where there is one."""
+    options, mechanism = request.options, request.choice.load()
+    return look(
+        mechanism,
+        read_table(request.table, mechanism, in_order=options["in_order"]),
+        holdout=options["holdout"],
+        seed=options["seed"],
+        search=replace(request.search(), executor=executor),
+        candidates=() if options["no_catalogue"] else catalogue,
+        condition_limit=options["condition_limit"],
+        noise=options["noise"],
+        progress=say,
+        journal=journal,
+        command=command_line(),
+    )
 
 
 @contextlib.contextmanager

@@ -1,0 +1,80 @@
+"""`gpmodel discover --watch`: a table that grows while somebody measures."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from gpmodel.api.discover import DiscoveryResult
+from gpmodel.api.poses import choose_poses
+from gpmodel.errors import InputError
+from gpmodel.report.schema import Report
+
+PAUSE = 1.0
+"""Seconds between two looks at the file; rows count once it has rested for so long."""
+NEXT = "next.csv"
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A table that is followed: after every `batch` further rows, until it has `rows` (None: until interrupted)."""
+
+    table: Path
+    batch: int
+    rows: int | None = None
+
+    def follow(self, look: Callable[[], DiscoveryResult], folder: Path, say: Callable[[str], None]) -> None:
+        """Look after every batch, leave the results and the next poses in `folder`, and say how things stand.
+
+        A table that is not sound yet is said so, and looked at again when it has grown.
+        """
+        seen = 0
+        while self.rows is None or seen < self.rows:
+            seen = self._grown(seen)
+            try:
+                found = look()
+                found.report(folder)
+                say(f"{seen} rows: {standing(found.record)}")
+                say(self._next(folder))
+            except InputError as error:
+                say(f"{seen} rows: {error}")
+
+    def _next(self, folder: Path) -> str:
+        chosen = choose_poses(count=self.batch, after=folder)
+        chosen.save(folder / NEXT)
+        return f"next {self.batch} poses, {chosen.said}: {folder / NEXT}"
+
+    def _grown(self, seen: int) -> int:
+        """Rows of the table once it rests and has grown by a batch, or to as many as are wanted."""
+        before = -1
+        while True:
+            size = self.table.stat().st_size if self.table.exists() else 0
+            if size == before:
+                rows = _rows(self.table)
+                if rows >= seen + self.batch or (self.rows is not None and seen < self.rows <= rows):
+                    return rows
+            before = size
+            time.sleep(PAUSE)
+
+
+def standing(record: Report) -> str:
+    """The verdict, and the findings that poses so far do not tell from something else."""
+    open_questions = [
+        f"{effect.name} or {', '.join(rival.name for rival in effect.close_rivals())}"
+        for effect in record.effects
+        if effect.close_rivals()
+    ]
+    ambiguous = f" Still ambiguous: {'; '.join(open_questions)}." if open_questions else ""
+    return f"{record.verdict}{ambiguous}"
+
+
+def _rows(table: Path) -> int:
+    """Whole lines below the header."""
+    return max(0, table.read_bytes().count(b"\n") - 1) if table.exists() else 0
+
+
+def on_screen(quiet: bool) -> Callable[[str], None]:
+    """Prints, where printing is wanted."""
+    return (lambda text: None) if quiet else click.echo

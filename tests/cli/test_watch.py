@@ -1,0 +1,46 @@
+"""A table that grows is looked at after every batch: how things stand, and where to measure next."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from cli_cases import run, table
+from durable_cases import OPTIONS, small
+
+from gpmodel.cli import watch
+
+
+@pytest.fixture(autouse=True)
+def quick() -> Iterator[None]:
+    with small():
+        yield
+
+
+def test_it_follows_a_table_and_leaves_verdict_and_next_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, out = tmp_path / "cell.csv", tmp_path / "out"
+    lines = table(45, effects=("gear_harmonic J4=400 arcsec",)).to_csv(index=False).splitlines(keepends=True)
+    looks = iter([lines[:4], lines[4:10], [lines[10][:5]], [lines[10][5:]], lines[11:36], lines[36:]])
+
+    def measure(_: float) -> None:
+        """Between two looks; once the table rests, somebody measures on."""
+        size = path.stat().st_size if path.exists() else 0
+        if size == measure.size:  # type: ignore[attr-defined]
+            with path.open("a") as file:
+                file.writelines(next(looks, []))
+        measure.size = size  # type: ignore[attr-defined]
+
+    measure.size = 0  # type: ignore[attr-defined]
+    monkeypatch.setattr(watch.time, "sleep", measure)
+    done = run(
+        "discover", path, "--mechanism", "irb6400r", *OPTIONS, "--no-catalogue", "--out", out, "--watch",
+        "--batch", 10, "--rows", 45,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    said = done.stdout.splitlines()
+    assert said[0].startswith("10 rows: ")
+    assert [line.split(" rows: ")[0] for line in said if " rows: " in line][-2:] == ["35", "45"]
+    assert json.loads((out / "report.json").read_text())["verdict"] in said[-2]
+    assert said[-1].startswith("next 10 poses, ")
+    assert len(pd.read_csv(out / watch.NEXT)) == 10
