@@ -127,7 +127,7 @@ def quantity(value: str | float, dimension: str, argument: str, *, least: float 
     return float(number)
 
 
-def point(value: str | Sequence[float], argument: str) -> tuple[float, ...]:
+def point(value: object, argument: str) -> tuple[float, ...]:
     """Three lengths, "0,0,120mm" or numbers in m. Raises InputError naming the argument."""
     parts: tuple[object, ...]
     if isinstance(value, str):
@@ -157,7 +157,7 @@ def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:
         unit = sides[2][1].strip().lstrip("+-.0123456789eE").strip()
         corners = tuple(point(",".join([side[k] for side in sides]) + unit * (k == 0), argument) for k in (0, 1))
     else:
-        corners = tuple(point(corner, argument) for corner in value)
+        corners = tuple(point(corner, argument) for corner in listed(value, argument, example))
     if len(corners) != 2 or not all(low < high for low, high in zip(*corners, strict=True)):
         raise InputError(f"{shown(value)}, expected lowest below highest in x, y and z, as in {example}", argument)
     return np.array(corners)

@@ -113,7 +113,7 @@ def choose_poses(
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
     pool = pool_of(arm, wanted, rng, reach)
     if model is None:
-        word = among(criterion or "spread", BEFORE, "criterion")
+        word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
         spread_of = quantity(noise, "length", "noise", positive=True)
         asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
     else:
@@ -158,10 +158,8 @@ def _tool(given: str | Sequence[float] | None, model: Model | None) -> Array:
 
 
 def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float) -> Sight | None:
-    if instrument is None:
-        return None
     axis = np.array(point(normal, "normal"))
     if not axis.any():
         raise InputError("(0, 0, 0), expected a direction in the measured frame", "normal")
-    half = np.radians(number(cone, "cone", 1e-6))
-    return Sight(np.array(point(instrument, "instrument")), axis, float(half))
+    half = float(np.radians(number(cone, "cone", 1e-6)))
+    return None if instrument is None else Sight(np.array(point(instrument, "instrument")), axis, half)

@@ -81,5 +81,5 @@ def check_ranges(choices: object, **limits: tuple[float, float]) -> None:
     """Raises InputError for a choice out of its range, ends included."""
     for name, (least, most) in limits.items():
         value = getattr(choices, name)
-        if not least <= value <= most:
-            raise InputError(f"{name}: {value}, expected {least:g} to {most:g}")
+        if not isinstance(value, int | float) or not least <= value <= most:
+            raise InputError(f"{value}, expected {least:g} to {most:g}", name)

@@ -45,8 +45,8 @@ class Truncation:
     def eligible(self, population: int) -> int:
         if population * self.share < 2:
             raise InputError(
-                f"population: {population} is too small to select {self.share:.1%} from, "
-                f"expected at least {2 / self.share:.0f}"
+                f"{population} is too small to select {self.share:.1%} from, expected at least {2 / self.share:.0f}",
+                "population",
             )
         return int(self.share * population)
 

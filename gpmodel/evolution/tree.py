@@ -36,7 +36,7 @@ class Tree:
     def __post_init__(self) -> None:
         check_ranges(self, depth=(1, 40), outputs=(1, 8), own_constants=(0, 64), crossover=(0.0, 0.999))
         if self.style not in ("koza", "thesis"):
-            raise InputError(f"style: {self.style!r}, expected 'koza' or 'thesis'")
+            raise InputError(f"{self.style!r}, expected 'koza' or 'thesis'", "style")
         operator_set(self.operators)
 
     @staticmethod

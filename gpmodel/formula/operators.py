@@ -140,9 +140,9 @@ def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
     unknown = sorted(chosen.difference(offered))
     if unknown:
         raise InputError(
-            f"operators: unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; "
-            f"operators are {', '.join(offered)}"
+            f"unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; operators are {', '.join(offered)}",
+            "operators",
         )
     if not chosen:
-        raise InputError("operators: none given, expected at least one")
+        raise InputError("none given, expected at least one", "operators")
     return tuple(operator for operator in ARITHMETIC if operator.name in chosen)

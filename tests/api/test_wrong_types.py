@@ -81,7 +81,9 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     ),
     "choose_poses": (
         lambda **a: gp.choose_poses(**({"mechanism": ARM, "count": 3} | a)),
-        {"mechanism": ANY, "count": ANY, "criterion": ANY, "above": NO_NUMBER, "seed": ANY},
+        {"mechanism": ANY, "count": ANY, "criterion": ANY[1:], "above": NO_NUMBER,
+         "seed": ANY, "after": ANY[2:], "box": ANY[1:], "instrument": NO_NUMBER, "normal": ANY, "cone": ANY[:2],
+         "tool_point": NO_NUMBER, "noise": NO_NUMBER},
     ),
     "load_model": (lambda **a: gp.load_model(**({"file": "nothing.json"} | a)), {"file": NO_FILE}),
 }  # fmt: skip
@@ -130,6 +132,16 @@ def test_a_result_goes_to_a_path_and_nowhere_else(result: str) -> None:
         refused(lambda value=value: made.save(value), "file")
         if hasattr(made, "report"):
             refused(lambda value=value: made.report(value), "folder")
+
+
+@pytest.mark.parametrize("result", RESULTS)
+def test_a_result_shows_itself(result: str) -> None:
+    made = RESULTS[result]()
+    assert len(repr(made).splitlines()) == 1
+    assert len(repr(made)) < 300
+    assert "<pre>" in made._repr_html_()
+    assert made.summary().strip()
+    assert len(made.to_dataframe().columns) > 0
 
 
 def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> None:

@@ -192,6 +192,25 @@ def test_bad_mechanism_is_refused(case: str, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+NAMED = {
+    "--population": ("evolve", "--population", "20"),
+    "--operators": ("evolve", "--operators", "magic"),
+    "--representation": ("evolve", "--representation", "graph"),
+    "--holdout": ("calibrate", "--holdout", "0.999"),
+    "--noise": ("discover", "--noise", "3"),
+    "--mechanism": ("check", "--mechanism", "hal9000"),
+}
+
+
+@pytest.mark.parametrize("option", NAMED)
+def test_the_line_opens_with_the_name_of_the_option(option: str, tmp_path: Path) -> None:
+    path = write(GOOD, tmp_path / "measured.csv")
+    command, *options = NAMED[option]
+    mechanism = () if option == "--mechanism" else ("--mechanism", "irb6400r")
+    out = () if command == "check" else ("--out", tmp_path / "out")
+    assert one_line(run(command, path, *mechanism, *out, *options), 2).startswith(f"gpmodel: {option}: ")
+
+
 def test_missing_table_names_the_file(tmp_path: Path) -> None:
     line = one_line(run("check", tmp_path / "nothing.csv", "--mechanism", "irb6400r"), 2)
     assert "nothing.csv" in line
