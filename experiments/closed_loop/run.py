@@ -28,7 +28,7 @@ from gpmodel.numerics.se3 import chain
 CASES = {
     "base_and_ripple": ("base_compliance", "gear_harmonic J4"),
     "compliance_2": ("joint_compliance J2",),
-    "wrist_coupling": ("wrist_coupling J5",),
+    "wrist_coupling": ("coupling, J4 to J5",),
     "eccentric_1": ("eccentricity J1",),
 }
 """Blind cases, and the effects that the calibration is told."""

@@ -52,7 +52,7 @@ def next_questions(
     findings = findings_of(outlook, record)
     pairs = [(f, name, effects) for f in findings for name, effects in f.rivals]
     if pairs and criterion in (None, "rivals"):
-        told = tuple(outlook.of_finding(finding, effects) for finding, _, effects in pairs)
+        told = tuple(outlook.beside(finding, effects) for finding, _, effects in pairs)
         said = "; ".join(f"{f.name} or {name}" for f, name, _ in pairs)
         return Asked(f"rivals: {said}", told, told, "closest rivals apart [sigma]", inverse=True)
     if criterion == "rivals":

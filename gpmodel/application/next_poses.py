@@ -1,8 +1,6 @@
 """What further poses would tell a fitted model: how well its effects are known, and its rivals told apart.
 
-Each finding is taken with the shape it was fitted in, so that its one unknown is its amplitude, 1 as fitted. Beside a
-rival the standard deviation of that amplitude says by how many the two are apart: 1 / σ. Source: Atkinson and Fedorov
-(1975), whose T-optimality this is for models that are linear in what is not shared.
+The latter is T-optimality for models that are linear in what they do not share: Atkinson and Fedorov (1975).
 """
 
 from dataclasses import dataclass
@@ -20,6 +18,9 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.planning.design import Question, Variance
 from gpmodel.planning.poses import over_the_pool
+
+BUILT = 1e-3
+"""Metres or radians: standard deviation of a geometric error before anything is measured."""
 
 LITTLE = 1e-9
 """Of what the pool would tell of an unknown: with less than that the measured poses tell nothing of it."""
@@ -55,28 +56,40 @@ class Outlook:
     def of_the_point(self) -> Question:
         """How well the predicted point is known over the pool, its variance in m²: I-optimal."""
         here, there = self._columns(self.measured), self._columns(self.pool)
-        return self._question(here, there, self.saved.sigma**2 * over_the_pool(there))
+        return _question(here, there, self.saved.sigma**2 * over_the_pool(there), self._believed)
 
-    def of_finding(self, finding: Questioned, rival: tuple[Effect, ...] = ()) -> Question:
-        """How well the amplitude of a finding is known, beside a rival where one is given."""
+    def of_finding(self, finding: Questioned) -> Question:
+        """How well a finding is known: the RMS of what its ± moves the measured points by, over what it moves them."""
+        here, there = self._columns(self.measured), self._columns(self.pool)
+        own = len(self.saved.covariance.placement) + finding.effects
+        theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
+        weight = np.zeros((there.shape[2], there.shape[2]))
+        weight[np.ix_(own, own)] = moves / (theta @ moves @ theta)
+        return _question(here, there, weight, self._believed)
+
+    def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
+        """How well the amplitude of a finding, in the shape it was fitted in, is known beside a rival: 1 / σ is by how
+        many standard deviations they are apart."""
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[-1, -1] = 1.0
-        return self._question(here, there, weight)
+        own = len(self.saved.covariance.placement) + finding.effects
+        believed = np.concatenate([np.delete(self._believed, own), np.zeros(len(rival) + 1)])
+        return _question(here, there, weight, believed)
 
-    def _question(self, here: Array, there: Array, weight: Array) -> Question:
-        """In unknowns scaled to what the measured poses tell of each by itself."""
-        known, may_tell = np.einsum("pij,pik->jk", here, here), np.einsum("pij,pij->j", there, there)
-        scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
-        scale[scale == 0.0] = 1.0
-        return Question(there / scale, known / np.outer(scale, scale), Variance(weight / np.outer(scale, scale)))
+    @property
+    def _believed(self) -> Array:
+        """What is known of each unknown (P + E,) before measuring, 1 / σ²: priors, and that no machine is built worse
+        than BUILT of geometry that the measured poses may not tell."""
+        effects = self.saved.model.effects
+        priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
+        return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
 
     def _amplitude_last(self, poses: Poses, finding: Questioned, rival: tuple[Effect, ...]) -> Array:
         """Columns of everything but the finding, of the rival, and of the finding as it was fitted."""
         columns = self._columns(poses, rival)
-        first = len(self.saved.covariance.placement)
-        at = [first + int(np.flatnonzero(self._kept == i)[0]) for i in finding.effects if i in self._kept]
-        shape = columns[:, :, at] @ self.saved.theta[[i for i in finding.effects if i in self._kept]]
+        at = len(self.saved.covariance.placement) + finding.effects
+        shape = columns[:, :, at] @ self.saved.theta[finding.effects]
         return np.concatenate([np.delete(columns, at, axis=2), shape[:, :, None]], axis=2)
 
     @cached_property
@@ -85,14 +98,17 @@ class Outlook:
         pool = catalogue.candidates(self.saved.mechanism, self.measured.states)
         return {candidate.name: candidate.effects for candidate in pool}
 
-    @property
-    def _kept(self) -> IntArray:
-        return np.flatnonzero(np.isfinite(self.saved.stderr))
-
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Columns (N, 3, K) of registration, tool, every effect that was held, and `more`, over σ of a coordinate."""
+        """Columns (N, 3, K) of registration, tool, every effect and `more`, over σ of a coordinate."""
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)
-        effects = (*(saved.model.effects[i] for i in self._kept), *more)
-        own = effect_columns(effects, saved.model, poses, observed)[:, :3]
+        own = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
         return np.concatenate([placement_columns(saved, poses, observed), own], axis=2) / saved.sigma
+
+
+def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
+    """Of columns at the measured poses and over the pool, in unknowns scaled to what is known of each by itself."""
+    known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
+    scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
+    scale[scale == 0.0] = 1.0
+    return Question(there / scale, known / np.outer(scale, scale), Variance(weight / np.outer(scale, scale)))

@@ -88,6 +88,12 @@ def family(name: str) -> Family | None:
     return next((f for f in catalogue if f.name == name), None)
 
 
+def explained(name: str) -> str:
+    """What the family of that name is physically and who says so; empty where there is none."""
+    found = family(name)
+    return f"{found.explanation} ({found.source})" if found else ""
+
+
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
     """Effects of `family`, `family JOINT` or a candidate's full name, as written on a command line.
 

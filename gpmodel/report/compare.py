@@ -135,7 +135,7 @@ def text(found: Comparison) -> str:
     lines = ["[[Verdict]]", fill(verdict(found), wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
     for title, changes in tables(found):
         if changes:
-            lines += [f"[[{title}]]", f"    {'':21}{'before':>9}{'after':>9}{'change':>17} {'':11}{'in σ':>5}"]
+            lines += [f"[[{title}]]", f"    {'':19}{'before':>10}{'after':>10}{'change':>20} {'':10}{'in σ':>5}"]
             lines += [_row(c) for c in changes]
     if found.incomparable:
         said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
@@ -156,8 +156,8 @@ def cells(c: Change) -> tuple[str, str, str, str]:
 
 def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
-    name, mark = wording.shortened(c.name, 20), "*" if c.significant else ""
-    return f"    {name:<21}{old:>9}{new:>9}{change:>17} {unit:<11}{c.z:>5.1f}{mark}".rstrip()
+    name, mark = wording.shortened(c.name, 19), "*" if c.significant else ""
+    return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{c.z:>5.1f}{mark}".rstrip()
 
 
 def html(found: Comparison) -> str:

@@ -14,6 +14,8 @@ from gpmodel.report.schema_search import EffectRecord
 
 LOW_SHARE = 0.3
 """Below this unique share σ is more than three times what it would be without the other unknowns (1 / share)."""
+WELL_KNOWN = 10.0
+"""Standard deviations from zero: its value is then known to a tenth."""
 
 MEASURES = (
     (("row", "time"), "measure the first poses once more at the end, and once after a night: an event of the session "
@@ -127,7 +129,9 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 def _advice(report: Report, effect: EffectRecord) -> Iterator[str]:
     close = effect.close_rivals()
     if close:
-        yield f"take poses at which it and {close[0].name} differ"
+        yield f"take poses at which it and {close[0].name} differ: `gpmodel poses --after` this result chooses them"
+    elif effect.value and effect.stderr is not None and abs(effect.value) < WELL_KNOWN * effect.stderr:
+        yield "take the poses that tell most of it: `gpmodel poses --after` this result with `--criterion effect`"
     for beginnings, advice in MEASURES:
         if any(name.startswith(beginnings) for name in effect.inputs):
             yield advice

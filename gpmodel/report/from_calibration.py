@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from gpmodel.calibration.result import resolved
+from gpmodel.families.catalogue import explained
 from gpmodel.model.effect import Effect
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
@@ -37,6 +38,7 @@ def _effect(ladder: Ladder, effect: Effect) -> EffectRecord:
         unique_share=float(final.unique_share[i]) if kept else None,
         found_by="named",
         catalogue=effect.family or None,
+        explanation=explained(effect.family),
         kept=kept,
         terms=tuple(
             TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight) for t in effect.terms

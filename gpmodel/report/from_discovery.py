@@ -10,7 +10,7 @@ from gpmodel.calibration.unobservable import unobservable_families, unobservable
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import catalogue
+from gpmodel.families.catalogue import explained
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin, names_of, ranges
@@ -107,10 +107,8 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
 
 def _explained(candidate: Candidate) -> str:
     """What it would be physically: its own explanation, else its family's; nothing for a kind without a family."""
-    family = next((f for f in catalogue if f.name == candidate.family), None)
-    if candidate.explanation or family is None:
-        return candidate.explanation or ("" if candidate.family else "matches no named effect")
-    return f"{family.explanation} ({family.source})"
+    unnamed = "" if candidate.family else "matches no named effect"
+    return candidate.explanation or explained(candidate.family) or unnamed
 
 
 def _rms(rival: tuple[str, float]) -> float:

@@ -58,7 +58,7 @@ def test_rivals_and_a_small_share_have_their_advice() -> None:
 
 def test_an_effect_that_was_named_is_explained_too() -> None:
     found = explain(calibrated(), 1)
-    assert "It was named by the user" in found.cause
+    assert "foundation tilts" in found.cause
     assert found.chain.startswith("[base]")
 
 
