@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.next_poses import Questioned, Outlook
+from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
