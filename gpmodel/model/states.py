@@ -21,6 +21,22 @@ from gpmodel.table.dataset import Dataset
 PAYLOAD_SHARE = "payload_"
 
 
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What the payload alone exerts on each joint, Nm: a column of its own where payloads differ, and none where every
+    pose has the same, as beside a model that was fitted where they did."""
+
+    torques: Mapping[str, Array]
+
+    def column(self, name: str) -> Array | None:
+        """The torque (N,) of that name, None where there is none."""
+        return self.torques.get(name)
+
+    def unit(self, name: str) -> str:
+        """Nm."""
+        return "Nm"
+
+
 @dataclass(frozen=True)
 class States:
     """Columns (N,) by name, and their units.
@@ -39,6 +55,7 @@ class States:
     past: Past | None = None
     weights: UnitLoads | None = None
     seen: Seen | None = None
+    carried: Carried | None = None
     rows: IntArray | None = None
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -54,7 +71,7 @@ class States:
     def __getitem__(self, name: str) -> Array:
         if name in self.columns:
             return self.columns[name]
-        for derived in (self.past, self.weights, self.seen):
+        for derived in (self.past, self.weights, self.seen, self.carried):
             whole = derived.column(name) if derived else None
             if whole is not None:
                 return whole if self.rows is None else whole[self.rows]
@@ -75,7 +92,8 @@ class States:
         if name in self.units:
             return self.units[name]
         self[name]
-        return next(d.unit(name) for d in (self.past, self.weights, self.seen) if d and d.column(name) is not None)
+        derived = (self.past, self.weights, self.seen, self.carried)
+        return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
     def subset(self, rows: IntArray | Mask) -> "States":
         """The same columns at some poses only; what they remember is still that of the whole table."""
@@ -146,16 +164,23 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     if dataset.payload_given:
         put("payload", dataset.payload, "kg")
         if np.ptp(dataset.payload) > 0:
-            bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
-            for joint in mechanism.joints:
-                load = f"torque_{joint.name}"
-                put(f"{PAYLOAD_SHARE}{load}", loads[load] - bare.get(load, 0.0), "Nm")
+            for name, values in _carried(mechanism, dataset, loads).items():
+                put(name, values, "Nm")
     torques = {column for _, column in torque_columns(mechanism, dataset)}
     for name, values in dataset.extras.items():
         if name not in torques:
             put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")
-    return _remembering(columns, units, mechanism, dataset, same)
+    states = _remembering(columns, units, mechanism, dataset, same)
+    alone = dataset.payload_given and not np.ptp(dataset.payload) > 0
+    return replace(states, carried=Carried(_carried(mechanism, dataset, loads))) if alone else states
+
+
+def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
+    """Torques that the payload adds to those of the links."""
+    bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
+    torques = [f"torque_{joint.name}" for joint in mechanism.joints]
+    return {f"{PAYLOAD_SHARE}{t}": loads[t] - bare.get(t, 0.0) for t in torques if t in loads}
 
 
 def _remembering(
@@ -174,7 +199,7 @@ def _remembering(
             whole = past.column(name)
             if whole is not None and name not in columns:
                 columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
-    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, rows)
+    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, rows=rows)
 
 
 def _seen(dataset: Dataset) -> Seen | None:

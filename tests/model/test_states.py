@@ -79,3 +79,16 @@ def test_a_subset_is_the_same_at_some_poses_and_nothing_can_be_overwritten() -> 
         np.testing.assert_array_equal(part[name], column[[7, 2]])
     with pytest.raises(TypeError):
         states.columns["new"] = np.zeros(11)  # type: ignore[index]
+
+
+def test_a_payload_that_is_the_same_everywhere_still_says_what_it_exerts() -> None:
+    """No input of its own there, and yet what a model reads that was fitted where payloads differ."""
+    arm = mechanism("ur5")
+    data = replace(bare("ur5", 12), payload=np.full(12, 4.0))
+    states = states_of(arm, data)
+    mixed = states_of(arm, replace(data, payload=np.repeat([0.0, 4.0], 6)))
+    for joint in arm.joints:
+        name = f"payload_torque_{joint.name}"
+        assert name not in states.columns
+        assert states.unit(name) == mixed.unit(name)
+        np.testing.assert_allclose(states.subset(np.arange(6, 12))[name], mixed[name][6:])
