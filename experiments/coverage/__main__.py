@@ -57,7 +57,7 @@ def summarised(rows: list[Row]) -> dict[str, Any]:
 def _grouped(rows: list[Row]) -> dict[str, list[Row]]:
     out: dict[str, list[Row]] = {}
     for row in rows:
-        kind = row["case"].split(" ")[1] if row["family"] == "known" else row["family"]
+        kind = f"known, {row['case'].split(' ')[1]}" if row["family"] == "known" else row["family"]
         out.setdefault(kind, []).append(row)
     return out
 
@@ -81,9 +81,10 @@ def counted(rows: list[Row]) -> dict[str, Any]:
 
 
 def save(rows: list[Row], command: str, file: Path) -> None:
-    """Summary and robots as they stand."""
-    text = json.dumps({"command": command, "summary": summarised(rows), "robots": rows}, indent=1)
-    file.with_suffix(".part").write_text(text + "\n")
+    """Summary and robots as they stand, a line a robot."""
+    head = json.dumps({"command": command, "summary": summarised(rows)}, indent=1)[:-2]
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    file.with_suffix(".part").write_text(f'{head},\n "robots": [\n{lines}\n]}}\n')
     file.with_suffix(".part").replace(file)
 
 
