@@ -16,7 +16,9 @@ from gpmodel.formula.program import Builder, Node, Program
 Array = NDArray[np.float64]
 
 TURNS = (2.0, 3.0)
+"""Multiples of an angle among the pieces: gears and bearings err twice and three times a turn."""
 SCREENED = 300
+"""Pairs of pieces, the most promising by their nats, that are looked at whole."""
 
 
 @dataclass(frozen=True)

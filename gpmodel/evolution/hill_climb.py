@@ -17,6 +17,7 @@ Kinds = NDArray[np.uint8]
 
 MOST_STEPS = 8
 CHECKED = 8
+"""Edits one after the other at most, and trials of each that are scored exactly."""
 
 
 def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary, most_outputs: int = 3) -> Program:

@@ -21,6 +21,7 @@ MOST_NODES = 7
 
 TERM = Linear(length=24, registers=2, outputs=1, own_constants=3)
 QUICK = Budget(population=256, generations=20, seconds=1e9, polish_every=5, restart_after=0, climb=3, threads=1)
+"""A representation for one term, and the small effort that finds one."""
 
 FORMS = (
     "sin({n}*({q} - {a}))", "square({q} - {a})", "exp(-{k}*square({q} - {a}))", "tanh({k}*({q} - {a}))",
@@ -32,6 +33,7 @@ PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of the input at which the forms start."""
 
 POLISHED = 4
+"""Programs, the best, whose constants are fitted."""
 
 
 def shortest_laws(

@@ -31,6 +31,7 @@ PROMISING = 1.0 - 1e-7
 """Gain of a program whose law is looked at at once."""
 
 NEGLIGIBLE = 1e-9
+"""Relative difference from a whole number that is rounding of a solved coefficient."""
 
 ALWAYS_ON, RANKED_EVERY = 2, 20
 """Links that have a generation in every turn, and turns after which they are ranked anew."""
@@ -40,6 +41,7 @@ PRICE = 3.0
 
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
+"""What regression evolves, and the effort of one population."""
 
 
 @dataclass(frozen=True)

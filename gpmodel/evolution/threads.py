@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 SLICE = 512
+"""Programs that a thread works on at once: their registers stay in its cache."""
 
 
 @cache

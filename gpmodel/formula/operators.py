@@ -66,6 +66,7 @@ INPUT, LOAD, STORE = 0, 1, 2
 """Op-codes that move data and compute nothing."""
 
 WRITTEN = -1
+"""Op-code of operators that are written and read, and never run by a kernel."""
 
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),

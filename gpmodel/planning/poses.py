@@ -20,6 +20,7 @@ POOL, SMALLEST_POOL = 20, 600
 """Candidate poses for each one wanted, and at least."""
 
 PARAMETER_LIMIT = 1e4
+"""Condition limit beyond which geometric errors are one: rounding in joint values of a controller's display."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
