@@ -23,14 +23,11 @@ class Inner:
     """A constant inside the bases that the linear solve cannot reach.
 
     name, template: the candidate's name and effects with CONSTANT in its place (see gpmodel.families.inner).
-    lower, upper: its neighbours on the grid, between which it may be refined.
     """
 
     name: str
     template: tuple[Effect, ...]
     value: float
-    lower: float
-    upper: float
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,9 @@ class Comb:
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
-        """The candidate at a rate, its constant to so many digits; refinable as far as the rates beside it."""
-        here, *around = (self.value(r) for r in (rate, rate - self.step, rate + self.step))
-        inner = Inner(self.template.name, self.template.effects, here, min(around), max(around))
-        return at(replace(self.template, inner=inner), float(f"{here:.{digits}g}"))
+        """The candidate at a rate, its constant to so many digits."""
+        value = float(f"{self.value(rate):.{digits}g}")
+        return at(replace(self.template, inner=Inner(self.template.name, self.template.effects, value)), value)
 
 
 def comb(

@@ -15,7 +15,6 @@ from gpmodel.discovery.score import best_nats, scores
 from gpmodel.families import memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
-from gpmodel.families.inner import at, refined
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.dataset import Dataset
@@ -89,20 +88,6 @@ def test_a_drifting_instrument_is_called_a_drift() -> None:
     offered = pool(data)
     best = offered[int(np.argmax([s.nats for s in scores(there, offered)]))]
     assert best.family == "drift"
-
-
-def test_the_constant_of_a_lag_is_refined_between_its_neighbours() -> None:
-    data = table()
-    start = next(c for c in pool(data) if c.name == "growth of the arm (temperature, lag of 53 min)")
-    truth = at(start, 70.0)
-    there = left_over(data, truth.effects, sized("irb6400r", truth.effects, data, 0.3) * 3)
-    found = refined(start, lambda c: scores(there, [c])[0].nats)
-    assert found.inner is not None
-    assert start.inner is not None
-    assert start.inner.lower < found.inner.value < start.inner.upper
-    assert found.inner.value == pytest.approx(70.0, rel=0.15)
-    assert f"lag of {found.inner.value:.5g} min" in found.name
-    assert found.effects[0].inputs == (f"lag_temperature_{found.inner.value:.4g}".replace(".", "p"),)
 
 
 def test_without_an_order_of_the_rows_nothing_remembers() -> None:
