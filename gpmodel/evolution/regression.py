@@ -3,22 +3,20 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import islice
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.engine import Code, values
+from gpmodel.evolution.constants import polish
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.links import LINKS, Link, LinkTerm, solved
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
+from gpmodel.evolution.links import LINKS, solved
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population
-from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.program import Builder, Program
 
@@ -33,11 +31,11 @@ PROMISING = 1.0 - 1e-7
 NEGLIGIBLE = 1e-9
 """Relative difference from a whole number that is rounding of a solved coefficient."""
 
+FINISHING, POLISHED = 0.06, 12
+"""Share of the time that is kept for the constants of the best laws, and how many these are."""
+
 ALWAYS_ON, RANKED_EVERY = 2, 20
 """Links that have a generation in every turn, and turns after which they are ranked anew."""
-
-PRICE = 3.0
-"""Nats of a node or coefficient (description length; a node is one of some twenty operators and inputs)."""
 
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
@@ -51,67 +49,6 @@ class Law:
     program: Program
     left: float
     nats: float
-
-
-@dataclass(frozen=True)
-class LinkedProblem:
-    """A response (N,) under a link, as a problem of ``gpmodel.evolution.generations``."""
-
-    inputs: Inputs
-    response: Array
-    link: Link
-    slice: ClassVar[int] = 256
-    start: ClassVar[tuple[str, ...]] = ()
-    can_drop_the_hopeless: ClassVar[bool] = False
-
-    @cached_property
-    def always(self) -> list[LinkTerm]:
-        """Terms of every sum."""
-        return self.link.always(self.inputs.mapping())
-
-    @cached_property
-    def targets(self) -> Targets:
-        """What is left of the linked response without these terms."""
-        there = self.link.forward(self.response)
-        columns = self.inputs.mapping()
-        table = np.stack([term.column(columns, self.response) for term in self.always], axis=1)
-        orthonormal, triangle = np.linalg.qr(table)
-        diagonal = np.abs(np.diag(triangle))
-        orthonormal = orthonormal[:, diagonal > 1e-9 * diagonal.max()]
-        rest = there - orthonormal @ (orthonormal.T @ there)
-        rest = rest - orthonormal @ (orthonormal.T @ rest)
-        ones = np.ones((1, len(there)))
-        energy = max(float(rest @ rest), 1e-300)
-        return Targets(ones, orthonormal.T[None], rest[None], energy, (self.link.name,), len(there), ROUNDING_SHARE)
-
-    @cached_property
-    def share(self) -> float:
-        """Share of the linked response's variance that these terms leave."""
-        there = self.link.forward(self.response)
-        return self.targets.energy / float(np.sum(np.square(there - there.mean())))
-
-    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Description length and gain of decoded programs, what the link makes of their outputs offered as well."""
-        outputs = values(code, fixed)
-        offered = np.concatenate([outputs, self.link.companions(outputs, self.response)], axis=1)
-        return projected_scores(offered, code, self.targets, PRICE)
-
-    def law(self, program: Program, chosen: int) -> Program | None:
-        """The law of the columns of a program in the bit set ``chosen``."""
-        count = len(program.outputs)
-        terms = list(self.always)
-        for k in range(count):
-            for column in (k, k + count):
-                if chosen >> column & 1:
-                    terms.append(self._term(program.select([k]), column >= count))
-        return solved(terms, self.link, self.inputs.mapping(), self.response, PRICE)
-
-    def _term(self, program: Program, companion: bool) -> LinkTerm:
-        if companion and self.link.logarithms:
-            builder = Builder()
-            copies = builder.copy(program)
-            return LinkTerm(builder.program([builder.apply("log", copies[program.outputs[0]])]))
-        return LinkTerm(program, companion)
 
 
 class Island:
@@ -191,7 +128,7 @@ def regress(
             found += [] if sums is None else _judged([sums], columns, response)
             islands.append(island)
     turn = 1
-    while clock() - began < seconds and not any(law.left < EXACT for law in found):
+    while clock() - began < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
         for island in _in_turn(islands, turn):
             if island.step():
                 found += _judged(island.laws(PROMISING), columns, response)
@@ -207,9 +144,23 @@ def regress(
         turn += 1
     if not any(law.left < EXACT for law in found):
         found += [law for island in islands for law in _judged(island.laws(), columns, response)]
+        best = sorted(found, key=lambda law: law.nats)[:POLISHED]
+        found += _judged(_polished(best, columns, response, representation.constants), columns, response)
     if not found:
         raise InputError("regress: no program is finite on these inputs")
     return min(found, key=lambda law: law.nats)
+
+
+def _polished(
+    laws: Iterable[Law], columns: dict[str, Array], response: Array, held: tuple[float, ...]
+) -> Iterator[Program]:
+    """The programs with constants that fit the response itself best: a link weighs its errors otherwise."""
+    plain = Targets(
+        np.ones((1, len(response))), np.zeros((1, 1, len(response))), response[None], float(response @ response),
+        ("response",), len(response), ROUNDING_SHARE,
+    )  # fmt: skip
+    for law in laws:
+        yield polish(law.program, plain, 0, columns, held)[0]
 
 
 def _in_turn(islands: Sequence[Island], turn: int) -> list[Island]:
@@ -229,14 +180,24 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
             continue
         factor = float(values @ response) / size
         rest = response - factor * values
-        builder = Builder()
-        node = builder.copy(program)[program.outputs[0]]
-        if abs(factor - 1.0) > NEGLIGIBLE:
-            whole = abs(factor - round(factor)) < NEGLIGIBLE
-            node = builder.apply("multiply", builder.constant(round(factor) if whole else factor), node)
-        scaled = builder.program([node])
+        scaled = _scaled(program, factor)
         left = float(rest @ rest) / variance
         length = scaled.complexity + len(scaled.constants)
         nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * length
         laws.append(Law(scaled, left, nats))
     return laws
+
+
+def _scaled(program: Program, factor: float) -> Program:
+    """The program times a factor, which takes up one that is there; left out where it is 1."""
+    builder = Builder()
+    copies = builder.copy(program)
+    root = program.nodes[program.outputs[0]]
+    node = copies[program.outputs[0]]
+    if root.operator == "multiply" and program.nodes[root.arguments[0]].operator == "constant":
+        factor *= float(program.nodes[root.arguments[0]].value or 0.0)
+        node = copies[root.arguments[1]]
+    if abs(factor - 1.0) > NEGLIGIBLE:
+        whole = abs(factor - round(factor)) < NEGLIGIBLE
+        node = builder.apply("multiply", builder.constant(round(factor) if whole else factor), node)
+    return builder.program([node])

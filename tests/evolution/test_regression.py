@@ -8,9 +8,10 @@ import pytest
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import values
 from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.links import LINKS, Link, LinkTerm, solved
 from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.regression import BUDGET, EXACT, PRICE, SEQUENCES, LinkedProblem, regress
+from gpmodel.evolution.regression import BUDGET, EXACT, SEQUENCES, regress
 from gpmodel.evolution.settings import Settings
 from gpmodel.formula.parse import parse
 
@@ -44,6 +45,15 @@ def test_a_law_is_found_exactly_under_one_of_the_links(name: str) -> None:
     law = regress(INPUTS, response, np.random.default_rng(0), 20_000, clock=count().__next__)
     assert law.left < EXACT
     np.testing.assert_allclose(law.program.evaluate(COLUMNS)[0], response, rtol=1e-8)
+
+
+def test_constants_of_a_noisy_law_are_those_that_fit_the_response_and_not_its_link() -> None:
+    clean = values_of("1/(1/a + b/c)")
+    noisy = clean + 0.05 * np.random.default_rng(5).normal(size=80)
+    law = regress(INPUTS, noisy, np.random.default_rng(0), 60, clock=count().__next__)
+    best = np.linalg.lstsq(law.program.evaluate(COLUMNS).T, noisy, rcond=None)[0][0]
+    assert best == pytest.approx(1.0, abs=1e-6)
+    assert law.left < 0.1
 
 
 def test_a_law_depends_on_the_seed_alone() -> None:
