@@ -12,7 +12,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.planning.design import Question
+from gpmodel.planning.design import Question, at_best
 from gpmodel.planning.questions import Asked
 from gpmodel.report.origin import names_of
 from gpmodel.report.quantity import translate
@@ -21,6 +21,8 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
 
 _PHASE = re.compile(r", (sin|cos)$")
+TOLD_APART = 2.0
+"""Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
 MOST_RIVALS = 3
 """Of each finding, the closest: those after them predict worse and are told apart on the way."""
 
@@ -50,19 +52,21 @@ def next_questions(
     if criterion == "i-optimal":
         return point
     findings = findings_of(outlook, record)
-    pairs = [(f, name, effects) for f in findings for name, effects in f.rivals]
-    if pairs and criterion in (None, "rivals"):
-        told = tuple(outlook.beside(finding, effects) for finding, _, effects in pairs)
-        said = "; ".join(f"{f.name} or {name}" for f, name, _ in pairs)
-        return Asked(f"rivals: {said}", told, told, "closest rivals apart [sigma]", inverse=True)
+    pairs = {f"{f.name} or {name}": outlook.beside(f, effects) for f in findings for name, effects in f.rivals}
+    told = {said: asked for said, asked in pairs.items() if at_best(asked) < 1.0 / TOLD_APART}
+    alike = "; ".join(said for said in pairs if said not in told)
+    if told and criterion in (None, "rivals"):
+        said = f"rivals: {'; '.join(told)}" + (f"; no poses tell {alike}" if alike else "")
+        return Asked(said, tuple(told.values()), tuple(told.values()), "closest rivals apart [sigma]", inverse=True)
     if criterion == "rivals":
-        raise InputError("rivals: no finding has a rival of the catalogue that predicts about as well", "criterion")
+        none = f"no poses tell {alike}" if alike else "no finding has one of the catalogue that predicts about as well"
+        raise InputError(f"rivals: {none}", "criterion")
     if not findings and criterion == "effect":
         raise InputError("effect: the model has nothing beside its geometry", "criterion")
     if not findings:
         return point
     sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
-    said = f"effect: {'; '.join(f.name for f in findings)}"
+    said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses tell {alike}" if alike else "")
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
 
 

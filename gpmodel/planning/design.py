@@ -5,7 +5,7 @@ coordinate; M⁻¹ is then their covariance. Sources: Fedorov (1972); Pukelsheim
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -22,8 +22,9 @@ TRIED = 10
 ENOUGH = 1e-6
 """A swap that improves the logarithm of a criterion by less is none."""
 
-DETERMINED = 1e-7
-"""Smallest eigenvalue of M, its diagonal made 1, below which some unknown is not determined."""
+DETERMINED = 1e-12
+"""Smallest eigenvalue of M, its diagonal made 1, that is rounding: below it some unknown is not determined. What is
+only believed of geometry is a millionth of what is measured."""
 
 LITTLE = 1e-6
 """Added to what is known of every unknown, so that M is never singular: a millionth of what one pose tells."""
@@ -150,6 +151,13 @@ class Question:
     columns: Array
     known: Array
     goal: Goal
+
+
+def at_best(question: Question) -> float:
+    """√ of the variance asked about with every pose of the pool taken. Raises TypeError where no variance is."""
+    every = np.arange(len(question.columns))
+    whole = replace(question, known=question.known + np.einsum("pij,pik->jk", question.columns, question.columns))
+    return float(_deviations(whole, every[:0])[0])
 
 
 def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
