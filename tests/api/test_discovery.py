@@ -13,7 +13,7 @@ from cli_cases import run, table, write
 
 import gpmodel as gp
 from gpmodel.api.discover import DiscoveryResult
-from gpmodel.cli import discover as discover_command
+from gpmodel.cli import request as request_module
 
 DEMO = Path(str(files("gpmodel") / "data" / "demo.csv"))
 SMALL = partial(gp.Search, population=48, generations=4)
@@ -27,12 +27,12 @@ def found() -> DiscoveryResult:
 
 def comparable(folder: Path) -> dict[str, object]:
     report = json.loads((folder / "report.json").read_text())
-    return {key: value for key, value in report.items() if key not in ("seconds", "command")}
+    return {key: value for key, value in report.items() if key not in ("seconds", "command", "exports")}
 
 
 @pytest.fixture
 def small() -> Iterator[None]:
-    with mock.patch.object(discover_command, "Search", SMALL):
+    with mock.patch.object(request_module, "Search", SMALL):
         yield
 
 
@@ -70,7 +70,8 @@ def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_p
     assert "<table" in found._repr_html_()
     found.report(tmp_path / "out")
     found.save(tmp_path / "found.json")
-    assert (tmp_path / "found.json").read_text() == (tmp_path / "out" / "report.json").read_text()
+    kept, written = (json.loads((tmp_path / name).read_text()) for name in ("found.json", "out/report.json"))
+    assert kept | {"exports": written["exports"]} == written
     found.model.save(tmp_path / "model.json")
     assert gp.load_model(tmp_path / "model.json").misses(GEAR).mean() < 0.1
 
