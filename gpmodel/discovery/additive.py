@@ -21,6 +21,7 @@ from gpmodel.discovery.selection.select import select
 from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_candidates, of_offers, only
 from gpmodel.discovery.selection.waves import combs_of
 from gpmodel.evolution.chance import chance
+from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue, names
 from gpmodel.families.offer import Offer
@@ -148,7 +149,12 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     while True:
         calibration = choice.fit(tuple(candidates.values()), calibration)
         left = choice.residual(calibration)
-        now = {n: _judged(left.without(c.effects), c, kept[n], chosen) for n, c in candidates.items()}
+
+        def verdict(name: str, left: Residual = left) -> tuple[str, Hypothesis]:
+            return name, _judged(left.without(candidates[name].effects), candidates[name], kept[name], chosen)
+
+        verdicts = dict(found for _, found in Threads(choice.search.workers)(verdict, tuple(candidates)))
+        now = {name: verdicts[name] for name in candidates}
         judged |= now
         failed = [n for n, h in now.items() if not h.accepted]
         if not failed:

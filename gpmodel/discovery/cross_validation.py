@@ -77,11 +77,16 @@ def _refitted(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple
 
 
 def _updated(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:
-    """The same from each fold's factored normal equations, by block elimination of the extra columns."""
+    """The same from each fold's factored normal equations, by block elimination of the extra columns.
+
+    Products over all rows less those of the fold are the products without it.
+    """
+    system, target = residual.system[: residual.measured], residual.target[: residual.measured]
+    across, own, pull = system.T @ extra, extra.T @ extra + np.diag(belief**2), extra.T @ target
     for test, factor, base in residual.without_folds:
-        top, right = residual.system[: residual.measured][~test], residual.target[: residual.measured][~test]
-        between = top.T @ extra[~test]
+        between = across - system[test].T @ extra[test]
         solved = linalg.cho_solve(factor, between, check_finite=False)
-        inner = extra[~test].T @ extra[~test] + np.diag(belief**2) - between.T @ solved
-        new = linalg.lstsq(inner, extra[~test].T @ right - between.T @ base, cond=1e-12)[0]
+        inner = own - extra[test].T @ extra[test] - between.T @ solved
+        right = pull - extra[test].T @ target[test] - between.T @ base
+        new = linalg.lstsq(inner, right, cond=1e-12)[0]
         yield test, base - solved @ new, new
