@@ -14,8 +14,6 @@ import click
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from gpmodel.files import write_bytes
-
 if TYPE_CHECKING:
     from joints.studies.study import Study, Table
 
@@ -56,6 +54,7 @@ def _command(name: str) -> click.Command:
     @click.option("--seed", default=0, show_default=True, help="Seed of simulated measurements.")
     @click.option("--defaults", is_flag=True, help="Print the TOML table of the thesis' joint and stop.")
     def run(toml: Path | None, json_file: Path | None, out: Path | None, seed: int, defaults: bool) -> None:
+        from gpmodel.files import write_bytes
         from joints.settings import DATA
         from joints.studies import STUDIES
 

@@ -69,6 +69,11 @@ class Averaged:
     def inputs(self) -> tuple[str, ...]:
         return tuple(name for name in self.basis.inputs if name not in self.clocks)
 
+    @property
+    def constant(self) -> float | None:
+        """The mean where nothing but the clocks is read."""
+        return None if self.inputs else float(self({"": np.zeros(1)})[0])
+
     def __call__(self, states: Columns) -> Array:
         shares = (np.arange(MOMENTS) + 0.5) / MOMENTS
         moments = ({c: low + share * (high - low) for c, (low, high) in self.clocks.items()} for share in shares)

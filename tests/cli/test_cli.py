@@ -94,7 +94,7 @@ def test_every_error_is_one_line_and_a_status(
     def broken() -> None:
         raise error
 
-    monkeypatch.setattr(cli.Program, "get_command", lambda self, ctx, name: broken)
+    monkeypatch.setattr(cli.CommandGroup, "get_command", lambda self, ctx, name: broken)
     assert said in one_line(run("check"), status)
     shown = run("--debug", "check")
     assert shown.exit_code == status
@@ -118,7 +118,9 @@ def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
     assert effect["value"] == pytest.approx(3e-7, abs=4 * effect["stderr"])
     assert effect["inputs"] == ["moment_base_x", "moment_base_y"]
     assert sorted(p.name for p in out.iterdir()) == [
+        "calibrated.urdf",
         "explore.html",
+        "exports",
         "figures",
         "model.json",
         "poses.csv",

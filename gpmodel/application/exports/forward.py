@@ -8,9 +8,9 @@ import numpy as np
 from gpmodel.application.exports.chain import Chain, chain_of
 from gpmodel.application.exports.loads import Body, Loads
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.application.usable import Averaged, Clamped, of_the_mechanism, usable
 from gpmodel.arrays import Array
-from gpmodel.formula.expression import Basis
+from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import AXES, Massive
 from gpmodel.mechanism.source import bare_of
 from gpmodel.model.measured_torque import measured_torques
@@ -54,10 +54,11 @@ def forward_of(saved: SavedModel) -> Forward:
     kept = of_the_mechanism(usable(saved))
     chain = chain_of(saved.mechanism)
     lines = tuple(
-        Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), t.basis)
+        Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), basis)
         for e, value in zip(kept.model.effects, kept.theta, strict=True)
         if value != 0.0
         for t in e.terms
+        if (basis := _written(t.basis)) is not None
     )
     bodies, gravity = _masses(saved, chain)
     own = {joint.name for joint in saved.mechanism.joints} | set("xyz")
@@ -67,10 +68,20 @@ def forward_of(saved: SavedModel) -> Forward:
     computed = {name: loads.text(name) for name in read if name not in given and name != "payload"}
     inputs = {name: kept.input_units.get(name, "N*m" if name.startswith("torque_") else "1") for name in read}
     inputs = {name: unit for name, unit in inputs.items() if name not in computed} | {"payload": "kg"}
-    left = {e.name for e in saved.model.effects} - {e.name for e in kept.model.effects}
+    left = {e.name for e in saved.model.effects} - {
+        e.name for e in kept.model.effects if all(_written(t.basis) is not None for t in e.terms)
+    }
     values = zip(saved.model.effects, saved.theta.tolist(), strict=True)
     missing = tuple(e.name for e, value in values if e.name in left and value)
     return Forward(kept, chain, lines, computed, inputs, bodies, gravity, missing)
+
+
+def _written(basis: Basis) -> Basis | None:
+    """A basis that text can say: an average over the session is a number, or none where it reads the pose as well."""
+    mean = basis.basis if isinstance(basis, Clamped) else basis
+    if not isinstance(mean, Averaged):
+        return basis
+    return None if mean.constant is None else Expression(repr(mean.constant))
 
 
 def _measured_torques(saved: SavedModel) -> set[str]:
