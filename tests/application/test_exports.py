@@ -70,6 +70,18 @@ def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
     assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.tex"}]).all()
 
 
+def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_missing() -> None:
+    effects = ("J1.moving:Rz:0.01*row=2e-4", "J4.moving:Ry:0.01*row*sin(J5)=2e-4")
+    mechanism, made = robot(80, 3, "irb6400r", effects=effects)
+    texts = [text.rpartition("=")[0] for text in effects]
+    for count, largest in ((1, 1e-10), (2, 1e-3)):
+        saved = calibrate(mechanism, made.dataset, texts[:count]).model.saved
+        source = next(e for e in exports_of(saved).made if e.file == "exports/model.py")
+        assert len(source.missing) == count - 1
+        assert (source.largest < 1e-10) == (count == 1)
+        assert source.largest < largest
+
+
 def test_the_numpy_source_is_the_model(model: Model, exports: Exports) -> None:
     text = next(e.text for e in exports.made if e.file == "exports/model.py")
     module = types.ModuleType("exported")
