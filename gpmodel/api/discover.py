@@ -134,6 +134,8 @@ def discover(
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
+    if search is not None and not search.runs and not offers:
+        raise InputError("no runs and no candidates leave nothing to look for, expected one of them", "search")
     called(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
@@ -150,7 +152,7 @@ def discover(
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
 
 
-LEAST = {"runs": 1, "workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
+LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
 """Of the numbers with less of which nothing could be looked for, or nothing judged; all others may be zero."""
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import Model
-from gpmodel.files import finished_folder, write_text
+from gpmodel.files import finished_folder, not_written, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.write import write_report
@@ -25,7 +25,10 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
     """The same of a fit, with model.json and every export that the model allows. Raises InputError likewise."""
-    exports = model.export()
+    try:
+        exports = model.export()
+    except OSError as error:
+        raise not_written(file_path(folder, "folder"), error) from None
     record = replace(record, exports=exports.records)
     write_results(record, folder, lambda draft: model.save(draft / "model.json"), exports.write)
 

@@ -41,8 +41,8 @@ WATCHED = 0.5
 @click.command()
 @click.argument("table", type=click.Path(path_type=Path), required=False)
 @mechanism_options(required=False)
-@click.option("--runs", type=click.IntRange(1), default=Search().runs, show_default=True,
-              help="How hard to look: GP runs of each representation in a round.")  # fmt: skip
+@click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
+              help="How hard to look: GP runs of each representation in a round; 0: catalogue alone.")  # fmt: skip
 @click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
 @holdout_option

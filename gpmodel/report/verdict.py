@@ -36,9 +36,10 @@ def of_calibration(report: Report) -> str:
     """From registration to the last step."""
     first, last = report.ladder[0], report.ladder[-1]
     where = "poses held out" if first.heldout.known else "the poses fitted to"
+    added = [report.title(step).removeprefix("+ ") for step in report.ladder if step.effect is not None]
     return (
         f"Error on {where}: {wording.length(first.errors.rms_mm)} RMS with registration and tool alone, "
-        f"{wording.length(last.errors.rms_mm)} with {report.title(last)}."
+        f"{wording.length(last.errors.rms_mm)} with {', '.join(added) or report.title(last)}."
     )
 
 
