@@ -19,7 +19,7 @@ demo: $(BIN)/gpmodel
 	$(BIN)/gpmodel demo --out demo-report
 
 test: $(BIN)/pytest
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile
 
 conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py
