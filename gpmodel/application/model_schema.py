@@ -32,7 +32,7 @@ Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=_PLAIN)]
 Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=_PLAIN)]
 Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
 """The name of a column, as expressions write it."""
-Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%*/^.() -]*\Z")]
+Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
 FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00]+\Z")]
 Point = tuple[Finite, Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]

@@ -4,13 +4,19 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from effect_cases import bare, mechanism
+from group_cases import STANDING
 from model_cases import fitted
 
 from gpmodel.application.model_file import load_model, model_text
-from gpmodel.application.model_schema import LARGEST_FILE
+from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
+from gpmodel.discovery.selection.group import Shapes
+from gpmodel.discovery.selection.standing import PAIRS, offered
 from gpmodel.errors import InputError
+from gpmodel.model.error_model import prepare
 from gpmodel.texts import SEAL, seal
 
 
@@ -18,6 +24,18 @@ def sealed(content: dict[str, Any], **changes: object) -> str:
     """A file that somebody made on purpose: its seal is whole. Fields that are `...` are left away."""
     made = {k: v for k, v in (content | changes).items() if v is not ...}
     return json.dumps(made | {SEAL: seal(made)})
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "panda", "spherical-joint"])
+def test_every_effect_that_can_be_found_can_be_kept(name: str) -> None:
+    """The bounds of a file are wider than whatever the product offers to put in it."""
+    arm, data = mechanism(name), bare(name, 60, in_order=True)
+    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, data).states))
+    assert len(groups) > 20
+    for effect in {e for g in groups for e in g.effects}:
+        terms = [{"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms]
+        said = {"name": effect.name, "family": effect.family, "unit": effect.unit, "terms": terms}
+        msgspec.convert(said | {"prior": None, "value": 1.0, "stderr": None}, EffectPart)
 
 
 def refused(text: str, said: str, path: Path) -> None:
