@@ -44,7 +44,7 @@ def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
             columns[header] = values
         columns["residual [um]"] = 1e6 * np.linalg.norm(fitting.position - tip[:, :3, 3], axis=1)
     columns["sigma [mm]"] = 1e3 * point_deviation(saved, poses, observed)
-    columns["outside"] = np.array(outside(saved, poses.states), dtype=object)
+    columns["outside"] = np.array(outside(saved, poses.states.seen_at(tip[:, :3, 3])), dtype=object)
     return columns
 
 

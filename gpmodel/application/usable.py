@@ -11,7 +11,7 @@ from gpmodel.calibration.result import Covariance
 from gpmodel.families.by_name import check_defined
 from gpmodel.formula.expression import Basis, Columns
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.states import States
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
@@ -129,10 +129,14 @@ def _after_the_session(saved: SavedModel) -> SavedModel:
 
 def check_finite(saved: SavedModel, dataset: Dataset) -> None:
     """Raises InputError, naming the effect, where its basis is infinite or undefined at a pose of `dataset`."""
-    bare = replace(dataset, distances={}, observations=())
-    states = prepare(saved.mechanism, bare).states
-    for effect in saved.model.effects:
-        check_defined(effect, saved.mechanism, states)
+    poses = prepare(saved.mechanism, replace(dataset, distances={}, observations=()))
+    own, theta = saved.model.of_the_mechanism(saved.theta)
+    for effect in own.effects:
+        check_defined(effect, saved.mechanism, poses.states)
+    if of_the_instrument := [effect for effect in saved.model.effects if effect not in own.effects]:
+        seen = poses.states.seen_at(observe(own, poses, theta, saved.placement).tip[:, :3, 3])
+        for effect in of_the_instrument:
+            check_defined(effect, saved.mechanism, seen)
 
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:

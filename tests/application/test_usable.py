@@ -12,6 +12,7 @@ from gpmodel.application.usable import usable
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import prepare
+from gpmodel.model.instrument import seen_columns
 from gpmodel.table.dataset import Dataset
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
@@ -83,3 +84,16 @@ def test_of_another_session_the_mean_is_kept_however_the_law_is_written() -> Non
     first, last = (gp.calibrate(arm, frame, [f"base:Tx:{law}"]).model for law in ("row", "row - 60"))
     points = [m.predict(frame)[[f"predicted_{c}" for c in LENGTHS]].to_numpy() for m in (first, last)]
     np.testing.assert_allclose(points[0], points[1], atol=1e-5)
+
+
+def test_errors_of_the_instrument_are_predicted_where_nothing_was_measured() -> None:
+    """They follow where the instrument would see the point, and say so beyond what it saw."""
+    mechanism, truth = robot(80, seed=4, noise=0.0)
+    seen = seen_columns(truth.dataset.position)
+    off = 3e-4 * np.column_stack([seen["instrument_range"], np.zeros(80), seen["instrument_azimuth"]])
+    data = replace(truth.dataset, position=truth.dataset.position + off)
+    effects = ("instrument:Tz:instrument_azimuth", "instrument:Tx:instrument_range")
+    found = gp.calibrate(mechanism, data, effects, holdout=0.0).model
+    predicted = found.predict(replace(data, position=np.full_like(data.position, np.nan)))
+    np.testing.assert_allclose(predicted[LENGTHS].to_numpy() / 1e3, data.position, atol=2e-5)
+    assert not predicted["outside"].any()
