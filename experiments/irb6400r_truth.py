@@ -19,7 +19,7 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.planning.poses import spread_poses
 from gpmodel.planning.reach import Reach
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 from robots.irb6400r import irb6400r
 
 POSES, TRAINING = 90, 40
@@ -53,9 +53,8 @@ def measured_robot(seed: int = 0, poses: int = POSES, training: int = TRAINING) 
     rng = np.random.default_rng([6400, seed])
     mechanism = replace(irb6400r(), payload_com=np.array(PAYLOAD_CENTRE))
     q = spread_poses(mechanism, poses, rng, Reach(np.array([[-np.inf, -np.inf, LOWEST_TIP], [np.inf] * 3])))
-    blank = np.full((poses, 3), np.nan)
     joints = tuple(j.name for j in mechanism.joints)
-    table = Dataset(joints, q, blank, blank.copy(), np.arange(1, poses + 1), np.full(poses, PAYLOAD))
+    table = replace(unmeasured(joints, q), payload=np.full(poses, PAYLOAD))
     prepared = prepare(mechanism, table)
     effects: list[Effect] = list(geometric_effects(mechanism))
     theta = list(GEOMETRY * rng.normal(size=len(effects)))

@@ -18,7 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.numerics import rank as ident
 from gpmodel.planning.poses import spread_poses
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 from joints.kinematics import JOINTS, THESIS_PARAMETERS, parameter
 from joints.passive_joint import PassiveJoint
 
@@ -39,9 +39,7 @@ class Reduction:
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
     """Columns (M, 30) of the position at q (N, 3), m a unit; three rows a pose, fewer with free angles."""
-    data = Dataset(
-        JOINTS, q, np.full_like(q, np.nan), np.full_like(q, np.nan), np.arange(1, len(q) + 1), np.zeros(len(q))
-    )
+    data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)
     observed = observe(model, poses, np.zeros(len(effects)), Placement({"": np.eye(4)}, {"": np.eye(4)}, {}))

@@ -1,5 +1,7 @@
 """The families of effects, and what they have on a mechanism."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
@@ -9,7 +11,7 @@ from gpmodel.families.offer import instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import prepare
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 
 POSES = 40
 """Random poses a family is tried on: enough for every instance to show, none is fitted."""
@@ -21,19 +23,13 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
     On random poses within the limits, with a payload that varies, a temperature and a time, rows in order.
     """
     rng = np.random.default_rng(0)
-    blank = np.full((POSES, 3), np.nan)
     time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
     warming: Array = 20.0 + time / 600.0
-    dataset = Dataset(
-        joints=tuple(joint.name for joint in mechanism.joints),
-        q=random_poses(mechanism, POSES, rng),
-        position=blank,
-        rotation=blank.copy(),
-        row=np.arange(1, POSES + 1),
-        payload=rng.uniform(0.0, 10.0, POSES),
+    q = random_poses(mechanism, POSES, rng)
+    dataset = replace(
+        unmeasured([joint.name for joint in mechanism.joints], q, rng.uniform(0.0, 10.0, POSES)),
         extras={"temperature": warming, "time": time},
         extra_units={"temperature": "degC", "time": "s"},
-        payload_given=True,
         in_order=True,
     )
     states = prepare(mechanism, dataset).states

@@ -1,6 +1,7 @@
 """Measurement poses worth taking before anything is measured."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import Determinant, Goal, Question, Smallest, Variance
 from gpmodel.planning.reach import Reach, candidates
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 
 POOL, SMALLEST_POOL = 20, 600
 """Candidate poses for each one wanted, and at least."""
@@ -79,12 +80,11 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     """Columns (N, 3, K) of the tip's position for registration, tool and the geometric errors poses can tell apart,
     scaled to unit RMS; at the nominal geometry with a tool point off the last axis."""
     count = len(q)
-    unmeasured = np.full((count, 3), np.nan)
     names = tuple(j.name for j in mechanism.joints)
     tool = np.eye(4)
     tool[:3, 3] = (0.05, 0.07, 0.11)
     tips = (chain(mechanism.transforms(q))[-1] @ tool)[:, :3, 3]
-    data = Dataset(names, q, tips, unmeasured, np.arange(1, count + 1), np.zeros(count))
+    data = replace(unmeasured(names, q), position=tips)
     model = ErrorModel(mechanism, geometric_effects(mechanism))
     problem = linearise(
         model, prepare(mechanism, data), np.zeros(len(model.effects)), Placement({"": np.eye(4)}, {"": tool}, {}),

@@ -14,7 +14,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import convert
 
 INSTRUMENT_DISTANCE = 3.0
@@ -77,20 +77,8 @@ def simulate(
     (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None.
     Raises InputError for an effect that cannot be read or is not finite.
     """
-    count = len(q)
-    unmeasured = np.full((count, 3), np.nan)
-    empty = Dataset(
-        joints=tuple(j.name for j in mechanism.joints),
-        q=q,
-        position=unmeasured,
-        rotation=unmeasured.copy(),
-        row=np.arange(1, count + 1),
-        payload=np.zeros(count) if payload is None else payload,
-        extras=inputs or {},
-        extra_units=input_units or {},
-        payload_given=payload is not None,
-        source="simulation",
-    )
+    bare = unmeasured([j.name for j in mechanism.joints], q, payload)
+    empty = replace(bare, extras=inputs or {}, extra_units=input_units or {}, source="simulation")
     poses = prepare(mechanism, empty)
     registration = se3.exp(np.concatenate([rng.normal(0.0, INSTRUMENT_DISTANCE, 3), rng.uniform(-1.5, 1.5, 3)]))
     tool = np.eye(4)

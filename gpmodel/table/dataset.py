@@ -110,3 +110,13 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
     if dataset.payload_given:
         raise InputError(f"given, and {dataset.source} has a payload column; expected one of the two", "payload")
     return replace(dataset, payload=np.full(len(dataset), payload))
+
+
+def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
+    """A table of poses at q (N, n), rad or m, rows counted from 1, with nothing measured. payload: (N,) kg, none."""
+    count = len(q)
+    missing = np.full((count, 3), np.nan)
+    return Dataset(
+        tuple(joints), q, missing, missing.copy(), np.arange(1, count + 1),
+        np.zeros(count) if payload is None else payload, payload_given=payload is not None,
+    )  # fmt: skip

@@ -1,6 +1,7 @@
 """What effects and their families must hold to."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.states import States
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 from gpmodel.table.units import known_unit, split_header
 
 PAYLOAD = 10.0
@@ -93,17 +94,11 @@ def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: 
     headers = {header: split_header(header) for header in inputs}
     for header, (_, unit) in headers.items():
         assert known_unit(unit or "nothing"), f"inputs '{header}': expected a unit, as in 'temperature [degC]'"
-    unmeasured = np.full((count, 3), np.nan)
-    dataset = Dataset(
-        joints=tuple(j.name for j in mechanism.joints),
-        q=random_poses(mechanism, count, rng),
-        position=unmeasured,
-        rotation=unmeasured.copy(),
-        row=np.arange(1, count + 1),
-        payload=rng.uniform(0.0, PAYLOAD, count),
+    q = random_poses(mechanism, count, rng)
+    dataset = replace(
+        unmeasured([j.name for j in mechanism.joints], q, rng.uniform(0.0, PAYLOAD, count)),
         extras={name: np.asarray(inputs[h], dtype=float) for h, (name, _) in headers.items()},
         extra_units={name: str(unit) for name, unit in headers.values()},
-        payload_given=True,
         in_order=True,
     )
     tool = np.eye(4)

@@ -16,7 +16,7 @@ from unittest import mock
 
 import pytest
 from cli_cases import one_line, run
-from durable_cases import OPTIONS, begun, measured, results, resume, small, start
+from durable_cases import OPTIONS, begun, results, resume, start
 
 from gpmodel.discovery.journal import FOLDER, REQUEST
 
@@ -24,15 +24,7 @@ WRITES = 40
 """At least so many times a search touches the disk, one way or another."""
 
 
-@pytest.fixture(autouse=True)
-def quick() -> Iterator[None]:
-    with small():
-        yield
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return measured(tmp_path_factory.mktemp("cell"))
+pytestmark = pytest.mark.usefixtures("quick")
 
 
 @pytest.fixture(scope="module")

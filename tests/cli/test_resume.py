@@ -2,27 +2,17 @@
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
 import pytest
 from cli_cases import one_line, run
-from durable_cases import OPTIONS, measured, resume, small
+from durable_cases import OPTIONS, resume, small
 
 from gpmodel.discovery.journal import FOLDER, REQUEST
 from gpmodel.files import alone_in
 
-
-@pytest.fixture(autouse=True)
-def quick() -> Iterator[None]:
-    with small():
-        yield
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return measured(tmp_path_factory.mktemp("cell"))
+pytestmark = pytest.mark.usefixtures("quick")
 
 
 @pytest.fixture(scope="module")
