@@ -19,7 +19,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import Dataset, unmeasured
 from joints import spherical_joint
 from robots import load_mechanism
 
@@ -64,12 +64,8 @@ def bare(
         labels["setup"] = np.array([f"s{i % setups}" for i in range(count)])
     if tools > 1:
         labels["tool"] = np.array([f"t{(i // 2) % tools}" for i in range(count)])
-    missing = np.full((count, 3), np.nan)
-    return Dataset(
-        joints=tuple(j.name for j in arm.joints), q=q, position=missing, rotation=missing.copy(),
-        row=np.arange(1, count + 1), payload=rng.uniform(0.0, 20.0, count) if payload else np.zeros(count),
-        payload_given=payload, labels=labels, extras=extras, extra_units=units, in_order=in_order,
-    )  # fmt: skip
+    bare = unmeasured([j.name for j in arm.joints], q, rng.uniform(0.0, 20.0, count) if payload else None)
+    return replace(bare, labels=labels, extras=extras, extra_units=units, in_order=in_order)
 
 
 def random_placement(dataset: Dataset, rng: np.random.Generator, anchors: Sequence[str] = ()) -> Placement:

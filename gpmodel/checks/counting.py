@@ -1,22 +1,21 @@
 """How much is measured, and how many unknowns it has to determine."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.gauss_newton import ROTATION_WEIGHT
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Placement, prepare
 from gpmodel.model.observation import Tips, observations
 from gpmodel.numerics import rank as ident
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import Dataset, unmeasured
 
 SAME_POSE = 1e-6
 """Radians, metres or kilograms up to which rows are one pose to count: rounding of what was written."""
 RANK_POSES = 60
-RANK_LIMIT = 1e4
 """Random poses that a rank is read from: 180 values, several times the unknowns of a long arm."""
 
 
@@ -40,23 +39,19 @@ def measured_values(data: Dataset) -> int:
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
     """How many numbers registration, tool, anchors and the constant effects are, counting only combinations that
     well spread poses could tell apart: rank at the nominal geometry over random poses within the limits."""
-    many = random_poses(mechanism, RANK_POSES, np.random.default_rng(0))
-    position = np.zeros((RANK_POSES, 3)) if np.isfinite(data.position).any() else np.full((RANK_POSES, 3), np.nan)
-    rotation = np.zeros((RANK_POSES, 3)) if data.has_rotation else np.full((RANK_POSES, 3), np.nan)
-    distances = {name: np.full(RANK_POSES, 1.0 + i) for i, name in enumerate(data.distances)}
-    row = np.arange(1, RANK_POSES + 1)
-    template = Dataset(data.joints, many, position, rotation, row, np.zeros(RANK_POSES), distances)
-    tool = np.eye(4)
-    tool[:3, 3] = (0.05, 0.07, 0.11)
-    anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(distances)}
-    model = ErrorModel(mechanism, tuple(e for e in effects if e.constant))
-    placement = Placement({"": np.eye(4)}, {"": tool}, anchors)
-    zero, use = np.zeros(len(model.effects)), np.ones(RANK_POSES, dtype=bool)
-    problem = linearise(model, prepare(mechanism, template), zero, placement, ROTATION_WEIGHT, use)
+    many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
+    nothing, something = many.position, np.zeros((RANK_POSES, 3))
+    kinds = replace(
+        many,
+        position=something if np.isfinite(data.position).any() else nothing,
+        rotation=something if data.has_rotation else nothing,
+        distances={name: np.full(RANK_POSES, 1.0 + i) for i, name in enumerate(data.distances)},
+    )
+    problem = linearised_at_nominal(mechanism, tuple(e for e in effects if e.constant), kinds)
     placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
-    kept = ident.rank(placed, columns).kept(RANK_LIMIT)
+    kept = ident.rank(placed, columns).kept(CONDITION_LIMIT)
     setups, tools = len(data.codes("setup")[0]), len(data.codes("tool")[0])
-    absolute = bool(np.isfinite(position).any() or data.has_rotation)
+    absolute = bool(np.isfinite(data.position).any() or data.has_rotation)
     more = 6 * (setups - 1) * absolute + (6 if data.has_rotation else 3) * (tools - 1)
     own = sum(len(kind.own) for kind in observations(data)[2 + len(data.distances) :])
     return int(ident.orthonormal(placed).shape[1] + len(kept) + more + own)

@@ -13,9 +13,10 @@ from gpmodel.discovery.dependence import inflation
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import Score, fit_nats
+from gpmodel.discovery.score import Score
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.chance import Chance
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
@@ -160,7 +161,7 @@ def tested(
     ]
     for name, factor in inflated.items():
         if factor > 1.0:
-            nats = score.nats - float(fit_nats(residual, score.gain)) * (1.0 - 1.0 / factor)
+            nats = score.nats - float(fit_nats(score.gain, residual.freedom)) * (1.0 - 1.0 / factor)
             tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
     if not candidate.has_priors:
         plain = _sigmas(residual, candidate)

@@ -8,6 +8,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.residual import Residual
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
@@ -26,14 +27,9 @@ class Score:
     share: float
 
 
-def fit_nats(residual: Residual, gain: float | Array) -> float | Array:
-    """What a gain is worth before anything is paid for it, nats: dof/2 · (-ln(1 - gain))."""
-    return -0.5 * residual.freedom * np.log1p(-np.minimum(gain, 1 - 1e-12))
-
-
 def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float) -> float | Array:
     """Description length, nats: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
-    return fit_nats(residual, gain) - 0.5 * unknowns * np.log(residual.measured) - cost
+    return fit_nats(gain, residual.freedom) - 0.5 * unknowns * np.log(residual.measured) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
@@ -102,4 +98,5 @@ def _with_priors(
         sigma2 = left / residual.freedom
         left = energies - np.sum(s**2 / (s**2 + sigma2) * parts, axis=0)
     volume = 0.5 * np.sum(np.log1p(s**2 / sigma2), axis=0)
-    return 1 - left / energies, 0.5 * residual.freedom * np.log(energies / left) - volume - candidate.cost
+    gain = 1 - left / energies
+    return gain, fit_nats(gain, residual.freedom) - volume - candidate.cost

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpmodel.errors import InputError
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.input_histogram import RunRecord
 from gpmodel.evolution.problems import CartesianProblem, Problem
 from gpmodel.evolution.search import Evolution, Generation, evolve
@@ -46,7 +47,7 @@ def strength_of(evolution: Evolution, problem: Problem) -> float:
     """What the best program explains, comparable between runs: nats for a slot, -log(1 - gain) for a compensator."""
     best = evolution.best
     if isinstance(problem, CartesianProblem):
-        return float(-np.log(max(1.0 - best.gain, 1e-16)))
+        return float(fit_nats(best.gain, components=2))
     return float(problem.nats(best.gain, best.complexity + len(best.coefficients)))
 
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
-from gpmodel.model.error_model import ErrorModel, Placement, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
@@ -19,9 +18,6 @@ from gpmodel.table.dataset import unmeasured
 
 POOL, SMALLEST_POOL = 20, 600
 """Candidate poses for each one wanted, and at least."""
-
-PARAMETER_LIMIT = 1e4
-"""Condition limit beyond which geometric errors are one: rounding in joint values of a controller's display."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
@@ -80,19 +76,11 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     """Columns (N, 3, K) of the tip's position for registration, tool and the geometric errors poses can tell apart,
     scaled to unit RMS; at the nominal geometry with a tool point off the last axis."""
     count = len(q)
-    names = tuple(j.name for j in mechanism.joints)
-    tool = np.eye(4)
-    tool[:3, 3] = (0.05, 0.07, 0.11)
-    tips = (chain(mechanism.transforms(q))[-1] @ tool)[:, :3, 3]
-    data = replace(unmeasured(names, q), position=tips)
-    model = ErrorModel(mechanism, geometric_effects(mechanism))
-    problem = linearise(
-        model, prepare(mechanism, data), np.zeros(len(model.effects)), Placement({"": np.eye(4)}, {"": tool}, {}),
-        1.0, np.ones(count, dtype=bool),
-    )  # fmt: skip
+    measured = replace(unmeasured([j.name for j in mechanism.joints], q), position=np.zeros((count, 3)))
+    problem = linearised_at_nominal(mechanism, geometric_effects(mechanism), measured)
     placed, errors = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
-    kept = ident.rank(placed, errors).kept(PARAMETER_LIMIT)
-    columns = np.hstack([placed[:, ident.rank(placed[:, :0], placed).kept(PARAMETER_LIMIT)], errors[:, kept]])
+    kept = ident.rank(placed, errors).kept(CONDITION_LIMIT)
+    columns = np.hstack([placed[:, ident.rank(placed[:, :0], placed).kept(CONDITION_LIMIT)], errors[:, kept]])
     blocks = np.zeros((count, 3, columns.shape[1]))
     row = np.arange(len(columns)) - np.searchsorted(problem.pose_of_row, problem.pose_of_row)
     blocks[problem.pose_of_row, row] = columns / np.sqrt(np.mean(columns**2, axis=0))

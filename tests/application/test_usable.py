@@ -13,7 +13,7 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import prepare
 from gpmodel.model.instrument import seen_columns
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
 
@@ -46,8 +46,7 @@ def test_beyond_its_ranges_an_unnamed_law_keeps_its_edge_and_a_named_one_goes_on
         low, high = saved.ranges["J3"]
         q = np.zeros((3, 6))
         q[:, 2] = high, high + 0.1, high + 0.3
-        blank = np.full((3, 3), np.nan)
-        poses = Dataset(tuple(j.name for j in arm.joints), q, blank, blank.copy(), np.arange(1, 4), np.zeros(3))
+        poses = unmeasured([j.name for j in arm.joints], q)
         out = predicted_columns(usable(saved), poses)
         assert out["outside"].tolist() == ["", "J3", "J3"]
         twist = usable(saved).model.effects[0].terms[0].basis(prepare(arm, poses).states)

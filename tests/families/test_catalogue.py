@@ -15,7 +15,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import unmeasured
 from joints import spherical_joint
 from robots import load_mechanism
 
@@ -148,9 +148,8 @@ def test_j1_is_never_matched_inside_j10(tmp_path: Path) -> None:
     arm = load_mechanism(str(tmp_path / "long.toml"))
     assert arm is not None
     q = np.random.default_rng(0).uniform(-1, 1, (20, 11))
-    nothing = np.full((20, 3), np.nan)
     names = tuple(j.name for j in arm.joints)
-    states = prepare(arm, Dataset(names, q, nothing, nothing.copy(), np.arange(1, 21), np.zeros(20))).states
+    states = prepare(arm, unmeasured(names, q)).states
     for joint in ("J1", "J10", "J11"):
         effects = catalogue.build(f"gear_ratio {joint}", arm, states)
         assert {e.inputs for e in effects} == {(joint,)}

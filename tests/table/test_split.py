@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gpmodel.errors import InputError
 from gpmodel.table.bundles import bundles, check_repeats, noise_floor, replicates
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.split import folds, hold_out
 
 DATA = bare("ur5", 40)
@@ -84,10 +84,7 @@ def test_the_noise_floor_is_the_three_dimensional_spread_of_repeats() -> None:
     sigma = 4e-5
     labels = [str(i // 4) for i in range(400)]
     position = np.repeat(rng.normal(size=(100, 3)), 4, axis=0) + sigma * rng.normal(size=(400, 3))
-    data = Dataset(
-        joints=("J1",), q=np.zeros((400, 1)), position=position, rotation=np.full((400, 3), np.nan),
-        row=np.arange(400), payload=np.zeros(400), labels={"repeat": np.array(labels)},
-    )  # fmt: skip
+    data = replace(unmeasured(["J1"], np.zeros((400, 1))), position=position, labels={"repeat": np.array(labels)})
     assert noise_floor(data) == pytest.approx(np.sqrt(3) * sigma, rel=0.08)
 
 
