@@ -18,6 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.planning.design import choose_for_all, deviations
+from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
 from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
@@ -36,13 +37,15 @@ ROWS = 9
 @dataclass(frozen=True, repr=False)
 class PosesResult:
     """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
-    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for."""
+    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit: what
+    no choice of as many poses of the pool could do better than, in the unit of the curve."""
 
     mechanism: Mechanism
     q: Array
     spacing: float
     curve: pd.DataFrame
     said: str
+    limit: float
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a pose, headers with units as measured tables have them."""
@@ -57,8 +60,9 @@ class PosesResult:
             lines.append("its geometry is not known here: look for collisions before you move")
         rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))
         few = self.curve.iloc[rows].set_axis(["poses", "chosen", "random"], axis=1)
-        lines.append(f"{self.curve.columns[1]}, after so many poses:")
-        return "\n".join([*lines, few.to_string(index=False, na_rep="-", float_format="{:.4g}".format)])
+        lines.append(f"{self.curve.columns[1]}:")
+        lines.append(few.to_string(index=False, na_rep="-", float_format="{:.4g}".format))
+        return "\n".join([*lines, f"no choice of {len(self.q)} poses could do better than {self.limit:.4g}"])
 
     def save(self, file: str | Path) -> None:
         """Write the poses as .csv, the curve beside them as .curve.csv. Raises InputError: they cannot be written."""
@@ -120,7 +124,9 @@ def choose_poses(
         kind = None if criterion is None else among(criterion, AFTER, "criterion")
         asked = next_questions(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
-    return PosesResult(arm, pool[order], spacing(arm, pool[order]), _curve(asked, order, len(pool), rng), asked.said)
+    limit = float(asked.said_of(np.array(least_deviation(asked.measure, wanted))))
+    curve = _curve(asked, order, len(pool), rng)
+    return PosesResult(arm, pool[order], spacing(arm, pool[order]), curve, asked.said, limit)
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

@@ -8,18 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from scipy.interpolate import RegularGridInterpolator
 
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
 from gpmodel.application.exports.make import Exports, compiled_error, exports_of
-from gpmodel.application.kinematics import tips
+from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
 
 EFFECTS = {
@@ -138,19 +140,39 @@ def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model,
     sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
     assert [len(side) for side in sides] == [5, 5, 5]
     joints = [f"{j.name} [deg]" for j in model.mechanism.joints]
-    reached = grid[f"delta_{joints[0]}"].notna().to_numpy()
-    assert reached.mean() > 0.3
+    assert grid.notna().all(axis=None)
     real = points_in_root(of_the_mechanism(usable(model.saved)), grid, joints)
     wanted = grid[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
-    np.testing.assert_allclose(real[reached], wanted[reached], atol=1e-6)
+    np.testing.assert_allclose(real, wanted, atol=1e-6)
+
+
+def test_a_controller_that_interpolates_in_the_grid_misses_by_what_is_said(model: Model, exports: Exports) -> None:
+    export = next(e for e in exports.made if e.file == "exports/grid.csv")
+    grid = pd.read_csv(io.StringIO(export.text))
+    sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
+    between = RegularGridInterpolator(sides, grid.to_numpy().reshape(5, 5, 5, -1))
+    low, high = np.array([(side[0], side[-1]) for side in sides]).T
+    fresh = pd.DataFrame(between(np.random.default_rng(3).uniform(low, high, (150, 3))), columns=grid.columns)
+    joints, saved = [f"{j.name} [deg]" for j in model.mechanism.joints], of_the_mechanism(usable(model.saved))
+    nominal_tip = tips(saved, at_joints(saved, grid[joints]), nominal=True)[1].tip[0]
+    frames = np.repeat(nominal_tip[None], len(fresh), axis=0)
+    frames[:, :3, 3] = fresh[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
+    start, left = solve(saved, at_joints(saved, fresh[joints]), frames, True, nominal=True)
+    assert left.max() < 1e-6
+    fresh[joints] = np.degrees(start)
+    off = np.linalg.norm(points_in_root(saved, fresh, joints) - frames[:, :3, 3], axis=1)
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(export.rms, rel=0.4)
+    assert off.max() < 2 * export.largest
 
 
 def points_in_root(saved: SavedModel, grid: pd.DataFrame, joints: list[str]) -> np.ndarray:
     """Where the real tool is at the nodes' corrected joint values, m."""
-    corrected = {name: grid[name] + grid[f"delta_{name}"].fillna(0.0) for name in joints}
-    text = pd.DataFrame(corrected).fillna(0.0).map(str)
-    data = dataset_from(text, Path("grid"), saved.mechanism, need_measurement=False)
-    return tips(saved, data, nominal=False)[1].tip[:, :3, 3]
+    corrected = pd.DataFrame({name: grid[name] + grid[f"delta_{name}"] for name in joints})
+    return tips(saved, at_joints(saved, corrected), nominal=False)[1].tip[:, :3, 3]
+
+
+def at_joints(saved: SavedModel, degrees: pd.DataFrame) -> Dataset:
+    return dataset_from(degrees.map(str), Path("grid"), saved.mechanism, need_measurement=False)
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.errors import InputError
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.design import Determinant, Smallest, Variance, choose, deviations
+from gpmodel.planning.design import Determinant, Question, Smallest, Variance, choose, deviations
+from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, spread_poses
 from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.table.read import read_table
@@ -70,6 +71,25 @@ def test_a_deviation_is_that_of_the_fit() -> None:
     wanted = 1e-4 * np.sqrt(np.trace(np.linalg.inv(rows.T @ rows) @ over_the_pool(question.columns)))
     assert np.isnan(found[:5]).all()
     assert found[-1] == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_choice_goes_below_the_limit_and_the_best_nearly_reaches_it(arm: str) -> None:
+    mechanism, rng = load_mechanism(arm), np.random.default_rng(4)
+    question = geometric_question(mechanism, candidates(mechanism, 400, rng), 3e-5)
+    columns, known = question.columns, question.known
+    least = least_deviation((question,), 40)
+    goals = (Determinant(), Smallest(), question.goal)
+    reached = [deviations((question,), choose(columns, known, 40, goal))[-1] for goal in goals]
+    reached += [deviations((question,), rng.choice(400, 40, replace=False))[-1] for _ in range(5)]
+    assert least <= min(reached) < 1.06 * least
+
+
+def test_the_limit_of_unknowns_that_are_measured_one_by_one_is_exact() -> None:
+    columns = np.zeros((5, 3, 5))
+    columns[np.arange(5), 0, np.arange(5)] = 1.0
+    question = Question(columns, np.zeros((5, 5)), Variance(np.diag([1.0, 4.0, 9.0, 16.0, 25.0])))
+    assert least_deviation((question,), 30) == pytest.approx(15.0 / np.sqrt(30.0), rel=0.005)
 
 
 def test_the_tool_stays_in_its_box_and_in_sight() -> None:

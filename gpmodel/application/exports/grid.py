@@ -1,5 +1,6 @@
 """A lookup table: joint corrections at the nodes of a box, for controllers that interpolate between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,19 +12,28 @@ from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.kinematics import REACHED, look_at, solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import joint_column
 
 NODES = 5
 """Along each side of the box: errors of linear interpolation fall with its square."""
 
-SHARE = 0.05
-"""Of the spread of the measured points, as half a side of the box where none is given."""
+SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
+"""Half sides of a box where none is given, in spreads of the measured points: each holds about three times the one
+before, the last is nearly half of the workspace across."""
+
+PROBES, LEFT = 3, 0.2
+"""Nodes along each side at which a size is tried, and of what is missed without correction the most that may be left
+between them: with the five nodes of NODES it is a quarter of that."""
 
 NEAR, STEPS = 20, 5
-"""Poses looked at for the one in the middle; steps from it to a node."""
+"""Poses near the middle that are looked at; steps from one to a node."""
+
+TRIED = 5
+"""Of these, the farthest from singular, that a box is sought about."""
 
 CHECKS = 200
 """Random points of the box at which interpolation is judged."""
@@ -44,37 +54,68 @@ def lookup_grid(saved: SavedModel, box: Array | None, count: int, rng: np.random
     """Corrections on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
 
     The tool keeps the orientation, and the arm the configuration, of that measured pose near the middle that is
-    farthest from a singular one; without a box that pose is the middle of a cube. Between nodes corrections are linear.
+    farthest from a singular one. Without a box it is the largest cube, of SIZES, about a measured pose near the middle
+    in which all of it is reached and corrected. Between nodes corrections are linear.
     Raises InputError where no node, or no point between nodes, can be reached.
     """
     saved = of_the_mechanism(usable(saved))
     data = measured_table(saved)
     tip = tips(saved, data, nominal=True)[1].tip
     points = tip[:, :3, 3]
-    at = _farthest_from_singular(saved, data, points, points.mean(axis=0) if box is None else box.mean(axis=0))
-    if box is None:
-        box = points[at] + SHARE * float(np.ptp(points, axis=0).max()) * np.array([[-1.0], [1.0]])
-    sides = [np.linspace(low, high, count) for low, high in box.T]
-    nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-    held = _Held(saved, data.subset([at]), tip[at])
+    near = _far_from_singular(saved, data, points, points.mean(axis=0) if box is None else box.mean(axis=0))
+    held = [_Held(saved, data.subset([at]), tip[at]) for at in near.tolist()]
+    pose, within = _largest(held, float(np.ptp(points, axis=0).max())) if box is None else (held[0], box)
+    grid = _over(pose, within, count, rng)
+    if not len(grid.error):
+        raise InputError("no point of it is reached with the tool and the arm held as measured nearby", "box")
+    return grid
+
+
+def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator) -> Grid:
+    sides, nodes = _nodes(box, count)
     q, moves = held.corrections(nodes)
     between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
     fresh = rng.uniform(box[0], box[1], (CHECKS, 3))
     start = held.nominal(fresh)
     moved = start + between(fresh)
     use = np.isfinite(moved).all(axis=1)
-    if not use.any():
-        raise InputError("no point of it is reached with the tool and the arm held as measured nearby", "box")
     before, after = (held.misses(values[use], fresh[use]) for values in (start, moved))
-    return Grid(_frame(saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
+    return Grid(_frame(held.saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
 
 
-def _farthest_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: Array) -> int:
-    """Of the poses near the middle (3,), that whose Jacobian has the largest smallest singular value."""
+def _nodes(box: Array, count: int) -> tuple[list[Array], Array]:
+    """Values along x, y and z, and the nodes (count³, 3)."""
+    sides = [np.linspace(low, high, count) for low, high in box.T]
+    return sides, np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
+    """The pose about which a correction between PROBES³ nodes serves the largest cube, and the cube; the first and the
+    smallest where it serves none."""
+    best, served = (poses[0], _cube(poses[0], SIZES[0] * spread)), 0
+    for pose in poses[:TRIED]:
+        while served < len(SIZES) and _serves(pose, cube := _cube(pose, SIZES[served] * spread)):
+            best, served = (pose, cube), served + 1
+    return best
+
+
+def _serves(pose: "_Held", cube: Array) -> bool:
+    """Whether every node, and every point between them, is reached and its error gone but for LEFT."""
+    tried = _over(pose, cube, PROBES, np.random.default_rng(0))
+    whole = tried.reached == 1.0 and len(tried.error) == CHECKS
+    return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
+
+
+def _cube(pose: "_Held", half: float) -> Array:
+    return np.asarray(pose.frame[:3, 3] + half * np.array([[-1.0], [1.0]]))
+
+
+def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: Array) -> IntArray:
+    """Poses near the middle (3,), by the smallest singular value of their Jacobians, the largest first."""
     near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
     frames = tips(saved, data.subset(near), nominal=True)[1].tip
     jacobian = look_at(saved, data.subset(near), frames, nominal=True).jacobian
-    return int(near[np.argmax(np.linalg.svd(jacobian, compute_uv=False)[:, -1])])
+    return near[np.argsort(-np.linalg.svd(jacobian, compute_uv=False)[:, -1])]
 
 
 @dataclass(frozen=True)
