@@ -3,7 +3,8 @@
 Simulated robots with one named effect: thirty random poses, a calibration, then chosen or random poses, measured with
 the same noise, and a fit to all. Compared is what then happens, not what the design says of itself: by how much the
 fitted effect misses the truth and the ± it states; the RMS miss of the predicted point on fresh poses; by how many
-sigma the fit with a rival in the effect's place is worse.
+sigma the fit with a rival in the effect's place is worse. Beside it what no choice could do better than, by the design
+alone; and the same for the geometry before anything is measured (before.py).
 From the root of the repository: python -m experiments.next_poses.run [--seeds 6]
 """
 
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.next_poses import before
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.application.uncertainty import point_deviation
@@ -27,12 +29,13 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.planning.design import Question, choose_for_all
+from gpmodel.planning.design import Question, choose_for_all, deviations
+from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import pool_of
 from gpmodel.planning.simulate import Simulation, simulate
 
 FIRST, NOISE, GEOMETRY, LIMIT = 30, 3e-5, 3e-4, 100.0
-CHOSEN, RANDOM, FRESH = (5, 10, 20), (5, 10, 20, 40, 80, 160), 300
+CHOSEN, RANDOM, FRESH, DRAWS = (5, 10, 20), (5, 10, 20, 40, 80, 160), 300, 5
 CASES = (
     ("irb6400r", "joint_compliance J2", "1e-7", "joint_compliance J3"),
     ("irb6400r", "gear_harmonic J4", "100 arcsec", "eccentricity J4"),
@@ -97,8 +100,9 @@ def robot(case: tuple[str, str, str, str], seed: int) -> tuple[Robot, Array]:
     return Robot(truth, effects_named(effect, mechanism, states), effects_named(rival, mechanism, states)), q
 
 
-def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Array]:
-    """Chosen poses by what they are for, in their order, and the pool they are from."""
+def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Array, dict[str, list[float]]]:
+    """Chosen poses by what they are for, in their order; the pool they are from; and how many random ones tell as much
+    as any 5, 10, 20 could, by the design."""
     mechanism, rng = made.truth.model.mechanism, np.random.default_rng([seed, 3])
     poses = made.measured(first, np.random.default_rng([seed, 1]))
     outlook = Outlook.over(
@@ -111,7 +115,15 @@ def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Arr
         "point": outlook.of_the_point(),
         "rivals": outlook.beside(finding, made.rival),
     }
-    return {name: pool[choose_for_all((asked,), max(CHOSEN))] for name, asked in questions.items()}, pool
+    chosen = {name: pool[choose_for_all((asked,), max(CHOSEN))] for name, asked in questions.items()}
+    return chosen, pool, {name: limits(asked, len(pool), rng) for name, asked in questions.items()}
+
+
+def limits(asked: Question, pool: int, rng: np.random.Generator) -> list[float]:
+    """Random poses that tell as much as the best conceivable ones, of each number in CHOSEN."""
+    draws = [deviations((asked,), rng.choice(pool, max(RANDOM), replace=False)) for _ in range(DRAWS)]
+    random = [float(value) for value in np.mean(draws, axis=0)[list(RANDOM)]]
+    return [needed(random, least_deviation((asked,), n)) for n in CHOSEN]
 
 
 def needed(numbers: list[float], wanted: float) -> float:
@@ -138,10 +150,12 @@ def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
     """One robot over the seeds."""
     chosen: dict[str, dict[int, list[dict[str, float]]]] = {name: {n: [] for n in CHOSEN} for name in MEASURES}
     random: dict[int, list[dict[str, float]]] = {n: [] for n in RANDOM}
+    best: dict[str, list[list[float]]] = {name: [] for name in MEASURES}
     for seed in range(seeds):
         made, first = robot(case, seed)
-        found, pool = designs(made, first, seed)
+        found, pool, most = designs(made, first, seed)
         for name, q in found.items():
+            best[name].append(most[name])
             for n in CHOSEN:
                 chosen[name][n].append(made.certainty(np.vstack([first, q[:n]]), seed))
         draw = pool[np.random.default_rng([seed, 4]).permutation(len(pool))]
@@ -152,8 +166,9 @@ def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
     for name, measure in MEASURES.items():
         told = {n: rms(rows) for n, rows in chosen[name].items()}
         as_good = {n: round(needed([by_chance[m][measure] for m in RANDOM], told[n][measure]), 1) for n in CHOSEN}
-        out["chosen"][name] = {"after": told, "random_poses_as_good": as_good}
-        print(case[0], case[1], name, as_good, flush=True)
+        most_of = dict(zip(CHOSEN, np.median(best[name], axis=0).round(1).tolist(), strict=True))
+        out["chosen"][name] = {"after": told, "random_poses_as_good": as_good, "limit": most_of}
+        print(case[0], case[1], name, as_good, most_of, flush=True)
     return out
 
 
@@ -163,7 +178,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
     given = parser.parse_args(arguments)
     command = f"python -m experiments.next_poses.run --seeds {given.seeds}"
-    results = {"command": command, "first_poses": FIRST, "cases": [study(case, given.seeds) for case in CASES]}
+    results = {"command": command, "before": [before.study(arm) for arm in before.ARMS], "first_poses": FIRST,
+               "cases": [study(case, given.seeds) for case in CASES]}  # fmt: skip
     write_text(given.out, to_json(results))
     return results
 

@@ -37,8 +37,8 @@ ROWS = 9
 @dataclass(frozen=True, repr=False)
 class PosesResult:
     """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
-    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit: what
-    no choice of as many poses of the pool could do better than, in the unit of the curve."""
+    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit:
+    what no choice of as many poses of the pool could do better than, in the unit of the curve."""
 
     mechanism: Mechanism
     q: Array
