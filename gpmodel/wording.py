@@ -115,6 +115,14 @@ def shortened(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
+def short_name(name: str, length: int) -> str:
+    """At most `length` characters of a parameter's name, its last word (the axis) whole: `shoulder_pan… Tx`."""
+    if len(name) <= length or " " not in name:
+        return shortened(name, length)
+    place, axis = name.rsplit(" ", 1)
+    return f"{shortened(place, max(length - len(axis) - 1, 1))} {axis}"
+
+
 def minus(text: str) -> str:
     """The same with a true minus sign."""
     return text.replace("-", "\N{MINUS SIGN}")

@@ -57,3 +57,16 @@ def test_chance(probability: float | None, text: str) -> None:
 @pytest.mark.parametrize(("share", "text"), [(0.931, "93 %"), (0.004, "0.4 %"), (0.0, "0 %"), (None, "–")])
 def test_percent(share: float | None, text: str) -> None:
     assert wording.percent(share) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "length", "said"),
+    [
+        ("J1 Tx", 9, "J1 Tx"),
+        ("shoulder_pan_joint Tx", 19, "shoulder_pan_jo… Tx"),
+        ("shoulder_pan_joint Ty", 19, "shoulder_pan_jo… Ty"),
+        ("backlash_of_the_first", 9, "backlash…"),
+    ],
+)
+def test_a_parameter_keeps_its_axis_when_its_name_is_shortened(name: str, length: int, said: str) -> None:
+    assert wording.short_name(name, length) == said

@@ -120,7 +120,7 @@ def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
         cells: list[Cell] = []
         for column, (name, value, deviation, unit) in enumerate(entries[k::rows]):
             x = LEFT + column * width
-            short = wording.shortened(name, 22)
+            short = wording.short_name(name, 22)
             cells += [
                 (x, short, PLAIN), (x + 0.235, value, BOLD_END),
                 (x + 0.24, f"± {deviation} {unit}", FAINT),

@@ -11,7 +11,7 @@ import numpy as np
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, log_axis, numbers
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
-from gpmodel.wording import millimetres, minus, pretty_unit, shortened
+from gpmodel.wording import millimetres, minus, pretty_unit, short_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,7 +116,7 @@ def _parameters(figure: Figure, parameters: Sequence[ParameterRecord], scale: fl
         colour = AFTER if clear else BEFORE
         axes.plot([v - s, v + s], [row, row], color=colour, lw=1.6)
         axes.plot(v, row, "o", mfc=colour if clear else PAPER, mec=colour, ms=4.5)
-    axes.set_yticks(range(len(parameters)), [shortened(p.name, 30) for p in parameters])
+    axes.set_yticks(range(len(parameters)), [short_name(p.name, 30) for p in parameters])
     axes.tick_params(axis="y", length=0, labelsize=8)
     axes.spines["left"].set_visible(False)
     axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))

@@ -156,7 +156,7 @@ def cells(c: Change) -> tuple[str, str, str, str]:
 
 def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
-    name, mark = wording.shortened(c.name, 19), "*" if c.significant else ""
+    name, mark = wording.short_name(c.name, 19), "*" if c.significant else ""
     return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{c.z:>5.1f}{mark}".rstrip()
 
 

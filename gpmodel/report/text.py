@@ -92,17 +92,20 @@ def _inputs(report: Report) -> Iterator[str]:
 def _parameters(report: Report) -> Iterator[str]:
     for parameter in report.geometry():
         value = wording.measured(parameter.value, parameter.stderr, parameter.unit)
-        near = "".join(f"{c.name} {c.correlation:+.2f}" for c in parameter.correlated_with[:1])
-        name = wording.shortened(parameter.name, NAME - 5)
+        name = wording.short_name(parameter.name, NAME - 5)
         size = f"{value.value:>10} ± {value.deviation or wording.UNKNOWN:<7}{value.unit:<7}"
         share = f"share {wording.percent(parameter.unique_share)}"
-        yield wording.shortened(f"    {name:<{NAME - 4}}{size}{share:>12}  {near}".rstrip(), WIDTH)
+        line = f"    {name:<{NAME - 4}}{size}{share:>12}"
+        for near in parameter.correlated_with[:1]:
+            beside = f"{near.name} {near.correlation:+.2f}"
+            line += f"  {beside}" if len(line) + 2 + len(beside) <= WIDTH else f"\n      together with {beside}"
+        yield line
 
 
 def _placement(report: Report) -> Iterator[str]:
     for number in report.placement:
         value = wording.measured(number.value, number.stderr, number.unit)
-        name = wording.shortened(number.name, NAME - 5)
+        name = wording.short_name(number.name, NAME - 5)
         yield f"    {name:<{NAME - 4}}{value.value:>10} ± {value.deviation:<10}{value.unit}"
 
 
