@@ -99,7 +99,7 @@ def simplify(program: Program) -> Program:
 
     One with an operator that is only written, never evolved, stays as it is.
     """
-    if any(BY_NAME[name].code == WRITTEN for name in program.operator_counts):
+    if _is_written(program):
         return program
     best = program
     for largest, change in (
@@ -113,8 +113,13 @@ def simplify(program: Program) -> Program:
             candidate = from_sympy([change(expression) for expression in outputs], changed)
         except (ValueError, TypeError, RecursionError):
             continue
-        best = min(best, candidate, key=_operators_then_size)
+        best = best if _is_written(candidate) else min(best, candidate, key=_operators_then_size)
     return best
+
+
+def _is_written(program: Program) -> bool:
+    """Whether an operator of it stands in texts only and is never evolved."""
+    return any(BY_NAME[name].code == WRITTEN for name in program.operator_counts)
 
 
 def _operators_then_size(program: Program) -> tuple[int, int]:
@@ -129,6 +134,8 @@ _FROM_SYMPY: dict[type[sympy.Basic], str] = {
     sympy.Mod: "modulo",
     sympy.Abs: "abs",
     logical_not: "not",
+    sympy.sign: "sign",
+    sympy.Heaviside: "step",
     **{getattr(sympy, name): name for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")},
 }
 
@@ -157,7 +164,8 @@ def _build(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol
         return builder.apply("log", _build(builder, _magnitude(arguments[0]), built))
     if expression.func not in _FROM_SYMPY:
         raise ValueError(f"no operator computes {expression.func}")
-    return builder.apply(_FROM_SYMPY[expression.func], *(_build(builder, argument, built) for argument in arguments))
+    name = _FROM_SYMPY[expression.func]
+    return builder.apply(name, *(_build(builder, a, built) for a in arguments[: BY_NAME[name].arity]))
 
 
 def _chain(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
@@ -196,4 +204,4 @@ def _power(builder: Builder, base: sympy.Expr, exponent: sympy.Expr, built: Mapp
     if exponent.is_Rational and exponent.q == 2 and exponent.p <= _LARGEST_POWER:
         root = builder.apply("sqrt", _build(builder, _magnitude(base), built))
         return raise_to(builder, root, int(exponent.p))
-    raise ValueError(f"no operator computes the power {exponent}")
+    return builder.apply("power", _build(builder, base, built), _build(builder, exponent, built))

@@ -1,32 +1,59 @@
 """Programs in the languages of others: LaTeX, NumPy and C99 source."""
 
+import re
 from collections.abc import Mapping
 from typing import Literal
 
 import sympy
 
-from gpmodel.formula.algebra import LARGEST_PIECE, in_pieces
+from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, in_pieces, logical_not
 from gpmodel.formula.program import Program
+
+_ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
+"""Names that mathematics sets as they are; of longer ones each letter would be a factor."""
+_STEP, _NOT = sympy.Function("step"), sympy.Function("not")
+
+DIGITS = 6
+"""Of numbers in LaTeX: no fitted number is known to more."""
 
 
 def latex(program: Program) -> str:
     """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long.
 
-    Numbers are rounded to six digits.
+    Numbers are rounded to DIGITS.
     """
+    parts, outputs = latex_lines(program)
+    return ";\\; ".join([*(f"{name} = {text}" for name, text in parts), ", ".join(outputs)])
+
+
+def latex_lines(program: Program) -> tuple[list[tuple[str, str]], list[str]]:
+    """The same as names and texts of the parts, and one text an output."""
     written = {
         sympy.Symbol(name, real=True): "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
         for name in program.inputs
-        if not name.isalnum()
+        if not _ONE_LETTER.match(name)
     }
+    pieces, outputs = _rounded(program)
 
     def line(expression: sympy.Basic) -> str:
-        rounded = {number: sympy.Float(number, 6) for number in expression.atoms(sympy.Float)}
-        return str(sympy.latex(expression.xreplace(rounded), symbol_names=written))
+        named = expression.replace(sympy.Heaviside, lambda a, *_: _STEP(a)).replace(logical_not, _NOT)
+        return str(sympy.latex(named, symbol_names=written))
+
+    return [(line(symbol), line(expression)) for symbol, expression in pieces.items()], list(map(line, outputs))
+
+
+def as_in_latex(program: Program) -> Program:
+    """The program that its LaTeX says: with numbers of DIGITS."""
+    pieces, outputs = _rounded(program)
+    return from_sympy(outputs, pieces)
+
+
+def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
+    def rounded(expression: sympy.Expr) -> sympy.Expr:
+        return expression.xreplace({n: sympy.Float(f"{float(n):.{DIGITS}g}") for n in expression.atoms(sympy.Float)})
 
     pieces, outputs = in_pieces(program, LARGEST_PIECE)
-    parts = [f"{line(symbol)} = {line(expression)}" for symbol, expression in pieces.items()]
-    return ";\\; ".join([*parts, ", ".join(map(line, outputs))])
+    return {symbol: rounded(expression) for symbol, expression in pieces.items()}, list(map(rounded, outputs))
 
 
 def numpy_source(program: Program, name: str = "basis") -> str:

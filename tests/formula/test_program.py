@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from latex_reading import read_latex
 
 from gpmodel.errors import InputError
 from gpmodel.formula.algebra import simplify
 from gpmodel.formula.operators import LANGUAGE
 from gpmodel.formula.parse import parse
-from gpmodel.formula.printing import latex, numpy_source
+from gpmodel.formula.printing import as_in_latex, latex, numpy_source
 from gpmodel.formula.program import Builder, Program
 
 RNG = np.random.default_rng(5)
@@ -60,7 +61,9 @@ def test_every_operator_prints_parses_and_has_source_and_latex(operator) -> None
     expected = operator.function(*[scaled[name] for name in ("J1", "J2")][: operator.arity])
     np.testing.assert_array_equal(namespace["basis"](scaled)[0], expected)
     np.testing.assert_allclose(simplify(program).evaluate(scaled)[0], expected, rtol=1e-12)
-    assert "J_{1}" in latex(program)
+    again = parse(read_latex(latex(program)))
+    np.testing.assert_allclose(again.evaluate(scaled)[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(as_in_latex(program).evaluate(scaled)[0], expected, rtol=1e-12)
 
 
 def test_effective_code_only() -> None:

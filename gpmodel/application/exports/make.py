@@ -17,11 +17,12 @@ from gpmodel.application.exports.forward import Forward, forward_of
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.rigid import Rigid, refitted
 from gpmodel.application.exports.sample import fresh_poses
-from gpmodel.application.exports.sources import c_text, latex_text, numpy_text
+from gpmodel.application.exports.sources import c_text, latex_text, numpy_text, to_the_digits
 from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.formula.printing import DIGITS
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics import se3
@@ -72,9 +73,7 @@ def exports_of(saved: SavedModel, *, box: Array | None = None, nodes: int = NODE
         "exports/dh_standard.toml": lambda file: _dh(file, "standard", rigid(), check()),
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
-        "exports/model.tex": lambda file: Export(
-            file, "the terms as LaTeX, numbers to six digits", latex_text(check().forward)
-        ),
+        "exports/model.tex": lambda file: _latex(file, check()),
         GRID: lambda file: _grid(file, lookup_grid(saved, box, nodes, rng), nodes),
     }
     made, refused = [], {}
@@ -147,11 +146,25 @@ def _read_back(text: str, suffix: str, frame: str | None, rigid: Rigid, dataset:
 
 def _numpy(file: str, check: Check) -> Export:
     text = numpy_text(check.forward, _note(check.forward))
+    rms, largest = check.errors(_executed(text, check))
+    return Export(file, "the whole model as NumPy source", text, rms, largest, missing=check.forward.missing)
+
+
+def _latex(file: str, check: Check) -> Export:
+    rms, largest = check.errors(_executed(numpy_text(to_the_digits(check.forward), ""), check))
+    text, what = (
+        latex_text(check.forward),
+        f"the terms as LaTeX, numbers to {DIGITS} digits, not held at the edges of their ranges",
+    )
+    return Export(file, what, text, rms, largest, missing=check.forward.missing)
+
+
+def _executed(text: str, check: Check) -> Array:
+    """Points (N, 3) that a NumPy source of ours predicts."""
     module = types.ModuleType("exported")
     exec(compile(text, "model.py", "exec"), module.__dict__)
     inputs = dict(zip(check.forward.inputs, check.inputs.T, strict=True))
-    rms, largest = check.errors(module.predict(check.dataset.q, **inputs))
-    return Export(file, "the whole model as NumPy source", text, rms, largest, missing=check.forward.missing)
+    return np.asarray(module.predict(check.dataset.q, **inputs))
 
 
 def _c(file: str, check: Check) -> Export:

@@ -1,6 +1,7 @@
 """The forward model as NumPy source, as C99 and its terms as LaTeX."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 from typing import Literal
 
@@ -11,7 +12,8 @@ from gpmodel.application.exports.loads import Body
 from gpmodel.application.usable import Clamped
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Expression
-from gpmodel.formula.printing import inline, latex
+from gpmodel.formula.printing import as_in_latex, inline, latex_lines
+from gpmodel.formula.program import Builder, Program
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import choice_of
 
@@ -65,25 +67,35 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
 
 
 def latex_text(forward: Forward) -> str:
-    """One equation a slot and axis: its error twist in m or rad, numbers to six digits."""
-    sums: dict[tuple[int, int], list[str]] = {}
-    for line in forward.lines:
-        basis = latex(Expression(str(line.basis)).program)
-        factor = f"{line.coefficient:.6g}" + ("" if basis == "1" else f"\\cdot {basis}")
-        sums.setdefault((line.slot, line.axis), []).append(_power_of_ten(factor))
-    rows = []
-    for (slot, axis), terms in sorted(sums.items()):
+    """One equation a slot and axis: its error twist, m or rad, in numbers of DIGITS; first the parts it is made of."""
+    places, program = equations(forward)
+    parts, outputs = latex_lines(program)
+    rows = [f"{name} &= {text}" for name, text in parts]
+    for (slot, axis), text in zip(places, outputs, strict=True):
         name = forward.chain.slots[slot].replace("_", "\\_")
-        rows.append(f"\\xi_{{\\mathrm{{{name}}},\\,{AXES[axis]}}} &= " + " + ".join(terms).replace("+ -", "- "))
+        rows.append(f"\\xi_{{\\mathrm{{{name}}},\\,{AXES[axis]}}} &= {text}")
     return "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}\n"
 
 
-def _power_of_ten(text: str) -> str:
-    head, e, tail = text.partition("e-")
-    if not e:
-        return text
-    digits = tail[:2]
-    return f"{head}\\cdot 10^{{-{int(digits)}}}{tail[2:]}"
+def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
+    """Slots and axes, and a program with one output each: the error twist there in m or rad."""
+    builder, sums = Builder(), dict[tuple[int, int], int]()
+    for line in forward.lines:
+        basis = Expression(str(line.basis)).program
+        term = builder.copy(basis)[basis.outputs[0]]
+        term = builder.apply("multiply", builder.constant(line.coefficient), term)
+        place = (line.slot, line.axis)
+        sums[place] = builder.apply("add", sums[place], term) if place in sums else term
+    places = sorted(sums)
+    return places, builder.program([sums[place] for place in places])
+
+
+def to_the_digits(forward: Forward) -> Forward:
+    """The model that `latex_text` writes: with its numbers."""
+    places, program = equations(forward)
+    printed = as_in_latex(program)
+    lines = (Line(slot, axis, 1.0, Expression(str(printed.select([k])))) for k, (slot, axis) in enumerate(places))
+    return replace(forward, lines=tuple(lines))
 
 
 def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
