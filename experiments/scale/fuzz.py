@@ -2,7 +2,8 @@
 
     python -m experiments.scale.fuzz --inputs 1000000
 
-Tasks run in processes of their own, so that a reader that would take its process with it is noticed. Writes fuzz.json.
+Tasks run in processes of their own, so that a reader that would take its process with it is noticed. fuzz.json is
+written now and then; started again, texts that were not tried yet are added until all inputs are together.
 """
 
 import argparse
@@ -21,7 +22,11 @@ from experiments.scale.readers import Reader, outcome, readers
 from gpmodel.executor import Processes
 from gpmodel.files import to_json
 
+FILE = Path(__file__).parent / "fuzz.json"
 CHUNK = 500
+SAVED = 20
+"""Chunks after which the counts are written."""
+
 SLOW = 2.0
 """Seconds of processor time for which a text is kept."""
 
@@ -59,33 +64,62 @@ def tried(chunk: Chunk) -> tuple[Counter[str], list[str], float]:
     return counts, odd, slowest
 
 
+@dataclass(frozen=True)
+class Tally:
+    """What all readers did so far; chunks: how many of each reader's have been made, tried or lost on the way."""
+
+    chunks: Counter[str]
+    readers: dict[str, dict[str, float]]
+    odd: list[str]
+
+    @staticmethod
+    def read() -> "Tally":
+        """That of fuzz.json."""
+        content = json.loads(FILE.read_text()) if FILE.exists() else {"chunks": {}, "readers": {}, "odd": []}
+        return Tally(Counter(content["chunks"]), content["readers"], content["odd"])
+
+    def add(self, chunk: Chunk, counts: Counter[str], odd: list[str], slowest: float) -> None:
+        """Count one chunk more."""
+        row = self.readers.setdefault(chunk.name, {"inputs": 0, "read": 0, "refused": 0, "wrong": 0, "slowest_s": 0.0})
+        for key, count in counts.items():
+            row[key] += count
+            row["inputs"] += count
+        row["slowest_s"] = max(row["slowest_s"], slowest)
+        self.chunks[chunk.name] = max(self.chunks[chunk.name], chunk.seed + 1)
+        self.odd.extend(f"{chunk.name}: {text}" for text in odd[: max(0, 100 - len(self.odd))])
+
+    def write(self) -> None:
+        """Into fuzz.json."""
+        total = sum(row["inputs"] for row in self.readers.values())
+        content = {"inputs": total, "chunks": self.chunks, "readers": self.readers, "odd": self.odd}
+        FILE.write_text(to_json(content))
+
+
+def missing(tally: Tally, inputs: int, only: str | None) -> list[Chunk]:
+    """What has to be tried until there are so many inputs, of every reader in turn."""
+    ordered = []
+    for name, reader in readers().items():
+        done = tally.readers.get(name, {"inputs": 0})["inputs"]
+        count = round((inputs * reader.share - done) / CHUNK) if only in (None, name) else 0
+        ordered += [(k / count, Chunk(name, CHUNK, tally.chunks[name] + k)) for k in range(count)]
+    return [chunk for _, chunk in sorted(ordered, key=lambda pair: pair[0])]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=1_000_000)
     parser.add_argument("--workers", type=int, default=0)
     parser.add_argument("--only", default=None)
     chosen = parser.parse_args()
-    chunks = [
-        Chunk(name, CHUNK, seed)
-        for name, reader in readers().items()
-        if chosen.only in (None, name)
-        for seed in range(max(1, round(chosen.inputs * reader.share / CHUNK)))
-    ]
-    table = {c.name: {"inputs": 0, "read": 0, "refused": 0, "wrong": 0, "slowest_s": 0.0} for c in chunks}
-    wrong: list[str] = []
-    for done, (place, (counts, odd, slowest)) in enumerate(Processes(chosen.workers)(tried, chunks), 1):
-        row = table[chunks[place].name]
-        for key, count in counts.items():
-            row[key] += count
-            row["inputs"] += count
-        row["slowest_s"] = max(row["slowest_s"], slowest)
-        wrong += [f"{chunks[place].name}: {text}" for text in odd][: max(0, 100 - len(wrong))]
-        if done % 100 == 0:
-            print(f"{done} of {len(chunks)} chunks, {len(wrong)} odd", flush=True)
-    total = sum(row["inputs"] for row in table.values())
-    (Path(__file__).parent / "fuzz.json").write_text(to_json({"inputs": total, "readers": table, "odd": wrong}))
-    print(json.dumps(table, indent=1))
-    print("\n".join(wrong[:20]))
+    tally = Tally.read()
+    chunks = missing(tally, chosen.inputs, chosen.only)
+    for done, (place, found) in enumerate(Processes(chosen.workers)(tried, chunks), 1):
+        tally.add(chunks[place], *found)
+        if done % SAVED == 0 or done == len(chunks):
+            tally.write()
+            print(f"{done} of {len(chunks)} chunks, {len(tally.odd)} odd", flush=True)
+    print(json.dumps(tally.readers, indent=1))
+    print("\n".join(tally.odd[:20]))
 
 
 if __name__ == "__main__":

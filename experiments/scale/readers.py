@@ -92,11 +92,11 @@ def readers() -> dict[str, Reader]:
     model = model_text(saved_model(calibrate(ErrorModel(ARM, geometric_effects(ARM)[:6]), poses), poses))
     table = frame_of(made.dataset, ARM).iloc[:4].to_csv(index=False)
     return {
-        "expression": Reader(_expression, EXPRESSIONS, 0.55),
-        "model": Reader(_model, (model,), 0.05),
-        "toml": Reader(lambda t, d: MechanismChoice(str(_file(t, d, "arm.toml"))).load(), (DH,), 0.2),
-        "urdf": Reader(lambda t, d: MechanismChoice(str(_file(t, d, "arm.urdf"))).load(), (URDF,), 0.15),
-        "table": Reader(lambda t, d: read_table(_file(t, d, "cell.csv"), ARM), (table,), 0.05),
+        "expression": Reader(_expression, EXPRESSIONS, 0.7),
+        "model": Reader(_model, (model,), 0.07),
+        "toml": Reader(lambda t, d: MechanismChoice(str(_file(t, d, "arm.toml"))).load(), (DH,), 0.1),
+        "urdf": Reader(lambda t, d: MechanismChoice(str(_file(t, d, "arm.urdf"))).load(), (URDF,), 0.1),
+        "table": Reader(lambda t, d: read_table(_file(t, d, "cell.csv"), ARM), (table,), 0.03),
     }
 
 
