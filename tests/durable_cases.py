@@ -13,15 +13,15 @@ from unittest import mock
 import pandas as pd
 from cli_cases import run, table, write
 
-from gpmodel.cli import request
+from gpmodel.cli import discover
 from gpmodel.discovery.search import Search
 
 DRIVER = """
 import os, signal, sys, tempfile
 from functools import partial
-from gpmodel.cli import main, request
+from gpmodel.cli import discover, main
 from gpmodel.discovery.search import Search
-request.Search = partial(Search, population=48, generations=4, climb=0)
+discover.Search = partial(Search, population=48, generations=4, climb=0)
 left = int(os.environ.get("KILLED_AT_WRITE", 0))
 def counted(function):
     def call(*arguments, **named):
@@ -66,7 +66,7 @@ def results(out: Path) -> dict[str, Any]:
 
 def small() -> AbstractContextManager[object]:
     """As small a search as that of the driver."""
-    return mock.patch.object(request, "Search", partial(Search, population=48, generations=4, climb=0))
+    return mock.patch.object(discover, "Search", partial(Search, population=48, generations=4, climb=0))
 
 
 def resume(out: Path) -> None:

@@ -10,9 +10,11 @@ from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
+from gpmodel.evolution.kept import NothingKept
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.runs import Plan, run_all
 from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.executor import Threads
 from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import standard_effects
@@ -62,7 +64,9 @@ def evolved() -> Report:
     fit = calibrate(ErrorModel(arm, discovery.standard_model), poses.subset(train))
     task = slot_task(fit, arm, poses.subset(train), 0)
     settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
-    runs = list(run_all(task.problem, Plan(settings, 2, 0)))
+    plan = Plan(settings, 2, 0)
+    done = run_all(plan.tasks(task.problem), Threads(1), NothingKept(), lambda _: None)
+    runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]
     counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
     return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))
 

@@ -1,7 +1,7 @@
 """Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import among, called, evolved, file_path, limit, share, texts, whole
+from gpmodel.api.arguments import among, called, evolved, limit, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, split
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
@@ -22,16 +22,17 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.problems import cartesian_task, slot_task
+from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
 from gpmodel.evolution.input_histogram import Histogram, histogram
+from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation
-from gpmodel.evolution.runs import Plan, Run, load_runs, run_all, save_runs
-from gpmodel.evolution.search import Generation
+from gpmodel.evolution.runs import Plan, Run, run_all
+from gpmodel.executor import Threads, Workers
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import standard_effects
-from gpmodel.progress import Progress, Say, silent
+from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import words
 from gpmodel.report.from_evolution import from_evolution
 from gpmodel.report.origin import Origin
@@ -171,9 +172,10 @@ def evolve(
     norm: Norm = "max",
     standard: Sequence[str] = ("*",),
     holdout: float = 0.3,
-    threads: int = 0,
+    workers: int = 0,
+    executor: Workers | None = None,
     seed: int = 0,
-    checkpoint: str | Path | None = None,
+    journal: KeptRuns | None = None,
     progress: Say = silent,
     command: str = COMMAND,
 ) -> EvolutionResult:
@@ -183,14 +185,15 @@ def evolve(
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
-    norm: of a compensator's errors; its x, y, z are in mm. threads: 0 for all cores; no number depends on it.
-    checkpoint: a file of finished runs; given again, the rest is done. Raises InputError for an argument out of range.
+    norm: of a compensator's errors; its x, y, z are in mm. workers: runs side by side, 0 for one a core; executor: runs
+    them elsewhere; no number depends on either. journal: keeps finished runs, to go on from them to the same numbers.
+    Raises InputError for an argument out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
     called(progress, "progress")
-    file = None if checkpoint is None else file_path(checkpoint, "checkpoint")
-    effort = _effort(population, generations, seconds, threads)
+    side_by_side = executor or Threads(whole(workers, "workers"))
+    effort = _effort(population, generations, seconds)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
@@ -203,43 +206,32 @@ def evolve(
     request = {
         "sha256": poses.dataset.sha256, "mechanism": choice_of(arm).name, "space": space, "norm": norm,
         "seed": seed, "holdout": fraction, "standard": list(standard),
-        "settings": [repr(s.with_budget(threads=0)) for s in settings.values()],
+        "settings": [repr(s) for s in settings.values()],
     }  # fmt: skip
-    finished = load_runs(file, request) if file else []
-    done: list[Run] = []
-    plan = Plan(settings, count, seed)
-    for run in run_all(task.problem, plan, task.heldout, finished, _reporter(progress, count)):
-        done.append(run)
-        if file:
-            save_runs(file, request, done)
+    done = _finished(Plan(settings, count, seed), task, side_by_side, journal or NothingKept(), Teller(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
-    return EvolutionResult(tuple(done), counted, fit, poses, train, tuple(task.problem.sites), request, origin)
+    return EvolutionResult(done, counted, fit, poses, train, tuple(task.problem.sites), request, origin)
 
 
-def _effort(population: object, generations: object, seconds: object, threads: object) -> Effort:
+def _finished(
+    plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Teller
+) -> tuple[Run, ...]:  # fmt: skip
+    """All runs of a plan, told of as they finish."""
+    tasks = plan.tasks(task.problem)
+
+    def said(done: int) -> None:
+        tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
+
+    finished = run_all(tasks, workers, kept, said)
+    runs = {number: plan.run(number, found, task.problem, task.heldout) for number, found in finished}
+    return tuple(runs[number] for number in tasks)
+
+
+def _effort(population: object, generations: object, seconds: object) -> Effort:
     """What was asked of a run. Raises InputError that names the first number that is none."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),
         limit(seconds, "seconds", 0.0),
-        whole(threads, "threads"),
     )
-
-
-def _reporter(say: Say, runs: int) -> Callable[[str, int, bool, Generation], None] | None:
-    if say is silent:
-        return None
-
-    def report(representation: str, number: int, shuffled: bool, state: Generation) -> None:
-        what = f"{representation} {number + 1}/{runs}{' shuffled' if shuffled else ''}"
-        say(
-            Progress(
-                f"{what}: generation {state.generation}, best {state.best:.4g}, median {state.median:.4g}, "
-                f"gain {state.gain:.3f}, {state.distinct} distinct, "
-                f"{state.evaluations_per_second:,.0f} programs/s, {state.seconds_left:.0f} s left",
-                passing=True,
-            )
-        )
-
-    return report

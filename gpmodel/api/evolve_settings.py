@@ -22,12 +22,11 @@ UNLIMITED, NO_END = 1_000_000, 1e9
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run was asked to take, None for the defaults. threads: 0 for all cores."""
+    """What a run was asked to take, None for the defaults."""
 
     population: int | None = None
     generations: int | None = None
     seconds: float | None = None
-    threads: int = 0
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
@@ -36,7 +35,8 @@ def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
 
 
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
-    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot.
+    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot; one thread a run, for
+    the runs themselves go side by side.
 
     Raises InputError for two of one name, or a population too small to select from.
     """
@@ -55,5 +55,5 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
             if space == "cartesian"
             else Settings(strategy, budget=Budget(size, generations))
         )
-        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=effort.threads))
+        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=1))
     return chosen

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from gpmodel.cli.console import progress_line, what_next
-from gpmodel.cli.discover import discover_request
+from gpmodel.cli.discover import discover_request, settings
 from gpmodel.cli.options import quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
@@ -33,7 +33,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
             "runs": Search().runs, "holdout": 0.3, "noise": None, "condition_limit": None, "no_catalogue": False,
             "in_order": False, "seed": seed,
         }  # fmt: skip
-        request = Request(table, MechanismChoice(MECHANISM), options)
+        request = Request("discover", table, MechanismChoice(MECHANISM), options, settings())
         found = discover_request(request, folder, say, Threads(workers or 0))
     if not quiet:
         click.echo(found.summary())

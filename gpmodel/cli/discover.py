@@ -1,14 +1,11 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.api.discover import discover as look
@@ -20,14 +17,17 @@ from gpmodel.cli.options import (
     in_order_option,
     mechanism_options,
     quiet_option,
+    resume_option,
+    scheduler_option,
     seed_option,
     workers_option,
 )
-from gpmodel.cli.request import Request, resumed
+from gpmodel.cli.request import Request, Typed, resumable
 from gpmodel.cli.watch import Watch, on_screen
+from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import JournalFiles
 from gpmodel.discovery.search import Search
-from gpmodel.errors import InputError, WriteError
+from gpmodel.errors import InputError
 from gpmodel.executor import Workers, scheduled
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import alone_in, folder_for
@@ -52,40 +52,24 @@ WATCHED = 0.5
 @click.option("--no-catalogue", is_flag=True, help="Offer no named family: what is found is what was evolved.")
 @seed_option
 @workers_option
-@click.option("--scheduler", default=None, metavar="ADDRESS",
-              help="Where GP runs go: local:N processes, or dask at tcp://host:8786. [default: threads]")  # fmt: skip
+@scheduler_option
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=None,
               help="Folder of the results. [default: discovery]")  # fmt: skip
-@click.option("--resume", type=click.Path(path_type=Path), default=None,
-              help="Folder of an interrupted run to go on with; nothing else is needed.")  # fmt: skip
+@resume_option
 @click.option("--watch", is_flag=True,
               help="Follow a TABLE that grows: verdict and next poses after every batch of rows.")  # fmt: skip
 @click.option("--batch", type=click.IntRange(1), default=10, show_default=True, help="Of --watch: rows.")
 @click.option("--rows", type=click.IntRange(1), default=None, help="Of --watch: it ends at so many. [default: never]")
 @quiet_option
-@click.pass_context
 def discover(
-    ctx: click.Context, /, table: Path | None, mechanism: LoadedMechanism | None, workers: int | None,
-    scheduler: str | None, folder: Path | None, resume: Path | None, watch: bool, batch: int, rows: int | None,
-    quiet: bool, **asked: Any,
+    table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
+    folder: Path | None, resume: Path | None, watch: bool, batch: int, rows: int | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
-    choice = None if mechanism is None else replace(mechanism.choice, description=None)
-    if resume is not None:
-        said = {name: asked[name] for name in asked if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
-        request = resumed(resume, table, choice, said)
-        if folder is not None and folder.resolve() != resume.resolve():
-            raise InputError("the results go to the folder of --resume; leave --out away", "folder")
-        folder = resume
-        if request is None:
-            click.echo(f"nothing is left to do in {resume}; report: {resume / 'report.html'}")
-            return
-    elif table is None or choice is None:
-        raise InputError("discover: expected a TABLE and --mechanism M, or --resume DIR")
-    else:
-        minutes = asked.pop("minutes")
-        request = Request(table, choice, asked, minutes)
-    folder = folder_for(folder or Path("discovery"))
+    request = Typed(table, mechanism, folder, resume, asked).request(settings())
+    if request is None:
+        return
+    folder = folder_for(resume or folder or Path("discovery"))
     if watch:
         if resume is not None:
             raise InputError("follows a TABLE from its first row; leave --resume away", "watch")
@@ -106,12 +90,23 @@ def discover_request(request: Request, folder: Path, say: Say, executor: Workers
     with alone_in(folder):
         journal = request.journal(folder, say)
         journal.refuse_another()
-        with resumable(journal):
+        with resumable("discover", journal):
             found = looked(request, say, executor, journal)
             say(Progress("writing the report"))
             found.report(folder)
             journal.close()
     return found
+
+
+def settings() -> object:
+    """What of the search no option says."""
+    return Search(), Criteria()
+
+
+def search_of(request: Request, executor: Workers) -> Search:
+    """How hard to look."""
+    ends = None if request.minutes is None else 60 * request.minutes
+    return Search(runs=request.options["runs"], stop_after=ends, executor=executor)
 
 
 def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles | None) -> DiscoveryResult:
@@ -122,7 +117,7 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
         read_table(request.table, mechanism, in_order=options["in_order"]),
         holdout=options["holdout"],
         seed=options["seed"],
-        search=replace(request.search(), executor=executor),
+        search=search_of(request, executor),
         candidates=() if options["no_catalogue"] else catalogue,
         condition_limit=options["condition_limit"],
         noise=options["noise"],
@@ -130,19 +125,3 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
         journal=journal,
         command=command_line(),
     )
-
-
-@contextlib.contextmanager
-def resumable(journal: JournalFiles) -> Iterator[None]:
-    """What ends a search says how to go on with it; bad input, before anything is finished, leaves nothing behind."""
-    again = f"gpmodel discover --resume {journal.out}"
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"what is finished is kept; go on with: {again}") from None
-    except WriteError as error:
-        raise WriteError(f"{error}, then: {again}") from None
-    except InputError:
-        if journal.empty:
-            journal.close()
-        raise

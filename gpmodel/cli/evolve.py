@@ -1,13 +1,16 @@
 """`gpmodel evolve`: compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 
+from gpmodel.api.evolve import SPACES, EvolutionResult
 from gpmodel.api.evolve import evolve as run
-from gpmodel.api.evolve_settings import default_strategies
+from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
@@ -17,18 +20,25 @@ from gpmodel.cli.options import (
     mechanism_options,
     out_folder_option,
     quiet_option,
+    resume_option,
+    scheduler_option,
     seed_option,
     standard_option,
-    table_argument,
+    workers_option,
 )
+from gpmodel.cli.request import Request, Typed, resumable
 from gpmodel.errors import InputError
+from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation, label
+from gpmodel.executor import Workers, scheduled
+from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.progress import Say
 
 
 @click.command()
-@table_argument
-@mechanism_options()
+@click.argument("table", type=click.Path(path_type=Path), required=False)
+@mechanism_options(required=False)
 @click.option("--representation", default="linear,tree", show_default=True, help="linear, tree, or both.")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
@@ -41,37 +51,68 @@ from gpmodel.mechanism.source import LoadedMechanism
 @standard_option
 @holdout_option
 @in_order_option
-@click.option("--workers", "threads", type=click.IntRange(0), default=0,
-              help="Threads; the numbers do not depend on it. [default: all cores]")  # fmt: skip
-@click.option("--checkpoint", type=click.Path(path_type=Path, dir_okay=False), default=None,
-              help="File that keeps finished runs; given again, the rest is done.")  # fmt: skip
 @seed_option
+@workers_option
+@scheduler_option
 @out_folder_option
+@resume_option
 @quiet_option
 def evolve(
-    table: Path, mechanism: LoadedMechanism, representation: str, space: Literal["cartesian", "slot"],
-    population: int | None, generations: int | None, seconds: float | None, runs: int, operators: str | None,
-    norm: Literal["max", "rms"], standard: tuple[str, ...], holdout: float, in_order: bool, threads: int,
-    checkpoint: Path | None, seed: int, folder: Path | None, quiet: bool,
+    table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
+    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Evolve programs on what the standard model leaves of TABLE; count the inputs they refer to.
 
     Every run is done again on shuffled errors: an input counts only where it stands out of those.
     With --out: evolve.json, programs.txt, and report.html with what it is made of.
     """
-    dataset = read_table(table, mechanism, in_order=in_order)
-    with progress_line(quiet) as say:
-        result = run(
-            mechanism, dataset, strategies=strategies_named(representation, space, operators), space=space, runs=runs,
-            population=population, generations=generations, seconds=seconds, norm=norm, standard=standard,
-            holdout=holdout, threads=threads, seed=seed, checkpoint=checkpoint, progress=say, command=command_line(),
-        )  # fmt: skip
+    asked["standard"] = list(asked["standard"])
+    request = Typed(table, mechanism, folder, resume, asked).request(settings())
+    if request is None:
+        return
+    folder = resume or folder
+    with (
+        progress_line(quiet) as say,
+        scheduled(scheduler, workers or 0) as executor,
+        kept(request, folder, say) as journal,
+    ):
+        result = evolved(request, journal, executor, say)
+        if folder is not None:
+            result.report(folder)
     if not quiet:
         click.echo(result.summary())
-    if folder is not None:
-        result.report(folder)
-        if not quiet:
+        if folder is not None:
             click.echo(f"evolve.json, programs.txt and report.html are in {folder}")
+
+
+def settings() -> object:
+    """What of the search no option says."""
+    return [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
+
+
+@contextlib.contextmanager
+def kept(request: Request, folder: Path | None, say: Say) -> Iterator[KeptRuns]:
+    """Where finished runs are kept while the search goes on; without a folder, nowhere."""
+    if folder is None:
+        yield NothingKept()
+        return
+    with alone_in(folder_for(folder)):
+        journal = request.journal(folder, say)
+        journal.begin()
+        with resumable("evolve", journal):
+            yield journal
+            journal.close()
+
+
+def evolved(request: Request, journal: KeptRuns, executor: Workers, say: Say) -> EvolutionResult:
+    """Run what was asked."""
+    options, mechanism = dict(request.options), request.choice.load()
+    dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"))
+    names, operators = options.pop("representation"), options.pop("operators")
+    return run(
+        mechanism, dataset, strategies=strategies_named(names, options["space"], operators), **options,
+        executor=executor, journal=journal, progress=say, command=command_line(),
+    )  # fmt: skip
 
 
 def strategies_named(

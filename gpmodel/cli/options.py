@@ -42,6 +42,18 @@ workers_option = click.option(
     default=None,
     help="Threads; the numbers do not depend on it. [default: all cores]",
 )
+scheduler_option = click.option(
+    "--scheduler",
+    default=None,
+    metavar="ADDRESS",
+    help="Where GP runs go: local:N processes, or dask at tcp://host:8786. [default: threads]",
+)
+resume_option = click.option(
+    "--resume",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Folder of an interrupted run to go on with; nothing else is needed.",
+)
 out_folder_option = click.option(
     "--out",
     "folder",

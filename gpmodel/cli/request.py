@@ -1,34 +1,37 @@
-"""What was asked of `gpmodel discover`, kept so that it can be asked again."""
+"""What was asked of a search, kept so that `--resume DIR` is enough to ask it again."""
 
+import contextlib
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import click
+from click.core import ParameterSource
+
 from gpmodel._version import __version__
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import JournalFiles, unfinished
-from gpmodel.discovery.search import Search
-from gpmodel.errors import InputError
-from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.errors import InputError, WriteError
+from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
 from gpmodel.texts import seal
 
 
 @dataclass(frozen=True)
 class Request:
-    """A table, a mechanism, and the options of `discover` by name. minutes: after which no new round begins."""
+    """A command, a table, a mechanism, and the options by name.
 
+    settings: what of the program itself the numbers depend on. minutes: after which no new round begins.
+    """
+
+    command: str
     table: Path
     choice: MechanismChoice
     options: Mapping[str, Any]
+    settings: object
     minutes: float | None = None
-
-    def search(self) -> Search:
-        """How hard to look."""
-        return Search(runs=self.options["runs"], stop_after=None if self.minutes is None else 60 * self.minutes)
 
     def journal(self, out: Path, say: Say) -> JournalFiles:
         """Where its progress is kept: paths relative to `out`, so that both can move together."""
@@ -37,46 +40,102 @@ class Request:
         if Path(name).is_file():
             files["mechanism"] = _relative(Path(name), out)
         choice = asdict(replace(self.choice, description=None))
-        request = {"files": files, "choice": choice, "options": dict(self.options), "minutes": self.minutes}
+        request = {
+            "command": self.command, "files": files, "choice": choice, "options": dict(self.options),
+            "minutes": self.minutes,
+        }  # fmt: skip
         return JournalFiles(out, request, self.identity(), say)
 
     def identity(self) -> dict[str, Any]:
         """All that the numbers depend on, files by the SHA-256 of their content. Raises InputError: no such file."""
-        name, search = self.choice.name, replace(self.search(), stop_after=None)
+        name = self.choice.name
         return {
             "gpmodel": __version__,
+            "the command": self.command,
             "the table": _sha256(self.table),
             "the mechanism": _sha256(Path(name)) if Path(name).is_file() else name,
             "--frame": self.choice.frame,
             "--payload": self.choice.payload,
             "--payload-com": None if self.choice.payload_com is None else list(self.choice.payload_com),
             **{f"--{name.replace('_', '-')}": value for name, value in self.options.items()},
-            "the search": seal({"search": repr(search), "criteria": repr(Criteria())}),
+            "the search": seal({"settings": repr(self.settings)}),
         }
 
 
-def resumed(out: Path, table: Path | None, choice: MechanismChoice | None, given: Mapping[str, Any]) -> Request | None:
-    """The request of the unfinished search in `out`, with what was given again in its place; None where it is finished.
+@dataclass(frozen=True)
+class Typed:
+    """What was typed: a table and a mechanism, the folder of an unfinished search to go on with, or both.
 
-    Raises InputError where there is nothing to resume, or a file is no longer there.
+    folder: of --out. options: all others by name.
     """
-    found = unfinished(out)
-    if found is None:
-        if (out / "report.json").exists():
+
+    table: Path | None
+    mechanism: LoadedMechanism | None
+    folder: Path | None
+    resume: Path | None
+    options: Mapping[str, Any]
+
+    def request(self, settings: object) -> Request | None:
+        """What is to be done; None where the search to resume is finished, which is said.
+
+        Raises InputError where there is no table, nothing to resume, or a file that is no longer there.
+        """
+        ctx = click.get_current_context()
+        command = str(ctx.command.name)
+        choice = None if self.mechanism is None else replace(self.mechanism.choice, description=None)
+        if self.resume is None:
+            if self.table is None or choice is None:
+                raise InputError(f"{command}: expected a TABLE and --mechanism M, or --resume DIR")
+            options = {name: value for name, value in self.options.items() if name != "minutes"}
+            return Request(command, self.table, choice, options, settings, self.options.get("minutes"))
+        if self.folder is not None and self.folder.resolve() != self.resume.resolve():
+            raise InputError("the results go to the folder of --resume; leave --out away", "folder")
+        typed = {n: v for n, v in self.options.items() if ctx.get_parameter_source(n) is ParameterSource.COMMANDLINE}
+        given = replace(self, options=typed)
+        found = unfinished(self.resume)
+        if found is None:
+            if not (self.resume / "report.json").exists():
+                said = f"{self.resume} has no unfinished search; expected the folder of an interrupted {command}"
+                raise InputError(said, "resume")
+            click.echo(f"nothing is left to do in {self.resume}; report: {self.resume / 'report.html'}")
             return None
-        raise InputError(f"{out} has no unfinished search; expected the folder of an interrupted discover", "resume")
-    content = found["request"]
-    files = {kind: out / Path(*path.split("/")) for kind, path in content["files"].items()}
-    com = content["choice"]["payload_com"]
-    before = MechanismChoice(**content["choice"] | {"payload_com": None if com is None else tuple(com)})
-    if "mechanism" in files:
-        before = replace(before, name=os.path.normpath(files["mechanism"]))
-    path = table or Path(os.path.normpath(files["table"]))
-    for kind, file, needed in (("table", path, True), ("mechanism", Path(before.name), "mechanism" in files)):
-        if needed and choice is None and not file.is_file():
-            raise InputError(f"{file}: the {kind} of this search is no longer there; say where it is now")
-    options = {name: given.get(name, value) for name, value in content["options"].items()}
-    return Request(path, choice or before, options, given.get("minutes", content["minutes"]))
+        return given._resumed(command, self.resume, choice, found["request"], settings)
+
+    def _resumed(
+        self, command: str, out: Path, choice: MechanismChoice | None, content: Mapping[str, Any], settings: object
+    ) -> Request:
+        """The unfinished request in `out`, with what was typed again in its place."""
+        if content["command"] != command:
+            raise InputError(f"{out}: its unfinished search is of {content['command']}, expected one of {command}")
+        files = {kind: out / Path(*path.split("/")) for kind, path in content["files"].items()}
+        com = content["choice"]["payload_com"]
+        before = MechanismChoice(**content["choice"] | {"payload_com": None if com is None else tuple(com)})
+        if "mechanism" in files:
+            before = replace(before, name=os.path.normpath(files["mechanism"]))
+        path = self.table or Path(os.path.normpath(files["table"]))
+        for kind, file, needed in (("table", path, True), ("mechanism", Path(before.name), "mechanism" in files)):
+            if needed and choice is None and not file.is_file():
+                raise InputError(f"{file}: the {kind} of this search is no longer there; say where it is now")
+        options = {name: self.options.get(name, value) for name, value in content["options"].items()}
+        return Request(
+            command, path, choice or before, options, settings, self.options.get("minutes", content["minutes"])
+        )
+
+
+@contextlib.contextmanager
+def resumable(command: str, journal: JournalFiles) -> Iterator[None]:
+    """What ends a search says how to go on with it; bad input, before anything is finished, leaves nothing behind."""
+    again = f"gpmodel {command} --resume {journal.out}"
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"what is finished is kept; go on with: {again}") from None
+    except WriteError as error:
+        raise WriteError(f"{error}, then: {again}") from None
+    except InputError:
+        if journal.empty:
+            journal.close()
+        raise
 
 
 def _relative(path: Path, out: Path) -> str:

@@ -9,10 +9,11 @@ from gpmodel.arrays import IntArray
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Test, Verdict
 from gpmodel.discovery.cross_validation import cross_validated, paired_t
-from gpmodel.discovery.explore import Task, Turn, candidates_of, posed, run
+from gpmodel.discovery.explore import Turn, candidates_of, posed, run
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
+from gpmodel.evolution.runs import Task
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.sites import Site

@@ -7,7 +7,6 @@ from itertools import chain
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.kept import KeptRuns
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.programs import as_candidate, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
@@ -16,11 +15,12 @@ from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
+from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
-from gpmodel.evolution.search import Evolution, evolve
+from gpmodel.evolution.runs import Task, run_all
+from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
-from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
@@ -45,20 +45,6 @@ class Turn:
 
 class OutOfTime(Exception):
     """The time is up with runs still to do."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """One GP run, on the residual or on a shuffled one: all that a worker needs."""
-
-    problem: SlotProblem
-    settings: Settings
-    rng: np.random.Generator
-
-
-def run_task(task: Task) -> Evolution:
-    """Run it; the same numbers wherever it runs."""
-    return evolve(task.problem, task.settings, task.rng)
 
 
 @dataclass(frozen=True)
@@ -124,17 +110,15 @@ def posed(
 
 def run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution]:
     """All runs by number; each is kept as it finishes and told of, and those kept before are not repeated."""
-    found = {n: kept for n in tasks if (kept := turn.kept.run((turn.number, n))) is not None}
-    left = [n for n in tasks if n not in found]
-    turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
-    workers = search.executor or Threads(search.workers)
-    for place, evolution in workers(run_task, [tasks[n] for n in left]):
-        turn.kept.keep_run((turn.number, left[place]), evolution)
-        found[left[place]] = evolution
-        if turn.late() and len(found) < len(tasks):
+
+    def said(done: int) -> None:
+        if 0 < done < len(tasks) and turn.late():
             raise OutOfTime
-        turn.tell(f"evolving, {len(found)} of {len(tasks)} runs done", passing=True)
-    return [found[n] for n in tasks]
+        turn.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
+
+    numbered = {(turn.number, n): task for n, task in tasks.items()}
+    found = dict(run_all(numbered, search.side_by_side, turn.kept, said))
+    return [found[number] for number in numbered]
 
 
 def candidates_of(

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gpmodel.discovery.encoding import decode, encode
-from gpmodel.discovery.kept import KeptRuns
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.errors import InputError
+from gpmodel.evolution.kept import KeptRuns, NothingKept, Number
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.files import remove_folder, set_aside
@@ -17,7 +17,7 @@ from gpmodel.texts import read_json, seal, write_json
 
 FOLDER = "unfinished"
 REQUEST = "request.json"
-SCHEMA = 4
+SCHEMA = 5
 _DIGITS = 64
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 
@@ -34,7 +34,7 @@ class Journal(KeptRuns, Protocol):
         ...
 
 
-class Forgetful:
+class Forgetful(NothingKept):
     """A journal that keeps nothing."""
 
     def begin(self) -> tuple[list[Finding], list[Round]]:
@@ -42,13 +42,6 @@ class Forgetful:
         return [], []
 
     def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
-        """Keeps nothing."""
-
-    def run(self, number: tuple[int, int]) -> Evolution | None:
-        """None."""
-        return None
-
-    def keep_run(self, number: tuple[int, int], found: Evolution) -> None:
         """Keeps nothing."""
 
 
@@ -102,21 +95,21 @@ class JournalFiles:
         for path in self.folder.glob(f"run-{rounds[-1].number}-*.json"):
             path.unlink(missing_ok=True)
 
-    def run(self, number: tuple[int, int]) -> Evolution | None:
-        """A finished run, without its history and settings."""
+    def run(self, number: Number) -> Evolution | None:
+        """A finished run, without its settings."""
         content = self._read(self._run(number))
         if content is None:
             return None
         front, best = content["front"], content["best"]
         counts = best.program.input_counts, best.program.operator_counts
-        return Evolution(front, best, {}, *counts, content["evaluations"], content["seconds"], Settings())
+        return Evolution(
+            front, best, content["history"], *counts, content["evaluations"], content["seconds"], Settings()
+        )
 
-    def keep_run(self, number: tuple[int, int], found: Evolution) -> None:
-        """Write what a round needs of a run."""
-        content = {
-            "front": found.front, "best": found.best, "evaluations": found.evaluations, "seconds": found.seconds,
-        }  # fmt: skip
-        self._write(self._run(number), content)
+    def keep_run(self, number: Number, found: Evolution) -> None:
+        """Write what is needed of a run."""
+        names = ("front", "best", "history", "evaluations", "seconds")
+        self._write(self._run(number), {name: getattr(found, name) for name in names})
 
     def close(self) -> None:
         """Remove the files, once the results are written."""
@@ -130,7 +123,7 @@ class JournalFiles:
     def _round(self, number: int) -> Path:
         return self.folder / f"round-{number}.json"
 
-    def _run(self, number: tuple[int, int]) -> Path:
+    def _run(self, number: Number) -> Path:
         return self.folder / f"run-{number[0]}-{number[1]:04d}.json"
 
     def _write(self, path: Path, content: Mapping[str, Any]) -> None:

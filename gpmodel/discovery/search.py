@@ -6,7 +6,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.selection import SelectionScheme, Tournament
 from gpmodel.evolution.settings import Budget
-from gpmodel.executor import Workers
+from gpmodel.executor import Threads, Workers
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ class Search:
     considered: int = 48
     rivals: int = 6
     executor: Workers | None = None
+
+    @property
+    def side_by_side(self) -> Workers:
+        """What runs independent tasks."""
+        return self.executor or Threads(self.workers)
 
     def budget(self, opening: bool) -> Budget:
         """Of one run; a small one in an opening round where named effects are offered."""

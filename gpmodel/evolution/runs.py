@@ -1,24 +1,86 @@
-"""Many runs of the search, the same again on shuffled residuals, kept on disk as they finish."""
+"""Many runs of the search side by side, each kept as it finishes; the same again on shuffled residuals."""
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.errors import InputError
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.input_histogram import RunRecord
+from gpmodel.evolution.kept import KeptRuns, Number
 from gpmodel.evolution.problems import CartesianProblem, Problem
-from gpmodel.evolution.search import Evolution, Generation, evolve
+from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Settings
-from gpmodel.files import write_text
+from gpmodel.executor import Workers
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
 
-SCHEMA = 1
+
+@dataclass(frozen=True)
+class Task:
+    """One run: all that a worker needs. shuffled: on the residual permuted over the poses."""
+
+    problem: Problem
+    settings: Settings
+    rng: np.random.Generator
+    shuffled: bool = False
+
+
+def run_task(task: Task) -> Evolution:
+    """Run it; the same numbers wherever it runs."""
+    problem = task.problem.shuffled(task.rng) if task.shuffled else task.problem
+    return evolve(problem, task.settings, task.rng)
+
+
+def run_all(
+    tasks: Mapping[Number, Task], workers: Workers, kept: KeptRuns, said: Callable[[int], None]
+) -> Iterator[tuple[Number, Evolution]]:
+    """Every run with its number, those kept before first, then the others as they finish, each kept at once.
+
+    said: called with how many are done, at first and after each is kept; what it raises ends the search.
+    """
+    found = {number: run for number in tasks if (run := kept.run(number)) is not None}
+    left = [number for number in tasks if number not in found]
+    said(len(found))
+    yield from found.items()
+    for done, (place, run) in enumerate(workers(run_task, [tasks[number] for number in left]), len(found) + 1):
+        kept.keep_run(left[place], run)
+        said(done)
+        yield left[place], run
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run: as many `runs` of each named setting, each beside one on a shuffled residual, from one seed."""
+
+    settings: Mapping[str, Settings]
+    runs: int
+    seed: int
+
+    def tasks(self, problem: Problem) -> dict[Number, Task]:
+        """Every run by the place of its setting and twice its own number, one more where its residual is shuffled.
+
+        Each has a random stream of its own, by the seed, the name and the number.
+        """
+        tasks = {}
+        for place, (name, settings) in enumerate(self.settings.items()):
+            for number in range(self.runs):
+                for shuffled in (False, True):
+                    rng = np.random.default_rng([self.seed, len(name), number, shuffled])
+                    tasks[place, 2 * number + shuffled] = Task(problem, settings, rng, shuffled)
+        return tasks
+
+    def run(
+        self, number: Number, found: Evolution, problem: Problem, heldout: Callable[[Program], float] | None
+    ) -> "Run":
+        """A finished run of the plan in words; heldout: gain of a program on poses that no run sees."""
+        best, shuffled = found.best, bool(number[1] % 2)
+        return Run(
+            tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
+            heldout(best.program) if heldout and not shuffled else best.validation, best.complexity,
+            strength_of(found, problem), found.evaluations, found.seconds,
+            {quantity: column.tolist() for quantity, column in found.history.items()},
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,79 +111,3 @@ def strength_of(evolution: Evolution, problem: Problem) -> float:
     if isinstance(problem, CartesianProblem):
         return float(fit_nats(best.gain, components=2))
     return float(problem.nats(best.gain, best.complexity + len(best.coefficients)))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to run: as many `runs` of each named setting, each beside one on a shuffled residual, from one seed."""
-
-    settings: Mapping[str, Settings]
-    runs: int
-    seed: int
-
-
-def run_all(
-    problem: Problem,
-    plan: Plan,
-    heldout: Callable[[Program], float] | None = None,
-    finished: Sequence[Run] = (),
-    progress: Callable[[str, int, bool, Generation], None] | None = None,
-) -> Iterator[Run]:
-    """The runs of a plan, yielded as they finish; those in ``finished`` as they are.
-
-    heldout: gain of a program on poses that no run sees. Every run has a random stream of its own, by the seed, its
-    name and its number: what is left to do gives the same numbers.
-    """
-    known = {(run.representation, run.number, run.shuffled): run for run in finished}
-    for name, choice in plan.settings.items():
-        for number in range(plan.runs):
-            for shuffled in (False, True):
-                key = (name, number, shuffled)
-                if key in known:
-                    yield known[key]
-                    continue
-                rng = np.random.default_rng([plan.seed, len(name), number, shuffled])
-                tried = problem.shuffled(rng) if shuffled else problem
-                report = None if progress is None else _reporter(progress, *key)
-                found = evolve(tried, choice, rng, report)
-                best = found.best
-                validation = heldout(best.program) if heldout and not shuffled else best.validation
-                yield Run(
-                    *key, str(best.program), best.site_name, best.gain, validation, best.complexity,
-                    strength_of(found, tried), found.evaluations, found.seconds,
-                    {quantity: column.tolist() for quantity, column in found.history.items()},
-                )  # fmt: skip
-
-
-def _reporter(
-    progress: Callable[[str, int, bool, Generation], None], representation: str, number: int, shuffled: bool
-) -> Callable[[Generation], None]:
-    return lambda state: progress(representation, number, shuffled, state)
-
-
-def save_runs(path: Path, request: dict[str, Any], runs: Sequence[Run]) -> None:
-    """Write finished runs, with what was asked, as text."""
-    content = {"schema": SCHEMA, "request": request, "runs": [asdict(run) for run in runs]}
-    write_text(path, json.dumps(content))
-
-
-def load_runs(path: Path, request: dict[str, Any]) -> list[Run]:
-    """Finished runs of the same request; none where the file does not exist yet.
-
-    Raises InputError where the file is damaged or belongs to another request.
-    """
-    if not path.exists():
-        return []
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        asked, runs = content["request"], [Run(**run) for run in content["runs"]]
-    except (ValueError, KeyError, TypeError, OSError, RecursionError) as error:
-        raise InputError(f"{path} cannot be read ({error}); expected one written by evolve", "checkpoint") from None
-    differing = sorted(key for key in request.keys() | asked.keys() if request.get(key) != asked.get(key))
-    if content.get("schema") != SCHEMA or differing:
-        raise InputError(
-            f"{path} is of another request ({', '.join(differing) or 'schema'} differ); "
-            "expected the same table and options, or a new file",
-            "checkpoint",
-        )
-    return runs

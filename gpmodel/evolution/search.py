@@ -118,7 +118,7 @@ def _search(
         front = _finished(front, problem, run.layout, budget.climb)
     chosen = archive.best(front)
     history = {
-        name: np.array([getattr(row, name) for row in rows])
+        name: np.array([getattr(row, name) for row in rows], dtype=float)
         for name in ("generation", "best", "median", "gain", "distinct", "evaluations_per_second", "seconds")
     }
     return Evolution(

@@ -67,8 +67,8 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
         {
             "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY, "space": ANY,
             "norm": ANY, "strategies": (*NO_TEXTS[1:], FRAME, (gp.Linear(), gp.Linear())), "runs": ANY,
-            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "threads": ANY,
-            "checkpoint": NO_FILE[1:], "progress": ANY,
+            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "workers": ANY,
+            "progress": ANY,
         },
     ),
     "simulate": (

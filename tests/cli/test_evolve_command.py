@@ -2,20 +2,24 @@
 
 import json
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from cli_cases import one_line
+from cli_cases import run as main_with
 from click.testing import CliRunner, Result
 
 from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
+from gpmodel.discovery.journal import FOLDER
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.runs import load_runs
 from gpmodel.evolution.selection import Truncation
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.parse import parse
+from gpmodel.progress import Teller
 
 QUICK = ["--mechanism", "irb6400r", "--population", "200", "--generations", "3", "--runs", "2"]
 
@@ -54,27 +58,36 @@ def test_both_representations_are_counted_beside_shuffled_runs(space: str, table
     assert len((tmp_path / "programs.txt").read_text().splitlines()) == 4
 
 
-def test_an_interrupted_run_goes_on_to_the_same_numbers(table: Path, tmp_path: Path) -> None:
-    options = [*QUICK, "--representation", "linear", "--space", "slot"]
-    run(table, *options, "--out", tmp_path / "whole", "--checkpoint", tmp_path / "runs.json")
-    saved = json.loads((tmp_path / "runs.json").read_text())
-    assert len(saved["runs"]) == 4
-    saved["runs"] = saved["runs"][:2]
-    (tmp_path / "runs.json").write_text(json.dumps(saved))
-    run(table, *options, "--out", tmp_path / "resumed", "--checkpoint", tmp_path / "runs.json", "--workers", 1)
-    whole, resumed = (json.loads((tmp_path / name / "evolve.json").read_text()) for name in ("whole", "resumed"))
-    for first, second in zip(whole["runs"], resumed["runs"], strict=True):
-        assert (first["program"], first["gain"]) == (second["program"], second["gain"])
+def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(table: Path, tmp_path: Path) -> None:
+    options = [*QUICK, "--space", "slot", "--standard", "J* R?"]
+    run(table, *options, "--out", tmp_path / "whole", "--workers", 2)
+    out = tmp_path / "out"
+    said = Teller.__call__
 
+    def stopped(teller: Teller, text: str, passing: bool = False) -> None:
+        said(teller, text, passing)
+        if "5 of 8" in text:
+            raise KeyboardInterrupt
 
-def test_a_checkpoint_of_another_request_is_refused(table: Path, tmp_path: Path) -> None:
-    options = [*QUICK, "--representation", "linear", "--space", "slot", "--checkpoint", tmp_path / "runs.json"]
-    run(table, *options)
-    with pytest.raises(InputError, match="another request \\(seed differ\\)"):
-        run(table, *options, "--seed", 1)
-    (tmp_path / "runs.json").write_text("{")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_runs(tmp_path / "runs.json", {})
+    with mock.patch.object(Teller, "__call__", stopped):
+        interrupted = main_with("evolve", table, *options, "--out", out, "--workers", 1)
+    assert interrupted.exit_code == 130
+    assert f"gpmodel evolve --resume {out}" in interrupted.stderr
+    assert [p.name for p in out.iterdir()] == [FOLDER]
+    assert len(list((out / FOLDER).glob("run-*.json"))) == 5
+    assert "its unfinished search is of evolve" in one_line(main_with("discover", "--resume", out, "--quiet"), 2)
+    other = main_with("evolve", table, *options, "--out", out, "--seed", 1, "--quiet")
+    assert "unfinished search is of something else: --seed is 1, was 0" in one_line(other, 2)
+    resumed = main_with("evolve", "--resume", out)
+    assert resumed.exit_code == 0
+    assert "5 finished runs" in resumed.stderr
+    assert not (out / FOLDER).exists()
+    assert "nothing is left to do" in main_with("evolve", "--resume", out).stdout
+    runs, again = (json.loads((folder / "evolve.json").read_text())["runs"] for folder in (tmp_path / "whole", out))
+    for one, other in zip(runs, again, strict=True):
+        for column in (one, other):
+            del column["seconds"], column["history"]["seconds"], column["history"]["evaluations_per_second"]
+        assert one == other
 
 
 @pytest.mark.parametrize(
