@@ -56,7 +56,7 @@ def test_a_weak_effect_fitted_by_its_catalogue_name_is_there_at_its_size(name: s
 
 @pytest.mark.parametrize(
     ("case", "name"),
-    [(case, name) for case, (_, name, _) in weak.CASES.items() if name],
+    [(case, name) for case, (_, name, *_) in weak.CASES.items() if name],
     ids=["ball", "pitch axis", "shaft"],
 )
 def test_the_loop_names_a_weak_effect_at_sixty_poses_of_its_own(case: str, name: str) -> None:
