@@ -12,6 +12,7 @@ from gpmodel.discovery.acceptance import Hypothesis, tested
 from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_validation import better_by, cross_validated
+from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
@@ -141,13 +142,12 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
 
 
 def _accepted(choice: Choice, chosen: Selection) -> Additive:
-    """The chosen groups that stand every test beside each other."""
+    """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
+    what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in chosen.kept}
-    candidates = {name: as_candidate(k) for name, k in kept.items()}
+    candidates, calibration = _in_detail(choice, {name: as_candidate(k) for name, k in kept.items()})
     judged: dict[str, Hypothesis] = {}
-    calibration = choice.standard
     while True:
-        calibration = choice.fit(tuple(candidates.values()), calibration)
         left = choice.residual(calibration)
 
         def verdict(name: str, left: Residual = left) -> tuple[str, Hypothesis]:
@@ -161,6 +161,15 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
             return Additive(tuple(judged.values()), calibration, chosen.by_chance)
         for name in failed:
             del candidates[name]
+        calibration = choice.fit(tuple(candidates.values()), calibration)
+
+
+def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:
+    """What was found, its fine curves with more harmonics as long as any asks for them, and the fit of it all."""
+    calibration = choice.fit(tuple(found.values()), choice.standard)
+    while (finer := detailed(choice.residual(calibration), found)) != found:
+        found, calibration = finer, choice.fit(tuple(finer.values()), calibration)
+    return found, calibration
 
 
 def as_candidate(kept: Kept) -> Candidate:

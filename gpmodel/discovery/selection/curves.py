@@ -1,12 +1,13 @@
 """Standing groups over the joints' angles: error curves, single harmonics, one joint's motion following another's."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from gpmodel.discovery.selection.group import Group, Shapes, group_of
-from gpmodel.families.candidate import revolute
+from gpmodel.families.candidate import Candidate, revolute
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, effect_at
@@ -39,6 +40,23 @@ def _curve(name: str, site: Site, angle: str, family: str, count: int, corner: f
             plain = site.effect(f"{name}, {f} {k}", wave(f, k, angle), "rad", family)
             out.append(Effect(plain.name, plain.terms, plain.unit, family, float(deviation)))
     return tuple(out)
+
+
+def continued(curve: Candidate) -> tuple[Effect, ...]:
+    """As many harmonics again as a fine curve has, their deviations falling on as k^-1.5; none of any other effects."""
+    count, last = len(curve.effects) // 2, curve.effects[-1]
+    if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
+        return ()
+    return tuple(
+        replace(
+            last,
+            name=f"{curve.name}, {f} {k}",
+            terms=tuple(replace(t, basis=wave(f, k, curve.inputs[0])) for t in last.terms),
+            prior=last.prior * (count / k) ** 1.5,
+        )
+        for k in range(count + 1, 2 * count + 1)
+        for f in ("sin", "cos")
+    )
 
 
 def richest(count: int) -> tuple[int, float] | None:

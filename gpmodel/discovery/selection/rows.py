@@ -60,9 +60,12 @@ class Rows:
                 out[:, k] += term.weight * self.sensitivity((term.slot, term.axis)) * shape
         return out
 
-    def by_pose(self, site: Site, values: Array) -> Array:
-        """Sums (P, K) over the rows of each pose of sensitivity times values (M, K)."""
-        return self.totals(self.sensitivity(site)[:, None] * values)
+    def apart(self, values: Array) -> Array:
+        """Values (M, K) pose by pose (P, m, K), zero where nothing was measured."""
+        measured = self.problem.weights[self.present] > 0
+        out = np.zeros((*measured.shape, values.shape[1]))
+        out[measured] = values
+        return out
 
     def totals(self, values: Array) -> Array:
         """Sums (P, K) over the rows of each pose of values (M, K)."""
@@ -83,7 +86,9 @@ class Atoms:
                 if text not in of_site:
                     of_site[text] = len(of_site)
                     values.setdefault(site, []).append(rows.shapes(term.basis)[rows.present])
-        self.shapes = {site: np.array(v) for site, v in values.items()}
+        self.shapes = [np.array(v) for v in values.values()]
+        reach = np.array([rows.sensitivity(site) for site in values]).reshape(len(values), len(rows.pose_of_row))
+        self.reach = np.ascontiguousarray(np.swapaxes(rows.apart(reach.T), 1, 2))
         start = dict(zip(atoms, np.cumsum([0, *(len(a) for a in atoms.values())]), strict=False))
         entries = [
             (k, start[(t.slot, t.axis)] + atoms[(t.slot, t.axis)][str(t.basis)], t.weight)
@@ -96,5 +101,5 @@ class Atoms:
 
     def cross(self, values: Array) -> Array:
         """Xᵀ W v (E, K) for cleaned, whitened values (M, K)."""
-        raw = self.rows.whitening.whiten(values)
-        return self.weights @ np.vstack([phi @ self.rows.by_pose(site, raw) for site, phi in self.shapes.items()])
+        by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
+        return self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)])

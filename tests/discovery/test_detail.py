@@ -1,0 +1,73 @@
+"""A curve has the harmonics that its evidence asks for, one that was chosen by fewer of them as well."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.detail import detailed
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.selection.curves import continued, curves, wave
+from gpmodel.discovery.selection.group import Shapes
+from gpmodel.families.candidate import Candidate
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+
+ARM, COUNT = "irb6400r", 240
+LINE = 70
+"""Waves a turn of the planted line: past the forty harmonics that a curve is chosen with."""
+
+
+@cache
+def fine_curves() -> dict[str, Candidate]:
+    arm = mechanism(ARM)
+    groups = curves(arm, Shapes(prepare(arm, bare(ARM, COUNT, 3)).states))
+    fine = [g for g in groups if g is not None and g.name.startswith("fine") and g.name.endswith(("J2", "J3"))]
+    return {g.name: Candidate(g.name, g.with_prior(2e-4**2), g.family, g.cost) for g in fine}
+
+
+@cache
+def left(amplitude: float) -> Residual:
+    """What the fine curves of two joints leave of a robot whose second drive has a line, rad."""
+    joint = mechanism(ARM).joints[1]
+    planted = [drive_effect("line", joint, wave("sin", LINE, "J2"))]
+    truth = measure(ARM, planted, [amplitude], 3, dataset=bare(ARM, COUNT, 3))
+    effects = (*geometric_effects(truth.model.mechanism), *(e for c in fine_curves().values() for e in c.effects))
+    fit = calibrate(ErrorModel(truth.model.mechanism, effects), truth.poses)
+    return residual_of(fit, truth.poses, Criteria(), 0)
+
+
+def test_a_curve_with_a_line_past_its_harmonics_gets_more_of_them_and_no_other_does() -> None:
+    found = detailed(left(1e-4), fine_curves())
+    sizes = {name[-2:]: len(candidate.effects) for name, candidate in found.items()}
+    assert sizes == {"J2": 160, "J3": 80}
+
+
+def test_curves_without_such_a_line_stay_as_they_are() -> None:
+    assert detailed(left(0.0), fine_curves()) == fine_curves()
+
+
+def test_a_curve_gets_no_more_numbers_than_half_the_poses() -> None:
+    finer = {name: replace(c, effects=(*c.effects, *continued(c))) for name, c in fine_curves().items()}
+    assert detailed(left(1e-4), finer) == finer
+
+
+def test_what_continues_a_curve_is_new_and_believed_to_be_smaller() -> None:
+    curve = fine_curves()["fine error curve of the angle, J2"]
+    more = continued(curve)
+    assert not {e.terms for e in more} & {e.terms for e in curve.effects}
+    assert max(e.prior for e in more) < curve.effects[-1].prior
+    assert [str(e.terms[0].basis) for e in more[-2:]] == ["sin(80*J2)", "cos(80*J2)"]
+    assert np.all(np.diff([e.prior for e in more[::2]]) < 0)
+
+
+@pytest.mark.parametrize("fewer", [2, 20])
+def test_what_is_no_fine_curve_is_not_continued(fewer: int) -> None:
+    curve = fine_curves()["fine error curve of the angle, J2"]
+    assert continued(replace(curve, effects=curve.effects[:fewer])) == ()
+    assert continued(replace(curve, effects=curve.effects[1:])) == ()
