@@ -128,13 +128,11 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
         return {}
     left = choice.residual(choice.fit(candidates, choice.standard))
     found = {}
-    for curve in curves if not choice.late() else ():
-        residual = left.without(curve.effects)
-        laws = tuple(compact_laws(residual, curve, choice.search, choice.seed))
+    for curve, residual, laws in compact_laws(left, curves, choice.search, choice.seed) if not choice.late() else ():
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
-        best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=None)
+        best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
         margin = criteria.head_start if curve.family in names() else -criteria.naming_margin
-        if best is None or best[0] < own + margin:
+        if best[0] < own + margin:
             continue
         if better_by(residual, curve.effects, best[1].effects) < criteria.standard_errors:
             found[curve.name] = best[1]

@@ -1,6 +1,7 @@
 """The shortest law of a curve: what was chosen as a sum of many terms, said in one."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,29 +11,68 @@ from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
 from gpmodel.evolution.laws import shortest_laws
+from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.algebra import simplify
 from gpmodel.model.sites import Site
 
 
-def compact_laws(residual: Residual, curve: Candidate, search: Search, seed: int) -> Iterator[Candidate]:
-    """Laws of one term, in the inputs of a curve and at its place, that may say what it says.
+@dataclass(frozen=True)
+class LawTask:
+    """The search for a law of one curve: all that a worker needs. written: its inputs as the table has them."""
 
-    residual: without the curve. A law's cost is the curve's own and that of its nodes: the place is the curve's.
-    Nothing where the curve has several places or more than two inputs.
+    problem: SlotProblem
+    inputs: tuple[str, ...]
+    seed: int
+    site: Site
+    written: Mapping[str, str]
+
+
+def run_law_task(task: LawTask) -> tuple[Solution, ...]:
+    """Laws in the inputs of the curve; the same wherever it runs."""
+    return shortest_laws(task.problem, 0, task.inputs, np.random.default_rng(task.seed))
+
+
+def compact_laws(
+    left: Residual, curves: Sequence[Candidate], search: Search, seed: int
+) -> Iterator[tuple[Candidate, Residual, tuple[Candidate, ...]]]:
+    """Of every curve for which there are any: the curve, the residual without it, and laws of one term, in its inputs
+    and at its place, that may say what it says.
+
+    left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is the
+    curve's own and that of its nodes: the place is the curve's.
     """
+    tasks = [(curve, task) for curve in curves if (task := _posed(left.without(curve.effects), curve, search, seed))]
+    found = dict(search.side_by_side(run_law_task, [task for _, task in tasks]))
+    for number, (curve, task) in enumerate(tasks):
+        residual = left.without(curve.effects)
+        laws = tuple(_candidates(residual, curve, task, found[number], search))
+        if laws:
+            yield curve, residual, laws
+
+
+def _posed(residual: Residual, curve: Candidate, search: Search, seed: int) -> LawTask | None:
+    """What is searched for a curve; None where it has several places or more than two inputs."""
     sites = {tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in curve.effects}
     count = len(residual.poses)
     rows = np.unique(np.linspace(0, count - 1, min(count, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     if len(sites) > 1 or len(curve.inputs) > 2 or not set(curve.inputs) <= set(inputs.names):
-        return
+        return None
     site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-    between = residual.poses.states.between()
-    for law in shortest_laws(problem, 0, curve.inputs, np.random.default_rng(seed)):
+    return LawTask(problem, curve.inputs, seed, site, written)
+
+
+def _candidates(
+    residual: Residual, curve: Candidate, task: LawTask, laws: Sequence[Solution], search: Search
+) -> Iterator[Candidate]:
+    """The laws as effects at the curve's place, without those that pass a pole."""
+    states = residual.poses.states
+    between = states.between()
+    for law in laws:
         cost = curve.cost + search.nats_per_node * law.complexity
-        candidate = as_candidate(simplify(law.program), site, written, cost)
-        if candidate and without_poles(residual.criteria, candidate, residual.poses.states, between):
+        candidate = as_candidate(simplify(law.program), task.site, task.written, cost)
+        if candidate and without_poles(residual.criteria, candidate, states, between):
             yield candidate

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,11 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
     best = saved(program)
     for _ in range(MOST_STEPS):
         trials = sorted(_trials(program, problem, site, words, most_outputs), key=lambda trial: -trial[0])[:CHECKED]
-        edited = [build() for _, build in trials]
-        top = max(edited, key=saved, default=program)
-        if not saved(top) > best + 1e-6:
+        edited = [(saved(one), one) for one in (build() for _, build in trials)]
+        nats, top = max(edited, key=itemgetter(0), default=(best, program))
+        if not nats > best + 1e-6:
             break
-        best, program = saved(top), top
+        best, program = nats, top
     return program
 
 

@@ -32,7 +32,8 @@ class Targets:
 
     ``weight`` (S, N) is D, ``cross`` (S, K, N) is B, ``pull`` (S, N) is g, ``energy`` is r.r and ``names`` has
     one text a site. ``samples`` is the number of measured components behind the poses (N where it is 0).
-    Raises InputError where shapes disagree or a number is not finite.
+    Arrays are kept in rows, as copies in other processes are, so that sums round alike there. Raises InputError where
+    shapes disagree or a number is not finite.
     """
 
     weight: Array
@@ -44,6 +45,8 @@ class Targets:
     unique_share: float = UNIQUE_SHARE
 
     def __post_init__(self) -> None:
+        for name in ("weight", "cross", "pull"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
         sites, poses = self.pull.shape
         if self.weight.shape != (sites, poses) or len(self.names) != sites:
             raise InputError(f"targets: weight {self.weight.shape}, {len(self.names)} names, pull {self.pull.shape}")

@@ -1,12 +1,10 @@
 """Runs side by side: the same bits wherever they ran, in what order, and however often they were begun again."""
 
-import pickle
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 import pytest
+from executor_cases import Elsewhere
 
 from gpmodel.evolution.kept import NothingKept, Number
 from gpmodel.evolution.linear import Linear
@@ -26,16 +24,6 @@ PROBLEMS: dict[str, Problem] = {
 }
 BUDGET = Budget(128, 5, seconds=1e9, threads=1)
 PLAN = Plan({"linear": Settings(Linear(), budget=BUDGET), "tree": Settings(Tree(), budget=BUDGET)}, runs=2, seed=3)
-
-
-class Elsewhere:
-    """Workers that take copies, the last first, and lose every one once before it is done again."""
-
-    def __call__(self, function: Callable[[Any], Any], tasks: Sequence[Any], /) -> Iterator[tuple[int, Any]]:
-        sent = [pickle.dumps(task) for task in tasks]
-        for place in reversed(range(len(sent))):
-            function(pickle.loads(sent[place]))
-            yield place, pickle.loads(pickle.dumps(function(pickle.loads(sent[place]))))
 
 
 class Memory(NothingKept):
