@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gpmodel.api.check import check
     from gpmodel.api.discover import discover
     from gpmodel.api.evolve import evolve
+    from gpmodel.api.fleet import fleet
     from gpmodel.api.mechanism import load_mechanism
     from gpmodel.api.model import Model, load_model
     from gpmodel.api.poses import choose_poses
@@ -62,6 +63,7 @@ _HOME = {
     "discover": "api.discover",
     "effect_at": "model.effect",
     "evolve": "api.evolve",
+    "fleet": "api.fleet",
     "load_mechanism": "api.mechanism",
     "load_model": "api.model",
     "read_table": "api.table",
@@ -91,6 +93,7 @@ __all__ = [
     "discover",
     "effect_at",
     "evolve",
+    "fleet",
     "load_mechanism",
     "load_model",
     "read_table",

@@ -93,7 +93,7 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 ORDER = (
     "_version", "errors", "wording", "arrays", "files", "texts", "executor", "progress", "numerics", "formula",
     "mechanism", "table", "model", "evolution", "families", "calibration", "checks", "planning", "discovery",
-    "application", "report", "api", "cli",
+    "application", "hierarchy", "report", "api", "cli",
 )  # fmt: skip
 ALONE = {"evolution", "formula", "files", "errors", "arrays", "executor"}
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import limit, listed, naming, share, shown, texts, whole
+from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -23,6 +23,8 @@ from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.checks.judge import refuse
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined, effects_named
+from gpmodel.hierarchy.further import further_machine
+from gpmodel.hierarchy.record import FleetPart, read_fleet
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
@@ -40,15 +42,20 @@ COMMAND = "gpmodel.calibrate"
 
 @dataclass(frozen=True, repr=False)
 class CalibrationResult:
-    """Registration, the standard model, then one effect after the other, and the last of them fitted to all poses."""
+    """Registration, the standard model, then one effect after the other, and the last of them fitted to all poses.
+
+    note: what the verdict says besides.
+    """
 
     calibrated: Ladder
     origin: Origin
+    note: str = ""
 
     @cached_property
     def record(self) -> Report:
         """The same as report.json has it."""
-        return replace(from_calibration(self.calibrated, self.origin), model_sha256=self.model.sha256)
+        record = replace(from_calibration(self.calibrated, self.origin), model_sha256=self.model.sha256)
+        return replace(record, verdict=f"{record.verdict} {self.note}".strip())
 
     @property
     def model(self) -> Model:
@@ -110,6 +117,7 @@ def calibrate(
     condition_limit: float | None = None,
     holdout: float = 0.3,
     seed: int = 0,
+    fleet: str | Path | FleetPart | None = None,
     command: str = COMMAND,
 ) -> CalibrationResult:
     """Fit registration, tool point, the standard model and the named effects together; say what each gained.
@@ -118,7 +126,9 @@ def calibrate(
     effects: of the catalogue by name ("base_compliance", "gear_harmonic J4"), written out ("slot:axis:expression"),
     or Effect objects. standard: patterns of the geometric parameters, as "J* R?"; ("none",) for none.
     condition_limit: of the standard model, None for cross-validated. holdout: share of the poses that no step but the
-    final fit sees, 0 for none. command: what the report says made it.
+    final fit sees, 0 for none. fleet: the fleet.json of machines of the same type, or the record of a `FleetResult`,
+    whose effects then take the place of the standard model, with mean and spread as their prior. command: what the
+    report says made it.
     Raises InputError: a table that is not sound, an unknown effect, a fit that diverges.
     """
     started = time.perf_counter()
@@ -127,18 +137,33 @@ def calibrate(
     named_effects = listed(effects, "effects", "['base_compliance']")
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    arm, poses = checked_poses(arm, table, geometry)
+    known = None if fleet is None else _fleet_of(fleet, named_effects)
+    arm, poses = checked_poses(arm, table, geometry if known is None else ())
     groups = [named_group(effect, arm, poses) for effect in named_effects]
     train, held = split(poses.dataset, fraction, seed)
-    models = growing(geometry, groups)
-    steps = climb(arm, models, poses.subset(train), poses.subset(held), condition_limit, seed)
-    final = fit_model(steps[-1].calibration.model, poses, condition_limit=condition_limit, seed=seed)
+    seen, unseen = poses.subset(train), poses.subset(held)
+    note = ""
+    if known is None:
+        steps = climb(arm, growing(geometry, groups), seen, unseen, condition_limit, seed)
+        final = fit_model(steps[-1].calibration.model, poses, condition_limit=condition_limit, seed=seed)
+    else:
+        steps = further_machine(known, arm, seen, unseen, seed).steps
+        machine = further_machine(known, arm, poses, unseen, seed)
+        final, note = machine.final, machine.in_words(poses)
+        groups = [(e.name, (e,)) for e in final.model.effects if not e.constant]
     for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
             raise InputError(f"{poses.dataset.source}: the fit of {step} diverged: {tried.reason}")
     named = tuple(effect for _, group in groups for effect in group)
     made = Origin(command, seed, time.perf_counter() - started)
-    return CalibrationResult(Ladder(poses, train, steps, final, named), made)
+    return CalibrationResult(Ladder(poses, train, steps, final, named), made, note)
+
+
+def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
+    """The machines whose prior is asked for. Raises InputError for what is none, or effects beside its own."""
+    if effects:
+        raise InputError("a fleet says which effects its machines have, expected none beside them", "effects")
+    return fleet if isinstance(fleet, FleetPart) else read_fleet(file_path(fleet, "fleet"))
 
 
 def checked_poses(

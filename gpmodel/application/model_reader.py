@@ -1,6 +1,8 @@
-"""model.json opened with care: its size, its schema, its seal, and the report beside it."""
+"""Sealed files opened with care: their size, schema and seal; and of model.json the report beside it."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import msgspec
 
@@ -9,28 +11,50 @@ from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, parse_json, seal
 
 REPORT, REPORTED = "report.json", "model_sha256"
+Part = TypeVar("Part")
+
+
+@dataclass(frozen=True)
+class Sealed(Generic[Part]):
+    """A kind of sealed file. kind, schema: as it says itself; part: of what form it is; word, expected: in messages."""
+
+    kind: str
+    schema: int
+    part: type[Part]
+    word: str
+    expected: str
+
+
+MODEL = Sealed(KIND, SCHEMA, ModelPart, "model", "a model.json")
 
 
 def read_part(path: Path) -> ModelPart:
-    """The content of a model.json.
+    """The content of a model.json. Raises InputError as `read_sealed`, or where it is not the model that the report
+    beside it tells of."""
+    part, digest = read_sealed(path, MODEL)
+    _check_report(path, digest)
+    return part
+
+
+def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
+    """The content of a sealed file and its seal.
 
     Raises InputError: missing, too large, no JSON, of another kind or schema, a field that is missing or beyond its
-    bounds, changed since it was written, or not the model that the report beside it tells of.
+    bounds, or changed since it was written.
     """
-    content = _content(path)
-    if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise InputError(f"{path}: is no model of gpmodel; expected the model.json of calibrate or discover")
-    if content.get("schema") != SCHEMA:
-        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {SCHEMA}")
+    content = _content(path, of.expected)
+    if not isinstance(content, dict) or content.get("kind") != of.kind:
+        raise InputError(f"{path}: is no {of.word} of gpmodel; expected {of.expected}")
+    if content.get("schema") != of.schema:
+        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {of.schema}")
     try:
-        part = msgspec.convert(content, ModelPart)
+        part = msgspec.convert(content, of.part)
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$")
-        raise InputError(f"{path}: {place.rstrip('`').lstrip('.') or 'model'}: {said}") from None
+        raise InputError(f"{path}: {place.rstrip('`').lstrip('.') or of.word}: {said}") from None
     if content.get(SEAL) != seal(content):
         raise InputError(f"{path}: its content is not what was written, by its {SEAL}; make it again")
-    _check_report(path, content[SEAL])
-    return part
+    return part, str(content[SEAL])
 
 
 def _check_report(path: Path, digest: str) -> None:
@@ -43,14 +67,14 @@ def _check_report(path: Path, digest: str) -> None:
         raise InputError(f"{path}: is not the model that {REPORT} beside it tells of ({REPORTED} {str(said)[:12]}…)")
 
 
-def _content(path: Path) -> object:
+def _content(path: Path, expected: str) -> object:
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected a model.json")
+            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected {expected}")
         return parse_json(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a model.json") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(f"{path}: is no JSON ({error}); expected a model.json") from None
+        raise InputError(f"{path}: is no JSON ({error}); expected {expected}") from None

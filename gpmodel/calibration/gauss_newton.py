@@ -10,7 +10,7 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
 from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
-from gpmodel.calibration.priors import residual_sigma
+from gpmodel.calibration.priors import noise_sigma, residual_sigma
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.uncertainty import uncertainty
@@ -137,12 +137,13 @@ def _better(
     """The fit or, where that ended above it on the same poses, its start; and the reason in words, else empty."""
     theta, placement = origin
     start = fitting.at(theta, placement)
-    sigma = residual_sigma(start)
+    sigma = noise_sigma(fitting.model, start)
     before = fitting.cost(start, theta, placement, sigma)
     after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, sigma)
     if fitted.problem.left is not None or after <= (1.0 + ROUNDING) * before:
         return fitted, choices, ""
-    text = f"{1e3 * residual_sigma(fitted.problem):.4g} mm a component after the fit, {1e3 * sigma:.4g} mm before it"
+    left = [1e3 * residual_sigma(problem) for problem in (fitted.problem, start)]
+    text = f"{left[0]:.4g} mm a component after the fit, {left[1]:.4g} mm before it"
     kept = Fitted(placement, theta, start, fitted.iterations, "kept previous")
     return kept, replace(choices, kept=choices.kept & (theta != 0.0)), text
 

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.calibration.noise import decorrelated
-from gpmodel.calibration.priors import TOOL_REACH, prior_rows, residual_sigma, tool_rows
+from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean, prior_rows, tool_rows
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import solve
@@ -48,8 +48,9 @@ class Fitting:
     def cost(self, problem: Linearised, theta: Array, placement: Placement, sigma: float) -> float:
         """Sum of squares, m², of the residual and of the pulls of the priors, weighted by σ, m."""
         prior = np.array([e.prior for e in self.model.effects])
+        pulls = off_mean(self.model, theta) * sigma / prior
         tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values() if problem.left is None]
-        return float(np.sum(problem.residual**2) + np.sum((theta * sigma / prior) ** 2) + np.sum(np.square(tool)))
+        return float(np.sum(problem.residual**2) + np.sum(pulls**2) + np.sum(np.square(tool)))
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def iterate(fitting: Fitting, theta: Array, placement: Placement, kept: Mask) ->
         moved = float(np.max(np.abs(problem.columns @ step), initial=0.0))
         if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
             return Fitted(placement, theta, problem, iteration, "diverged")
-        sigma = residual_sigma(problem)
+        sigma = noise_sigma(fitting.model, problem)
         before = fitting.cost(problem, theta, placement, sigma)
         for halving in range(MAX_HALVINGS + 1):
             part = step / 2**halving

@@ -11,14 +11,18 @@ TOOL_REACH = 1.0
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """Rows (B, K) and right side (B,) of the priors, θ σ / prior = 0, one a kept effect that has one; σ from the
-    residual itself."""
+    """Rows (B, K) and right side (B,) of the priors, (θ - mean) σ / prior = 0, one a kept effect that has one."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
-    sigma = residual_sigma(problem)
+    sigma = noise_sigma(model, problem)
     rows = np.zeros((len(at), problem.columns.shape[1]))
     rows[np.arange(len(at)), problem.placement + at] = sigma / prior[at]
-    return rows, -theta[at] * sigma / prior[at]
+    return rows, -off_mean(model, theta)[at] * sigma / prior[at]
+
+
+def off_mean(model: ErrorModel, theta: Array) -> Array:
+    """By how much the unknowns (E,) differ from what is believed of them."""
+    return theta - np.array([e.mean for e in model.effects])
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
@@ -37,6 +41,11 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
         rows[3 * i : 3 * i + 3, first : first + 3] = weight * frame[:3, :3]
         pull[3 * i : 3 * i + 3] = -weight * frame[:3, 3]
     return rows, pull
+
+
+def noise_sigma(model: ErrorModel, problem: Linearised) -> float:
+    """σ of one component, m, that priors are weighed by: the model's own, else that of the residual itself."""
+    return residual_sigma(problem) if model.noise is None else model.noise
 
 
 def residual_sigma(problem: Linearised) -> float:

@@ -30,7 +30,8 @@ class Uncertainty:
 
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
-    """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank)."""
+    """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank) where the model
+    does not know it."""
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
@@ -41,7 +42,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     many = columns.shape[1] >= MANY_COLUMNS
     inverse = inverse_gram(columns / scale, many)
     rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
-    sigma = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
+    left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
+    sigma = left if fitting.model.noise is None else fitting.model.noise
     covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))

@@ -24,6 +24,9 @@ from gpmodel.mechanism.source import LoadedMechanism
 @table_argument
 @mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
+@click.option(
+    "--fleet", type=click.Path(path_type=Path), metavar="FLEET", help="fleet.json of its type: what is known."
+)
 @standard_option
 @click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
 @holdout_option
@@ -32,7 +35,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @out_folder_option
 @quiet_option
 def calibrate(
-    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], standard: tuple[str, ...],
+    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None, standard: tuple[str, ...],
     condition_limit: float | None, holdout: float, in_order: bool, seed: int, folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
@@ -43,7 +46,7 @@ def calibrate(
     dataset = read_table(table, mechanism, in_order=in_order)
     result = fit(
         mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
-        command=command_line(),
+        fleet=fleet, command=command_line(),
     )  # fmt: skip
     if not quiet:
         click.echo(result.summary())

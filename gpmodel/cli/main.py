@@ -22,6 +22,7 @@ COMMANDS = {
     "check": ("check", "Judge a measured table before anything is fitted to it."),
     "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; before and after."),
     "discover": ("discover", "Find what the model is missing, name it, prove it on poses never seen."),
+    "fleet": ("fleet", "Many machines of one type: what they share, how they spread, who stands out."),
     "evolve": ("evolve", "Evolve compensators and the histogram of the inputs they refer to."),
     "predict": ("predict", "Add predicted x, y, z to a table of joint values."),
     "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),

@@ -31,7 +31,7 @@ class Effect:
     """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
 
     family: the catalogue's word for what it would be, empty for what nobody has named. prior: standard deviation
-    of the unknown around zero that is believed before measuring; infinite for none.
+    of the unknown around `mean` that is believed before measuring; infinite for none.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Effect:
     unit: str
     family: str = ""
     prior: float = math.inf
+    mean: float = 0.0
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -56,11 +56,13 @@ class ErrorModel:
     """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect.
 
     E is the twist of the effects at the slot `instrument`, whose bases may read where the instrument sees the point.
+    noise: standard deviation of one measured component, m, where it is known beforehand; None: what a fit leaves.
     Raises InputError for an effect at a slot the mechanism does not have.
     """
 
     mechanism: Mechanism
     effects: tuple[Effect, ...]
+    noise: float | None = None
 
     def __post_init__(self) -> None:
         known = places(self.mechanism)

@@ -1,7 +1,7 @@
 """What changed between two calibrations of a machine, parameter by parameter and effect by effect."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import fill
 
 import numpy as np
@@ -9,12 +9,10 @@ from scipy import stats
 
 from gpmodel import wording
 from gpmodel.errors import InputError
+from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.report.page import render
 from gpmodel.report.schema import ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
-
-SIGNIFICANCE = 0.01
-"""A change is significant below this chance, after correction for the number of changes compared (Holm 1979)."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +96,8 @@ def _changes(
         and a.value is not None and b.value is not None and a.stderr and b.stderr
     ]  # fmt: skip
     ordered = sorted(pairs, key=lambda c: -c.z)
-    out, largest = [], 0.0
-    for rank, c in enumerate(ordered):
-        single = 2 * float(stats.norm.sf(c.z))
-        largest = max(largest, min(1.0, (len(ordered) - rank) * single))
-        out.append(Change(c.name, c.unit, c.before, c.after, largest))
-    return tuple(out)
+    chances = holm(2 * stats.norm.sf([c.z for c in ordered]))
+    return tuple(replace(c, chance=float(p)) for c, p in zip(ordered, chances, strict=True))
 
 
 def verdict(found: Comparison) -> str:

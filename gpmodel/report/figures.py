@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,8 +63,13 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
     """Inline SVG of every picture the report has numbers for, by name; with `folder`, `figures/NAME.png` there too."""
+    return drawn(pictures(report), folder)
+
+
+def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
+    """The same of any pictures."""
     out: dict[str, str] = {}
-    for picture in pictures(report):
+    for picture in pictures:
         with rc_context(STYLE | {"svg.hashsalt": picture.name}):
             figure = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
             picture.draw(figure)

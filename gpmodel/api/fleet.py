@@ -1,0 +1,205 @@
+"""Many machines of one type: what they share, how they spread, who stands out, and what a prior of them is worth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel._version import __version__
+from gpmodel.api.arguments import called, file_path, listed, share, whole
+from gpmodel.api.calibrate import checked_poses, named_group, split
+from gpmodel.api.display import notebook
+from gpmodel.api.mechanism import MechanismLike, mechanism_of
+from gpmodel.api.table import TableLike
+from gpmodel.application.model_schema import TermPart
+from gpmodel.calibration.comparison import step_of
+from gpmodel.errors import InputError
+from gpmodel.files import finished_folder, write_text
+from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
+from gpmodel.hierarchy.folder import folder_of_tables
+from gpmodel.hierarchy.found import Rows, found_on_most
+from gpmodel.hierarchy.record import KIND, NAME, NOISE, SCHEMA, FleetPart, MachinePart, SharedPart, fleet_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.progress import Say, Teller, silent
+from gpmodel.report import fleet as pages
+from gpmodel.report.fitted import statistics_mm
+
+COMMAND = "gpmodel.fleet"
+Machines = Mapping[str, tuple[Mechanism, Poses]]
+
+
+@dataclass(frozen=True, repr=False)
+class FleetResult:
+    """Machines of one type calibrated together. record: the same as fleet.json has it."""
+
+    record: FleetPart
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence."""
+        return pages.verdict(self.record)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a machine and parameter, SI: serial, parameter, own value and its stderr, shrunken value and its
+        stderr, mean and spread of the type, z, chance, outlier. Of the noise the values are logarithms of metres."""
+        return pd.DataFrame(
+            [
+                {
+                    "serial": machine.serial, "parameter": part.name, "unit": part.unit,
+                    "value": part.values[k], "stderr": part.stderrs[k],
+                    "shrunken": part.shrunken[k], "shrunken_stderr": part.shrunken_stderrs[k],
+                    "mean": part.mean, "spread": part.spread, "z": part.z[k], "chance": part.chances[k],
+                    "outlier": k in part.outliers,
+                }
+                for k, machine in enumerate(self.record.machines)
+                for part in self.record.parameters
+            ]
+        )  # fmt: skip
+
+    def summary(self) -> str:
+        """Verdict, the machines with the worst first, effects and geometry of the type, what to distrust."""
+        return pages.summary(self.record)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave fleet.html, fleet.json and figures in `folder`: all or none."""
+        with finished_folder(file_path(folder, "folder")) as draft:
+            pages.write_pages(self.record, draft)
+            self.save(draft / NAME)
+
+    def save(self, file: str | Path) -> None:
+        """Write fleet.json, which `calibrate` takes as the prior of a further machine."""
+        write_text(file_path(file, "file"), fleet_text(self.record))
+
+    def __repr__(self) -> str:
+        return f"<fleet of {len(self.record.machines)} {self.record.mechanism}: {self.verdict}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary(), self.to_dataframe())
+
+
+def fleet(
+    mechanism: MechanismLike | None,
+    tables: str | Path | Mapping[str, TableLike],
+    effects: Sequence[str | Effect] | None = None,
+    *,
+    holdout: float = 0.3,
+    seed: int = 0,
+    progress: Say = silent,
+    command: str = COMMAND,
+) -> FleetResult:
+    """Calibrate machines of one type together: mean of every parameter and its spread between machines, each machine
+    by itself and with the type's prior, and which of them stands out in what.
+
+    mechanism: of all of them; None where fleet.toml in the folder says it. tables: a folder with a table for each, or
+    tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that `discover` with the
+    catalogue alone finds on more than half of the machines. holdout: share of each machine's poses by which its errors
+    are judged, 0 for none; the numbers of the type are of all poses.
+    Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
+    effect, a fit that diverges.
+    """
+    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
+    given = None if effects is None else listed(effects, "effects", "['base_compliance']")
+    called(progress, "progress")
+    say = Teller(progress)
+    machines = _machines(mechanism, tables)
+    arms = list(machines.values())
+    rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
+    named, chosen = _effects(given, arms, rows, seed, say)
+    all_effects = (*geometric_effects(arms[0][0]), *named)
+    say("every machine by its own poses, then with what it shares with the others")
+    seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(arms, rows, strict=True)]
+    judged = calibrate_fleet(seen, all_effects, seed)
+    final = judged if fraction == 0.0 else calibrate_fleet(arms, all_effects, seed)
+    for serial, *fits in zip(machines, final.own, final.shrunken, strict=True):
+        if diverged := [fit.reason for fit in fits if fit.status == "diverged"]:
+            raise InputError(f"{serial}: the fit diverged: {diverged[0]}")
+    arm = arms[0][0]
+    return FleetResult(
+        FleetPart(
+            KIND, SCHEMA, __version__, command, seed, arm.name, tuple(j.name for j in arm.joints), chosen,
+            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final),
+        )
+    )  # fmt: skip
+
+
+def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
+    """The machines by serial, their tables judged. Raises InputError as `fleet`."""
+    if not isinstance(tables, Mapping):
+        folder = folder_of_tables(file_path(tables, "tables"))
+        tables, mechanism = folder.tables, folder.mechanism if mechanism is None else mechanism
+    if mechanism is None:
+        raise InputError("is not said; expected a name or a file, here or in fleet.toml", "mechanism")
+    arm = mechanism_of(mechanism)
+    out: dict[str, tuple[Mechanism, Poses]] = {}
+    seen: dict[str, str] = {}
+    for serial, table in tables.items():
+        try:
+            out[serial] = checked_poses(arm, table)
+        except InputError as error:
+            known = error.said if Path(str(table)).name in error.said else f"{serial}: {error.said}"
+            raise InputError(known, error.argument) from None
+        digest = out[serial][1].dataset.sha256
+        if digest and digest in seen:
+            raise InputError(f"machines '{seen[digest]}' and '{serial}' have the same table; expected one for each")
+        seen[digest] = serial
+    if len(out) < 2:
+        raise InputError(f"{len(out)} machine; expected at least 2 of one type", "tables")
+    return out
+
+
+def _effects(
+    given: tuple[object, ...] | None, machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], seed: int,
+    say: Teller,
+) -> tuple[tuple[Effect, ...], str]:  # fmt: skip
+    """Effects beside the geometry, and in words where they are from."""
+    if given is None and not all(len(held) for _, held in rows):
+        raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
+    if given is not None:
+        groups = [named_group(effect, *machines[0]) for effect in given]
+        return tuple(e for _, group in groups for e in group), f"named: {', '.join(n for n, _ in groups) or 'none'}"
+    effects, counts = found_on_most(machines, rows, seed, say.say)
+    listed_counts = ", ".join(f"{name} on {count}" for name, count in counts.items()) or "nothing on any"
+    return effects, f"found on more than half of {len(machines)} machines, by the catalogue alone: {listed_counts}"
+
+
+def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, final: Fleet) -> tuple[MachinePart, ...]:
+    """The machines, their noise with all poses and their errors on those held out."""
+    out = []
+    for k, (serial, (_, poses)) in enumerate(machines.items()):
+        train, held = (poses.subset(part) for part in rows[k])
+        own, both = (step_of("", fit[k], train, held).heldout_error for fit in (judged.own, judged.shrunken))
+        out.append(
+            MachinePart(
+                serial=serial, file=poses.dataset.source, sha256=poses.dataset.sha256, poses=len(poses),
+                train=len(train), sigma_mm=1e3 * final.own[k].sigma, own_mm=statistics_mm(own).rms_mm,
+                fleet_mm=statistics_mm(both).rms_mm,
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
+    """Every effect and, last, the noise."""
+    noise = Effect(NOISE, (), "1")
+    shrunken = np.array([[*fit.theta, np.log(fit.sigma)] for fit in final.shrunken])
+    stderr = np.array([[*fit.stderr, s[-1]] for fit, s in zip(final.shrunken, final.stderr, strict=True)])
+    out = []
+    for k, (effect, of) in enumerate(zip((*final.own[0].model.effects, noise), final.shared, strict=True)):
+        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
+        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        out.append(
+            SharedPart(
+                name=effect.name, family=effect.family, unit=effect.unit, constant=effect.constant and effect != noise,
+                terms=tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in effect.terms),
+                mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
+                values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
+                shrunken=tuple(shrunken[:, k].tolist()), shrunken_stderrs=tuple(stderr[:, k].tolist()),
+                z=tuple(z.tolist()), chances=tuple(chances.tolist()), outliers=tuple(outside.tolist()),
+            )
+        )  # fmt: skip
+    return tuple(out)

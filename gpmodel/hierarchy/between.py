@@ -1,0 +1,122 @@
+"""Random effects: mean and spread of a parameter between machines, and which machine stands out of it.
+
+y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.numerics.multiple import SIGNIFICANCE, holm
+
+INTERVAL = 0.95
+"""Coverage of the interval of a spread."""
+
+FEWEST = 4
+"""Machines of which one can stand out: the others must leave their spread two degrees of freedom, with one of which
+nothing is ever improbable."""
+
+
+@dataclass(frozen=True)
+class Between:
+    """mean ± stderr of the type; spread: τ between machines, low to high its interval of INTERVAL coverage."""
+
+    mean: float
+    stderr: float
+    spread: float
+    low: float
+    high: float
+
+    @property
+    def prior(self) -> float:
+        """Standard deviation of what is believed of a machine before it is measured: √(τ² + stderr²)."""
+        return float(np.hypot(self.spread, self.stderr))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Machines among the others, (m, K): z by the others' mean and spread, chance of it anywhere in an innocent fleet,
+    and whether the machine is one of the `inside`."""
+
+    z: Array
+    chance: Array
+    inside: Mask
+
+
+def between(values: Array, variances: Array) -> Between:
+    """Of estimates (m,), m ≥ 2, and their variances (m,).
+
+    τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
+    DerSimonian and Kacker 2007); its interval where Q is a quantile of χ² with m - 1 degrees of freedom (Viechtbauer
+    2007).
+    """
+    tail = (1.0 - INTERVAL) / 2.0
+    quantiles = stats.chi2.ppf([1.0 - tail, tail], len(values) - 1)
+    low, high = (float(np.sqrt(_variance(values, variances, float(q)))) for q in quantiles)
+    return Between(*_pooled(values, variances), low, high)
+
+
+def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
+    """Mean, its standard deviation, and τ."""
+    variance = _variance(values, variances, len(values) - 1.0)
+    mean, total, _ = _weighed(values, variances + variance)
+    return mean, float(1.0 / np.sqrt(total)), float(np.sqrt(variance))
+
+
+def _weighed(values: Array, variances: Array) -> tuple[float, float, float]:
+    """Weighted mean, sum of weights, and Q."""
+    weights = 1.0 / variances
+    mean = float(weights @ values / weights.sum())
+    return mean, float(weights.sum()), float(weights @ (values - mean) ** 2)
+
+
+def _variance(values: Array, variances: Array, wanted: float) -> float:
+    """τ² at which Q is as wanted, zero where it is below that without any."""
+    if _weighed(values, variances)[2] <= wanted:
+        return 0.0
+    most = float(np.sum((values - values.mean()) ** 2) / wanted)
+    root = optimize.brentq(lambda part: _weighed(values, variances + part * most)[2] - wanted, 0.0, 1.0)
+    return float(root) * most
+
+
+def standing(values: Array, variances: Array) -> Standing:
+    """Of every machine and parameter, estimates and variances (m, K).
+
+    z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²) with μ, τ of the other machines: a deleted residual, with Student's t of
+    m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009), corrected for
+    all machines and parameters (Holm). The farthest is set outside first where its chance is below SIGNIFICANCE, so
+    that it hides no other; then all are judged anew. With fewer than FEWEST machines nothing is outside.
+    """
+    inside = np.ones(values.shape, dtype=bool)
+    z, chance = np.zeros(values.shape), np.ones(values.shape)
+    if len(values) < FEWEST:
+        return Standing(z, chance, inside)
+    stale = np.arange(values.shape[1])
+    while True:
+        for k in stale:
+            z[:, k], chance[:, k] = _deleted(values[:, k], variances[:, k], inside[:, k])
+        corrected = holm(chance)
+        open_ones = np.where(inside & (inside.sum(axis=0) >= FEWEST), corrected, np.inf)
+        i, k = np.unravel_index(int(np.argmin(open_ones)), chance.shape)
+        if open_ones[i, k] >= SIGNIFICANCE:
+            return Standing(z, corrected, inside)
+        inside[i, k] = False
+        stale = np.array([k])
+
+
+def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
+    """z of a further machine by mean and prior deviation of `machines` others, and its chance, two-sided."""
+    z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
+    return z, 2.0 * float(stats.t.sf(abs(z), machines - 1))
+
+
+def _deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
+    """Residuals (m,) and their chances, each against those inside but itself."""
+    z, chance = np.empty(len(values)), np.empty(len(values))
+    for i in range(len(values)):
+        others = inside & (np.arange(len(values)) != i)
+        mean, stderr, spread = _pooled(values[others], variances[others])
+        z[i], chance[i] = residual(values[i], variances[i], mean, float(np.hypot(spread, stderr)), int(others.sum()))
+    return z, chance

@@ -1,0 +1,166 @@
+"""fleet.json: what is known of machines of one type, with a bound for everything in it.
+
+Values are SI with their unit beside them; lengths that end in `_mm` are millimetres.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from gpmodel.application.model_reader import Sealed, read_sealed
+from gpmodel.application.model_schema import (
+    MOST_EFFECTS,
+    MOST_TERMS,
+    Deviation,
+    Finite,
+    Label,
+    Name,
+    TermPart,
+    Unit,
+    Word,
+)
+from gpmodel.errors import InputError
+from gpmodel.files import to_json
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.texts import SEAL, seal
+
+KIND, SCHEMA, NAME = "gpmodel fleet", 1, "fleet.json"
+NOISE = "noise of one coordinate"
+"""The last of the parameters: its values are logarithms of metres."""
+MOST_MACHINES = 10_000
+"""A type of which more were built is known well enough from these."""
+
+PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES)]
+
+
+class MachinePart(msgspec.Struct, frozen=True):
+    """One machine: its table, σ of one coordinate, and RMS 3-D errors on held-out poses, of its own poses alone and
+    with the prior of the type; null where none was held out."""
+
+    serial: Label
+    file: Name
+    sha256: Name
+    poses: int
+    train: int
+    sigma_mm: Deviation
+    own_mm: Deviation | None
+    fleet_mm: Deviation | None
+
+
+class SharedPart(msgspec.Struct, frozen=True):
+    """A parameter over the machines. mean ± stderr and spread (low to high, its 95 % interval) of the type; of each
+    machine its own value, the shrunken one, z of its own among the others and the chance of it anywhere in an innocent
+    fleet; outliers: numbers of the machines that stand out and are not counted. terms: empty for the noise."""
+
+    name: Label
+    family: Name
+    unit: Unit
+    constant: bool
+    terms: Annotated[tuple[TermPart, ...], msgspec.Meta(max_length=MOST_TERMS)]
+    mean: Finite
+    stderr: Deviation
+    spread: Deviation
+    low: Deviation
+    high: Deviation
+    values: PerMachine
+    stderrs: PerMachine
+    shrunken: PerMachine
+    shrunken_stderrs: PerMachine
+    z: PerMachine
+    chances: PerMachine
+    outliers: tuple[Annotated[int, msgspec.Meta(ge=0)], ...]
+
+    @property
+    def prior(self) -> float:
+        """Standard deviation of what is believed of a machine of the type."""
+        return math.hypot(self.spread, self.stderr)
+
+
+class FleetPart(msgspec.Struct, frozen=True):
+    """The whole of fleet.json but its seal. chosen: where the effects are from. left_out: what not every machine's
+    poses could tell."""
+
+    kind: str
+    schema: int
+    version: Name
+    command: str
+    seed: int
+    mechanism: Label
+    joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
+    chosen: str
+    left_out: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
+    machines: Annotated[tuple[MachinePart, ...], msgspec.Meta(min_length=2, max_length=MOST_MACHINES)]
+    parameters: Annotated[tuple[SharedPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
+
+    def __post_init__(self) -> None:
+        for part in self.parameters:
+            lists = (part.values, part.stderrs, part.shrunken, part.shrunken_stderrs, part.z, part.chances)
+            if {len(values) for values in lists} != {len(self.machines)}:
+                raise ValueError(f"expected {len(self.machines)} values, one a machine - at `$.{part.name}`")
+            if any(k >= len(self.machines) for k in part.outliers):
+                raise ValueError(f"expected numbers of machines - at `$.{part.name}.outliers`")
+        if self.parameters[-1].name != NOISE:
+            raise ValueError(f"expected '{NOISE}' last - at `$.parameters`")
+
+    @property
+    def effects(self) -> tuple[SharedPart, ...]:
+        """Every parameter but the noise."""
+        return self.parameters[:-1]
+
+    @property
+    def noise(self) -> float:
+        """σ of one component, m, of a machine of the type."""
+        return math.exp(self.parameters[-1].mean)
+
+    def outliers(self) -> list[tuple[int, SharedPart]]:
+        """Machine and parameter of all that stand out, the least probable first."""
+        found = [(k, part) for part in self.parameters for k in part.outliers]
+        return sorted(found, key=lambda one: one[1].chances[one[0]])
+
+    def worst_first(self) -> list[int]:
+        """The machines, in order of their least chance in any parameter, then of the largest |z|."""
+        return sorted(range(len(self.machines)), key=lambda k: (self.worst(k).chances[k], -abs(self.worst(k).z[k])))
+
+    def worst(self, machine: int) -> SharedPart:
+        """The parameter in which a machine is farthest from the others."""
+        return min(self.parameters, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
+
+
+FILE = Sealed(KIND, SCHEMA, FleetPart, "fleet", f"the {NAME} of gpmodel fleet")
+
+
+def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
+    """What is believed of a machine of the type before it is measured: effects with mean and prior, and the noise.
+
+    Raises InputError where the fleet is of another mechanism.
+    """
+    joints = tuple(joint.name for joint in mechanism.joints)
+    if (fleet.mechanism, fleet.joints) != (mechanism.name, joints):
+        raise InputError(
+            f"is of {fleet.mechanism} with joints {', '.join(fleet.joints)}; expected {mechanism.name} with "
+            f"{', '.join(joints)}", "fleet",
+        )  # fmt: skip
+    effects = tuple(
+        Effect(
+            part.name, tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in part.terms), part.unit,
+            part.family, part.prior, part.mean,
+        )
+        for part in fleet.effects
+    )  # fmt: skip
+    return ErrorModel(mechanism, effects, noise=fleet.noise)
+
+
+def fleet_text(fleet: FleetPart) -> str:
+    """The text of fleet.json, sealed."""
+    content = msgspec.to_builtins(fleet)
+    return to_json(content | {SEAL: seal(content)})
+
+
+def read_fleet(path: Path) -> FleetPart:
+    """The content of a fleet.json. Raises InputError as `read_sealed`."""
+    return read_sealed(path, FILE)[0]

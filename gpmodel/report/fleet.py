@@ -1,0 +1,112 @@
+"""Many machines of one type in words, as text of 80 columns and as a page: pure functions of a FleetPart."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import fill
+
+from gpmodel import wording
+from gpmodel.files import write_text
+from gpmodel.hierarchy.between import FEWEST
+from gpmodel.hierarchy.record import FleetPart, SharedPart
+from gpmodel.report.charts_fleet import in_words, pictures
+from gpmodel.report.page import render
+from gpmodel.report.picture import numbers, rms
+
+PAGE = "fleet.html"
+NAME = 25
+MOST_SAID = 3
+WELL_KNOWN = 3.0
+"""Characters of a name in a table of 80 columns; outliers and effects that the verdict names; standard deviations from
+zero from where a mean is one that spreads are shares of."""
+
+
+def verdict(fleet: FleetPart) -> str:
+    """What the machines share, what the prior of the type gains on held-out poses, and who stands out."""
+    effects = [p for p in fleet.effects if not p.constant]
+    named = "; ".join(f"{p.name} {said(p)}, spread {spread(p)}" for p in effects[:MOST_SAID])
+    more = f"; {len(effects) - MOST_SAID} more" if len(effects) > MOST_SAID else ""
+    parts = [f"{len(fleet.machines)} machines share {named}{more}" if named else f"{len(fleet.machines)} machines"]
+    own, both = (rms(numbers([getattr(m, k) for m in fleet.machines])) for k in ("own_mm", "fleet_mm"))
+    if own == own:
+        parts.append(f"{wording.length(own)} RMS on held-out poses each by itself, {wording.length(both)} together")
+    found = fleet.outliers()
+    told = "; ".join(
+        f"{fleet.machines[k].serial} in {p.name} (chance {wording.chance(p.chances[k])})" for k, p in found[:MOST_SAID]
+    )
+    rest = f" and {len(found) - MOST_SAID} more" if len(found) > MOST_SAID else ""
+    parts.append(f"stands out: {told}{rest}" if found else "no machine stands out")
+    return "; ".join(parts) + "."
+
+
+def said(part: SharedPart) -> wording.Stated:
+    """Mean ± of the type."""
+    return wording.measured(*in_words(part, part.mean, part.stderr))
+
+
+def spread(part: SharedPart) -> str:
+    """The spread between machines, in its own unit, or as a share of the mean where that is well known."""
+    if not part.terms:
+        return wording.percent(part.spread)
+    if abs(part.mean) > WELL_KNOWN * part.prior:
+        return wording.percent(part.spread / abs(part.mean))
+    return str(wording.measured(part.spread, None, part.unit))
+
+
+def summary(fleet: FleetPart) -> str:
+    """The verdict, the machines with the worst first, the effects, the geometry, what to distrust."""
+    blocks = (
+        ("Verdict", [_wrapped(verdict(fleet))]),
+        ("Machines, the farthest from the others first", list(_machines(fleet))),
+        ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
+        ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
+        ("To distrust", [_wrapped(text) for text in doubts(fleet)]),
+    )
+    return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
+
+
+def doubts(fleet: FleetPart) -> Iterator[str]:
+    """What the numbers cannot say."""
+    yield f"effects {fleet.chosen}"
+    if fleet.left_out:
+        yield f"held at zero, because not every machine's poses can tell them: {', '.join(fleet.left_out)}"
+    if len(fleet.machines) < FEWEST:
+        yield f"of fewer than {FEWEST} machines none can be said to stand out"
+
+
+def _machines(fleet: FleetPart) -> Iterator[str]:
+    yield f"    {'':14}{'':6}{'noise':>7}{'held out, mm RMS':>19}   farthest in"
+    yield f"    {'':14}{'poses':>6}{'mm':>7}{'alone':>10}{'together':>9}"
+    for k in fleet.worst_first():
+        machine, part = fleet.machines[k], fleet.worst(k)
+        values = ((machine.sigma_mm, 7), (machine.own_mm, 10), (machine.fleet_mm, 9))
+        cells = "".join(f"{wording.millimetres(value):>{width}}" for value, width in values)
+        mark = "*" if k in part.outliers else ""
+        far = f"   {wording.shortened(part.name, 20):<21}{wording.minus(f'{part.z[k]:+.1f}')}{mark}"
+        row = f"    {wording.shortened(machine.serial, 13):<14}{machine.poses:>6}{cells}"
+        yield row + (far if len(fleet.machines) >= FEWEST else "")
+
+
+def _parameters(parts: list[SharedPart]) -> Iterator[str]:
+    for part in parts:
+        value = said(part)
+        cells = f"{value.value:>10} ± {value.deviation or wording.UNKNOWN:<8}{value.unit:<11}"
+        yield f"    {wording.shortened(part.name, NAME - 1):<{NAME}}{cells} spread {spread(part)}"
+
+
+def _wrapped(text: str) -> str:
+    return fill(text, wording.WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+
+
+def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
+    """The page's text. drawings: inline SVG of the pictures by name."""
+    return render(
+        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, doubts=list(doubts(fleet)),
+        enough=len(fleet.machines) >= FEWEST, drawings=drawings, pictures=list(pictures(fleet)), in_words=in_words,
+    )  # fmt: skip
+
+
+def write_pages(fleet: FleetPart, folder: Path) -> None:
+    """Write fleet.html and figures/ in `folder`."""
+    from gpmodel.report.figures import drawn
+
+    write_text(folder / PAGE, html(fleet, drawn(pictures(fleet), folder)))

@@ -1,0 +1,40 @@
+"""Machines of one type with known mean, spread and outlier."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.planning.simulate import simulate
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.write import frame_of
+
+MECHANISM = "irb6400r"
+BASE, JOINT = "base_compliance", "joint_compliance J2"
+TRUTH = {"base compliance": 3e-7, "joint compliance, J2": 2e-7}
+SPREAD, GEOMETRY, NOISE = 0.15, 1e-4, 3e-5
+
+
+@cache
+def machines(seed: int, count: int, poses: int = 40, outlier: int | None = None) -> dict[str, Dataset]:
+    """Tables by serial. outlier: the machine whose base is three times as soft as that of the type."""
+    mechanism, rng = MechanismChoice(MECHANISM).load(), np.random.default_rng(seed)
+    out = {}
+    for k in range(count):
+        soft = 1.0 + SPREAD * rng.normal(size=2)
+        soft[0] *= 3.0 if k == outlier else 1.0
+        effects = [f"{n}={v * f}" for n, v, f in zip((BASE, JOINT), TRUTH.values(), soft, strict=True)]
+        q = random_poses(mechanism, poses, rng)
+        out[f"R-{k + 1:02d}"] = simulate(mechanism, q, effects, rng, noise=NOISE, geometry_sigma=GEOMETRY).dataset
+    return out
+
+
+def written(folder: Path, tables: dict[str, Dataset]) -> Path:
+    """The tables as files of a folder."""
+    folder.mkdir(exist_ok=True)
+    mechanism = MechanismChoice(MECHANISM).load()
+    for serial, dataset in tables.items():
+        frame_of(dataset, mechanism).to_csv(folder / f"{serial}.csv", index=False)
+    return folder

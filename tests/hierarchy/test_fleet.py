@@ -1,0 +1,117 @@
+"""Machines calibrated together: what was planted comes back, and what is believed helps a further machine."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleet_cases import BASE, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, machines, written
+
+import gpmodel as gp
+from gpmodel.api.fleet import FleetResult
+from gpmodel.hierarchy.record import NOISE as NOISE_NAME
+from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
+from gpmodel.texts import SEAL, seal
+
+COUNT = 9
+
+
+@pytest.fixture(scope="module")
+def found() -> FleetResult:
+    return gp.fleet(MECHANISM, machines(0, COUNT, outlier=3), [BASE, JOINT])
+
+
+def part(found: FleetResult, name: str) -> SharedPart:
+    return next(p for p in found.record.parameters if p.name == name)
+
+
+@pytest.mark.parametrize("name", TRUTH)
+def test_mean_and_spread_of_the_type_come_back(found: FleetResult, name: str) -> None:
+    shared = part(found, name)
+    assert abs(shared.mean - TRUTH[name]) < 3.0 * shared.stderr
+    assert shared.low <= SPREAD * TRUTH[name] <= shared.high
+    noise = part(found, NOISE_NAME)
+    assert abs(noise.mean - np.log(NOISE)) < 3.0 * noise.stderr
+
+
+def test_the_machine_that_is_no_part_of_it_is_named_and_keeps_its_own_number(found: FleetResult) -> None:
+    assert [(found.record.machines[k].serial, p.name) for k, p in found.record.outliers()] == [
+        ("R-04", "base compliance")
+    ]
+    assert found.record.worst_first()[0] == 3
+    assert "R-04 in base compliance" in found.verdict
+    shared = part(found, "base compliance")
+    assert abs(shared.shrunken[3] - shared.values[3]) < shared.stderrs[3]
+    assert not found.to_dataframe().query("serial != 'R-04'").outlier.any()
+
+
+def test_together_the_numbers_are_nearer_to_the_type_and_better_known(found: FleetResult) -> None:
+    for shared in found.record.effects:
+        inside = [k for k in range(COUNT) if k not in shared.outliers]
+        own, both = (np.array(v)[inside] for v in (shared.values, shared.shrunken))
+        assert np.std(both) <= 1.02 * np.std(own)
+        assert np.all(np.array(shared.shrunken_stderrs)[inside] < 1.05 * np.array(shared.stderrs)[inside])
+    alone, together = (np.array([getattr(m, k) for m in found.record.machines]) for k in ("own_mm", "fleet_mm"))
+    assert np.sqrt(np.mean(together**2)) < 1.02 * np.sqrt(np.mean(alone**2))
+
+
+def test_an_innocent_fleet_has_no_outlier() -> None:
+    found = gp.fleet(MECHANISM, machines(1, 6), [BASE, JOINT], holdout=0.0)
+    assert found.record.outliers() == []
+    assert found.verdict.endswith("no machine stands out.")
+    assert {m.own_mm for m in found.record.machines} == {None}
+
+
+def test_effects_are_those_found_on_most_machines() -> None:
+    found = gp.fleet(MECHANISM, machines(2, 2, poses=60), holdout=0.3)
+    assert "base compliance" in [p.name for p in found.record.effects if not p.constant]
+    assert "base compliance on 2" in found.record.chosen
+
+
+def test_a_further_machine_with_few_poses_is_known_better(found: FleetResult) -> None:
+    table = machines(50, 1)["R-01"]
+    few, later = table.subset(np.arange(10)), table.subset(np.arange(10, 40))
+    alone = gp.calibrate(MECHANISM, few, [BASE, JOINT], holdout=0.0)
+    both = gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0)
+    errors = [np.sqrt(np.mean(fit.model.misses(later) ** 2)) for fit in (alone, both)]
+    assert errors[1] < 0.5 * errors[0]
+    assert "with the prior of the fleet" in both.verdict
+    assert "do not determine the model" in both.verdict
+    assert both.record.ladder[-1].step == "the prior of the fleet"
+
+
+def test_a_further_machine_unlike_its_type_is_said_so(found: FleetResult) -> None:
+    odd = machines(4, 1, outlier=0)["R-01"]
+    told = gp.calibrate(MECHANISM, odd, fleet=found.record)
+    assert "unlike its type in base compliance." in told.verdict
+    effect = next(e for e in told.record.effects if e.name == "base compliance")
+    assert effect.value == pytest.approx(3.0 * TRUTH["base compliance"], rel=0.5)
+
+
+def test_the_file_is_read_back_and_refused_where_it_was_changed(found: FleetResult, tmp_path: Path) -> None:
+    found.save(tmp_path / "fleet.json")
+    assert read_fleet(tmp_path / "fleet.json") == found.record
+    content = json.loads((tmp_path / "fleet.json").read_text())
+    content["parameters"][0]["mean"] += 1.0
+    (tmp_path / "fleet.json").write_text(json.dumps(content))
+    with pytest.raises(gp.InputError, match="is not what was written"):
+        read_fleet(tmp_path / "fleet.json")
+    content["parameters"][0]["values"].pop()
+    content[SEAL] = seal(content)
+    (tmp_path / "fleet.json").write_text(json.dumps(content))
+    with pytest.raises(gp.InputError, match="expected 9 values"):
+        gp.calibrate(MECHANISM, machines(0, COUNT, outlier=3)["R-01"], fleet=tmp_path / "fleet.json")
+
+
+def test_the_fleet_of_another_mechanism_is_refused(found: FleetResult) -> None:
+    with pytest.raises(gp.InputError, match="fleet: is of irb6400r"):
+        prior_model(found.record, gp.load_mechanism("ur10"))
+    with pytest.raises(gp.InputError, match="effects: a fleet says"):
+        gp.calibrate(MECHANISM, machines(50, 1)["R-01"], [BASE], fleet=found.record)
+
+
+def test_the_same_numbers_from_a_folder(found: FleetResult, tmp_path: Path) -> None:
+    folder = written(tmp_path / "tables", dict(list(machines(0, COUNT, outlier=3).items())[:2]))
+    (folder / "fleet.toml").write_text(f'mechanism = "{MECHANISM}"\n[serials]\n"R-01.csv" = "first"\n')
+    of_files = gp.fleet(None, folder, [BASE])
+    assert [m.serial for m in of_files.record.machines] == ["first", "R-02"]
