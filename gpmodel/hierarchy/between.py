@@ -20,7 +20,7 @@ nothing is ever improbable."""
 
 
 @dataclass(frozen=True)
-class Between:
+class Shared:
     """mean ± stderr of the type; spread: τ between machines, low to high its interval of INTERVAL coverage."""
 
     mean: float
@@ -45,7 +45,7 @@ class Standing:
     inside: Mask
 
 
-def between(values: Array, variances: Array) -> Between:
+def between(values: Array, variances: Array) -> Shared:
     """Of estimates (m,), m ≥ 2, and their variances (m,).
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
@@ -55,7 +55,7 @@ def between(values: Array, variances: Array) -> Between:
     tail = (1.0 - INTERVAL) / 2.0
     quantiles = stats.chi2.ppf([1.0 - tail, tail], len(values) - 1)
     low, high = (float(np.sqrt(_variance(values, variances, float(q)))) for q in quantiles)
-    return Between(*_pooled(values, variances), low, high)
+    return Shared(*_pooled(values, variances), low, high)
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.checks.counting import measured_values
-from gpmodel.hierarchy.between import Between, Standing, between, standing
+from gpmodel.hierarchy.between import Shared, Standing, between, standing
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -29,7 +29,7 @@ class Fleet:
     shrunken: tuple[Calibration, ...]
     values: Array
     stderr: Array
-    shared: tuple[Between, ...]
+    shared: tuple[Shared, ...]
     standing: Standing
     left_out: tuple[str, ...]
 
@@ -62,7 +62,7 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[
     return Fleet(own, shrunken, values, stderr, shared, found, left_out)
 
 
-def believed(effects: Sequence[Effect], shared: Sequence[Between], inside: Mask) -> tuple[Effect, ...]:
+def believed(effects: Sequence[Effect], shared: Sequence[Shared], inside: Mask) -> tuple[Effect, ...]:
     """The effects with what is known of the type before a machine is measured, where it is `inside` (K,) of it."""
     return tuple(
         replace(effect, mean=of.mean, prior=of.prior) if k else effect
