@@ -10,7 +10,7 @@ from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.model.measured_torque import measured_torques
@@ -23,6 +23,12 @@ SIGNIFICANT = 3.0
 TOLD_APART = 2.0
 """Standard deviations by which two explanations must differ over all poses, or these poses cannot tell them apart."""
 
+PLAUSIBLE = 3.0
+"""Standard deviations of its prior within which a candidate's size is believed."""
+
+UNKNOWNS = 2
+"""Of a candidate at most: a curve of many imitates any constant."""
+
 VISIBLE = 0.05
 """A candidate of which the model leaves less than this share says nothing about a constant."""
 
@@ -34,6 +40,9 @@ SHOWN = 4
 MOST = 6
 """Sentences in a report."""
 
+ROW = "row"
+"""The input of what follows the rows."""
+
 
 @dataclass(frozen=True)
 class Rival:
@@ -42,7 +51,7 @@ class Rival:
     value: of the constant, in `unit`. sizes: (k,) of the candidate's effects that look the same at these poses.
     moves: (m) how far those move the measured point, RMS over the poses.
     apart: by how many standard deviations all poses together tell the two apart. poses: (p, n) joint values where they
-    differ most, and by how much, (p,) m.
+    differ most, and by how much, (p,) m; none where joint values do not determine what the candidate is of, `session`.
     """
 
     constant: str
@@ -54,6 +63,12 @@ class Rival:
     apart: float
     poses: Array
     difference: Array
+    session: tuple[str, ...]
+
+    @property
+    def plausible(self) -> bool:
+        """Whether the sizes are within what is believed of them before measuring."""
+        return all(abs(v) <= PLAUSIBLE * e.prior for v, e in zip(self.sizes, self.candidate.effects, strict=True))
 
     @property
     def amplitude(self) -> float:
@@ -61,11 +76,13 @@ class Rival:
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
-        """One sentence, with the poses that would tell the two apart where joint values alone do. kinds: of joints."""
+        """One sentence, with the poses that would tell the two apart where there are any. kinds: of joints."""
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} could equally be {self.candidate.name} of {rival}"
-        if not len(self.poses) or self.difference.max() < ident.NEGLIGIBLE:
-            return f"{said}; joint values alone do not tell them apart"
+        if self.session:
+            return f"{said}; the same poses with another {' and '.join(self.session)} would tell them apart"
+        if self.difference.max() < ident.NEGLIGIBLE:
+            return f"{said}; no joint values tell them apart"
         factor = np.array([180.0 / np.pi if kind == "revolute" else 1e3 for kind in kinds])
         unit = " and ".join(u for kind, u in (("revolute", "deg"), ("prismatic", "mm")) if kind in kinds)
         at = "; ".join(", ".join(f"{v:.0f}" for v in factor * row) for row in self.poses)
@@ -111,30 +128,31 @@ def rivals_of_constants(
     for k, candidate, sizes, apart in found:
         told = _telling(here, fresh, candidate, k, sizes)
         effect, moves = model.effects[k], float(np.linalg.norm(here.of(candidate) @ sizes)) / np.sqrt(len(poses))
-        rivals.append(Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *told))
+        session = _session(poses, model.mechanism, candidate)
+        rivals.append(Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *told, session))
     return tuple(sorted(rivals, key=lambda rival: rival.apart))
 
 
 def rivals_in_words(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
     """What each significant constant could equally be, at most MOST sentences; none where nothing could.
 
-    Of the catalogue's shapes of one or two unknowns over what the joint values determine: for every constant the
-    one that moves the point least and that some poses would tell from it. Curves of many unknowns imitate any constant.
+    Of all that the catalogue has of at most UNKNOWNS unknowns: for every constant the plausible one that moves the
+    point least and that other measurements would tell from it; what nothing would is but another name for it. What
+    follows the rows is left out, hundreds of candidates: a constant is there from the first row to the last.
     """
-    joints, determined = calibration.model.mechanism.joints, _determined(poses, calibration.model.mechanism)
-    pool = [
-        c
-        for c in catalogue.candidates(calibration.model.mechanism, poses.states)
-        if not c.has_priors and {i for e in c.effects for i in e.inputs} <= determined
+    mechanism = calibration.model.mechanism
+    offered = catalogue.candidates(mechanism, poses.states)
+    pool = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
+    found = [
+        rival
+        for rival in rivals_of_constants(calibration, poses, pool)
+        if rival.plausible and (rival.session or rival.difference.max() > calibration.sigma)
     ]
+    found.sort(key=lambda rival: rival.moves)
     best: dict[str, Rival] = {}
-    for rival in rivals_of_constants(calibration, poses, pool):
-        known = best.get(rival.constant)
-        told = rival.difference.max(initial=0.0) > calibration.sigma
-        if told and (known is None or rival.moves < known.moves):
-            best[rival.constant] = rival
-    small = sorted(best.values(), key=lambda rival: rival.moves)[:MOST]
-    return tuple(rival.words([joint.kind for joint in joints]) for rival in small)
+    for rival in found:
+        best.setdefault(rival.constant, rival)
+    return tuple(rival.words([joint.kind for joint in mechanism.joints]) for rival in list(best.values())[:MOST])
 
 
 @dataclass(frozen=True)
@@ -179,11 +197,15 @@ class _Columns:
         return problem.weigh(effect_columns(candidate.effects, self.calibration.model, problem.poses, problem.observed))
 
 
-def _determined(poses: Poses, mechanism: Mechanism) -> set[str]:
-    """Inputs that joint values determine: themselves, the nominal point, and the loads but where they were measured."""
+def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:
+    """What of a candidate joint values do not determine: the instrument itself, or inputs other than joint values, the
+    point, and loads that were not measured."""
+    if any(INSTRUMENT in effect.slots for effect in candidate.effects):
+        return (INSTRUMENT,)
     loads = set(mechanism.loads(poses.dataset.q[:1], poses.dataset.payload[:1]))
-    seen = {f"torque_{joint}" for joint in measured_torques(mechanism, poses.dataset)}
-    return {joint.name for joint in mechanism.joints} | {"x", "y", "z"} | loads - seen
+    loads -= {f"torque_{joint}" for joint in measured_torques(mechanism, poses.dataset)}
+    known, weights = {joint.name for joint in mechanism.joints} | {"x", "y", "z"} | loads, poses.states.weights
+    return tuple(n for n in candidate.inputs if n not in known and not (weights and weights.column(n) is not None))
 
 
 def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
@@ -200,8 +222,7 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
 def _telling(here: _Columns, fresh: _Columns, candidate: Candidate, k: int, sizes: Array) -> tuple[Array, Array]:
     """Joint values (p, n) at which the two explanations differ most, and by how much (p,), m."""
     mechanism = fresh.calibration.model.mechanism
-    inputs = {name for effect in candidate.effects for name in effect.inputs}
-    if not inputs <= _determined(fresh.problem.poses, mechanism):
+    if _session(fresh.problem.poses, mechanism, candidate):
         return np.zeros((0, len(mechanism.joints))), np.zeros(0)
     value = here.calibration.theta[k]
     differ = value * here.columns[:, here.first + k] - here.of(candidate) @ sizes

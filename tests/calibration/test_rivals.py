@@ -1,5 +1,7 @@
 """What the standard model hides: a constant that something else could be, at these poses and not at others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from spherical_cases import JOINT, OFFSETS
@@ -8,7 +10,7 @@ import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.rivals import MOST, TOLD_APART, rivals_in_words, rivals_of_constants
+from gpmodel.calibration.rivals import MOST, PLAUSIBLE, ROW, TOLD_APART, UNKNOWNS, rivals_in_words, rivals_of_constants
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism
@@ -82,6 +84,42 @@ def measured_arm(share: float, extra: np.ndarray | None = None) -> tuple[Calibra
     q = q if extra is None else np.vstack([q, extra])
     poses = prepare(arm, simulate(arm, q, (), np.random.default_rng(1), noise=3e-5, geometry_sigma=3e-4).dataset)
     return calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, arm
+
+
+def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_degrees() -> None:
+    """Of all families but curves and what follows the rows: other poses, another temperature or instrument, nothing."""
+    fit, poses, arm = measured_arm(0.2)
+    warm = np.random.default_rng(2).uniform(29.9, 30.1, len(poses))
+    data = replace(poses.dataset, extras={"temperature": warm}, extra_units={"temperature": "degC"})
+    poses = prepare(arm, data)
+    few = [c for c in catalogue.candidates(arm, poses.states) if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
+    assert {"instrument_range", "unknown_masses", "joint_bending", "thermal_zero"} <= {c.family for c in few}
+    ends = {
+        "told": "would tell them apart best: ",
+        "warm": "with another temperature would",
+        "never": "no joint values tell",
+    }
+    seen = dict.fromkeys(ends, 0)
+    for rival in rivals_of_constants(fit, poses, few):
+        way = "warm" if rival.session else "told" if rival.difference.max() > 1e-9 else "never"
+        assert ends[way] in rival.words(["revolute"] * 6)
+        seen[way] += 1
+    assert min(seen.values()) >= 1
+    growth = next(r for r in rivals_of_constants(fit, poses, few) if r.session)
+    assert growth.candidate.family == "thermal_growth"
+    assert growth.amplitude * 30.0 * 1.175 == pytest.approx(abs(growth.value), rel=0.05)
+
+
+def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to_be_believed() -> None:
+    """A scale does at all joint values what the length of one link does, the others' being fitted too."""
+    fit, poses, arm = measured_arm(1.0)
+    scales = [c for c in catalogue.candidates(arm, poses.states) if c.name == "range scale of the instrument"]
+    rival = next(r for r in rivals_of_constants(fit, poses, scales) if r.apart < 0.1)
+    assert rival.words(["revolute"] * 6).endswith("with another instrument would tell them apart")
+    prior = scales[0].effects[0].prior
+    believed, not_believed = (replace(rival, sizes=np.array([PLAUSIBLE * prior * share])) for share in (0.9, 1.1))
+    assert believed.plausible
+    assert not not_believed.plausible
 
 
 def eccentricities(arm: Mechanism, poses: Poses) -> list[Candidate]:
