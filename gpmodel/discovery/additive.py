@@ -13,6 +13,7 @@ from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_validation import better_by, cross_validated
 from gpmodel.discovery.detail import detailed
+from gpmodel.discovery.refinement import refined_fit
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
@@ -117,13 +118,18 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
     """Of every curve that was chosen: the law that saves most, where it predicts as well within one standard error.
 
     It has to save as much as a curve that only follows its input, but for the price of a name, and more than one that
-    a family of the catalogue explains, by the head start of named effects.
+    a family of the catalogue explains, by the head start of named effects. Curves with constants inside are refined
+    instead.
 
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
     criteria = choice.criteria
     candidates = [as_candidate(kept) for kept in chosen.kept]
-    curves = [c for c, k in zip(candidates, chosen.kept, strict=True) if PLAIN < k.determined <= MOST_DETERMINED]
+    curves = [
+        c
+        for c, k in zip(candidates, chosen.kept, strict=True)
+        if PLAIN < k.determined <= MOST_DETERMINED and c.inner is None
+    ]
     if not curves:
         return {}
     left = choice.residual(choice.fit(candidates, choice.standard))
@@ -143,7 +149,8 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in chosen.kept}
-    candidates, calibration = _in_detail(choice, {name: as_candidate(k) for name, k in kept.items()})
+    offered = _in_detail(choice, {name: as_candidate(k) for name, k in kept.items()})
+    candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)
     judged: dict[str, Hypothesis] = {}
     while True:
         left = choice.residual(calibration)
@@ -175,7 +182,7 @@ def as_candidate(kept: Kept) -> Candidate:
     group = kept.group
     plain = len(group.effects) <= PLAIN
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
-    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation)
+    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, group.inner)
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:

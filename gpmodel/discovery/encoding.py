@@ -14,7 +14,8 @@ from gpmodel.discovery.score import Score
 from gpmodel.evolution.chance import Chance
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.pareto import Solution
-from gpmodel.families.candidate import Candidate, Inner
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import Constant, Inner
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.program import Node, Program
 from gpmodel.model.effect import Effect, Term
@@ -30,6 +31,7 @@ _TYPES = {
         Chance,
         Candidate,
         Inner,
+        Constant,
         Effect,
         Term,
         Expression,

@@ -1,13 +1,14 @@
 """Constants inside a law as unknowns of the last fit: what a change of one does is a column like any other."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import Constant
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.states import States
@@ -21,24 +22,36 @@ OWN = 0.05
 MOST = 0.3
 """How much of itself over the poses a law is believed to be changed by: beyond that its column does not say how."""
 
-FITTED = ("", "transmission_ripple", "cyclic_error", "warm_up", "settling")
-"""Families whose bases have a constant that was chosen from many; what nobody named has nothing else."""
+FITTED = ("", "transmission_ripple", "cyclic_error")
+"""Families whose written constants were chosen from many; what nobody named has nothing else."""
 
 HARMONICS = 12
 """Whole numbers up to this are how often per turn, not constants that were fitted."""
 
 
 @dataclass(frozen=True)
+class InnerChange:
+    """A constant inside a law, and what a unit change of it does."""
+
+    constant: Constant
+    effect: Effect
+
+
+@dataclass(frozen=True)
 class _Moved:
     """A constant and the bases (E, terms) of a candidate's effects where it is smaller and larger by half a step."""
 
-    value: float
+    constant: Constant
     below: tuple[tuple[str, ...], ...]
     above: tuple[tuple[str, ...], ...]
-    step: float
+
+    @property
+    def step(self) -> float:
+        """Between the two."""
+        return STEP * abs(self.constant.value)
 
 
-def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tuple[Effect, ...]:
+def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tuple[InnerChange, ...]:
     """The change of each constant inside a law, as an effect whose unknown is that change: θ ∂φ/∂c.
 
     With them in the model the deviations of the law's coefficient and of what it predicts are those of a nonlinear
@@ -49,7 +62,7 @@ def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tup
     theta = [values[e.name] for e in candidate.effects]
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
-    out: list[Effect] = []
+    out: list[InnerChange] = []
     for moved in _moved(candidate):
         effect = _change(candidate, theta, moved)
         column = _shape([effect], [1.0], states)
@@ -60,30 +73,48 @@ def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tup
             continue
         taken.append(column)
         prior = MOST * float(np.sqrt(np.mean(law**2))) / size
-        out.append(Effect(effect.name, effect.terms, effect.unit, effect.family, prior))
+        out.append(InnerChange(moved.constant, replace(effect, prior=prior)))
     return tuple(out)
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
     """Each distinct constant of the candidate's bases; one that several of them share moves in all of them."""
-    if candidate.family not in FITTED or candidate.has_priors:
+    inner = candidate.inner
+    if candidate.has_priors:
+        return
+    if inner is not None and any(c.step > 0 for c in inner.constants):
+        for k, constant in enumerate(inner.constants):
+            if not constant.whole:
+                below, above = (_texts(inner.at(_put(inner.values, k, v)).effects) for v in _beside(constant.value))
+                yield _Moved(constant, below, above)
+        return
+    if candidate.family not in FITTED:
         return
     texts = _texts(candidate.effects)
     programs = [Expression(text).program for own in texts for text in own]
     for value in dict.fromkeys(c for program in programs for c in program.constants):
-        if value == round(value) and abs(value) <= HARMONICS:
-            continue
-        step = STEP * abs(value)
-        below, above = (
-            tuple(tuple(_with(text, value, value + side * step / 2) for text in own) for own in texts)
-            for side in (-1, 1)
-        )
-        yield _Moved(value, below, above, step)
+        if value != round(value) or abs(value) > HARMONICS:
+            below, above = (_with(texts, value, v) for v in _beside(value))
+            yield _Moved(Constant("", "1", value), below, above)
 
 
-def _with(text: str, value: float, new: float) -> str:
-    program = Expression(text).program
-    return program.with_constants([new if c == value else c for c in program.constants]).written_out()
+def _beside(value: float) -> tuple[float, float]:
+    """Half a step to either side of a constant."""
+    step = STEP * abs(value)
+    return value - step / 2, value + step / 2
+
+
+def _put(values: Sequence[float], k: int, value: float) -> list[float]:
+    return [value if i == k else v for i, v in enumerate(values)]
+
+
+def _with(texts: tuple[tuple[str, ...], ...], value: float, new: float) -> tuple[tuple[str, ...], ...]:
+    """Bases with a constant replaced wherever it is."""
+    programs = [[Expression(text).program for text in own] for own in texts]
+    return tuple(
+        tuple(p.with_constants([new if c == value else c for c in p.constants]).written_out() for p in own)
+        for own in programs
+    )
 
 
 def _texts(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
@@ -98,7 +129,8 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
             if low != high:
                 basis = Expression(f"(({high}) - ({low}))*{1.0 / moved.step:.10g}")
                 terms.append(Term(term.slot, term.axis, basis, term.weight * value))
-    return Effect(f"{candidate.name}, change of {moved.value:.5g}", tuple(terms), "1", candidate.family)
+    of = f"{moved.constant.name} {moved.constant.value:.5g}".strip()
+    return Effect(f"{candidate.name}, change of {of}", tuple(terms), "1", candidate.family)
 
 
 def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:

@@ -18,6 +18,7 @@ from gpmodel.discovery.confirmation import confirmation
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_fitting import cross_fitted
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
+from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
@@ -85,13 +86,14 @@ def discover(
     calibration, stopped = _climbed(loop, standard_fit, calibration)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
-    found = loop.with_inner_constants(loop.refitted(calibration))
+    last = final_fit(loop, calibration)
     doubt = None
     if loop.findings:
         doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)
-    final = found if doubt is None or doubt.confirmed else loop.refitted(standard_fit)
+    confirmed = doubt is None or doubt.confirmed
+    final = last.calibration if confirmed else loop.to_all(standard_fit.model, standard_fit)
     return Discovery(
-        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), found, final,
+        mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), last, final,
         doubt, loop.standard, time.monotonic() - started, stopped,
     )  # fmt: skip
 

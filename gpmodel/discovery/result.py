@@ -46,11 +46,33 @@ class Round:
 
 
 @dataclass(frozen=True)
+class Known:
+    """A constant inside a finding, as all poses have it: value ± stderr, or for the row of an event the first and last
+    that may be it, at 95 %. name: what it is, empty for one of an evolved law."""
+
+    name: str
+    unit: str
+    value: float
+    stderr: float | None = None
+    low: int | None = None
+    high: int | None = None
+
+
+@dataclass(frozen=True)
+class FinalFit:
+    """The fit to all poses; the findings as they are in it, and the constants inside each, in their order."""
+
+    calibration: Calibration
+    candidates: tuple[Candidate, ...]
+    constants: tuple[tuple[Known, ...], ...]
+
+
+@dataclass(frozen=True)
 class Discovery:
     """Everything the loop found, in order.
 
-    found: the model with all findings, fitted to all poses. confirmation: of it on the held-out poses, None without
-    findings. final: the model to ship, `found` where it is confirmed, else the standard model, fitted to all poses.
+    fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
+    final: the model to ship, that of `fitted` where it is confirmed, else the standard model, fitted to all poses.
     """
 
     mechanism: Mechanism
@@ -60,12 +82,17 @@ class Discovery:
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
     rounds: tuple[Round, ...]
-    found: Calibration
+    fitted: FinalFit
     final: Calibration
     confirmation: Confirmation | None
     standard_model: tuple[Effect, ...]
     seconds: float
     stopped: str
+
+    @property
+    def found(self) -> Calibration:
+        """The model with all findings, fitted to all poses."""
+        return self.fitted.calibration
 
     @property
     def confirmed(self) -> bool:

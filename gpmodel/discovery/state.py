@@ -10,7 +10,6 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.inner_constants import inner_changes
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Search
@@ -85,17 +84,9 @@ class State:
         again = without_outlier_marks(start) if start else None
         return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
 
-    def refitted(self, fit: Calibration) -> Calibration:
-        """The same model fitted to all poses, with the condition limit that the training poses chose."""
-        return calibrate(fit.model, self.poses, condition_limit=fit.condition_limit, start=fit, seed=self.seed)
-
-    def with_inner_constants(self, fit: Calibration) -> Calibration:
-        """A fit to all poses with the changes of its laws' inner constants as further unknowns."""
-        changes = [e for c in self.found for e in inner_changes(c, fit, self.poses.states)]
-        if not changes:
-            return fit
-        model = ErrorModel(self.mechanism, (*fit.model.effects, *changes))
-        return calibrate(model, self.poses, condition_limit=fit.condition_limit, start=fit, seed=self.seed)
+    def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
+        """A model fitted to all poses, with the condition limit that the training poses chose."""
+        return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=self.seed)
 
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""

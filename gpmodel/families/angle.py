@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
 from gpmodel.families.comb import Comb, comb
-from gpmodel.families.inner import CONSTANT
+from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
@@ -56,9 +56,9 @@ def ripple_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
     """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
     for j in revolute(mechanism):
         travel = float(np.ptp(states[j.name]))
-        name = f"transmission ripple, {CONSTANT} per turn, {j.name}"
+        name = f"transmission ripple, {symbol()} per turn, {j.name}"
         lowest = max(3.0, 4 * np.pi / travel) if travel > 0 else np.inf
-        wave = pair(name, j, f"{CONSTANT}*{j.name}", "transmission_ripple", 4.0)
+        wave = pair(name, j, f"{symbol()}*{j.name}", "transmission_ripple", 4.0)
         found = comb(wave, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate)
         if found is not None:
             yield found

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.families.candidate import Candidate, pair
 from gpmodel.families.comb import Comb, comb
-from gpmodel.families.inner import CONSTANT
+from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, drive_effect, effect_at
@@ -89,8 +89,8 @@ def cyclic_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
     """A wave of positioning of any period from SHORTEST to a third of the travel: screws, racks, scales."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
-        argument = f"{2e3 * np.pi:.8g}/{CONSTANT}*({j.name} - {start:.6g})"
-        wave = pair(f"cyclic error, every {CONSTANT} mm, {j.name}", j, argument, "cyclic_error", 4.0, LENGTH)
+        argument = f"{2e3 * np.pi:.8g}/{symbol()}*({j.name} - {start:.6g})"
+        wave = pair(f"cyclic error, every {symbol()} mm, {j.name}", j, argument, "cyclic_error", 4.0, LENGTH)
         span = (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST)
         found = comb(wave, j, (start, travel), span, lambda rate: 2e3 * np.pi / rate)
         if found is not None:

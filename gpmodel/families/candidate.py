@@ -1,12 +1,13 @@
 """A candidate: one thing that the model may be missing, and the shapes that many of them share."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.families.inner import Inner
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
@@ -19,24 +20,12 @@ Kind = Literal["single", "harmonic", "vector", "curve"]
 
 
 @dataclass(frozen=True)
-class Inner:
-    """A constant inside the bases that the linear solve cannot reach.
-
-    name, template: the candidate's name and effects with CONSTANT in its place (see gpmodel.families.inner).
-    """
-
-    name: str
-    template: tuple[Effect, ...]
-    value: float
-
-
-@dataclass(frozen=True)
 class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.
 
     family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
     of how many alternatives it was chosen from. found_by: catalogue or evolved. explanation: what it would be
-    physically and who says so, as its family has it. inner: the constant inside its bases, if there is one.
+    physically and who says so, as its family has it. inner: the constants inside its bases, if there are any.
     """
 
     name: str
@@ -46,6 +35,11 @@ class Candidate:
     found_by: str = "catalogue"
     explanation: str = ""
     inner: Inner | None = None
+
+    def at(self, inner: Inner) -> "Candidate":
+        """The same with other constants inside, its unknowns free of priors."""
+        effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
+        return replace(self, name=inner.said, effects=effects, inner=inner)
 
     @property
     def has_priors(self) -> bool:
@@ -110,6 +104,11 @@ class Candidate:
                 total = theta @ shapes
                 size = float(np.sqrt(np.mean(total**2)))
                 return size, shapes @ total / (len(total) * size) if size else np.zeros(len(theta))
+
+
+def inside(inner: Inner, family: str, cost: float) -> Candidate:
+    """A candidate with constants inside its bases."""
+    return Candidate(inner.said, inner.effects, family, cost, inner=inner)
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

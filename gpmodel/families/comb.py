@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.families.candidate import Candidate, Inner
-from gpmodel.families.inner import at
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import Constant, Inner
 from gpmodel.mechanism.protocol import Joint
 
 CLOSER = 4
@@ -19,8 +19,8 @@ best one loses 5 % at most, (1 - sinc²(1/8))."""
 class Comb:
     """sin and cos of rate · (q - start) on the drive of a joint, at every rate of a range.
 
-    template: the candidate with CONSTANT in the place of what its name tells the rate by. rates: (F,) rad of the
-    argument per rad or metre of the joint's coordinate, equally spaced. value: what stands for CONSTANT at a rate,
+    template: the candidate with a symbol in the place of what its name tells the rate by. rates: (F,) rad of the
+    argument per rad or metre of the joint's coordinate, equally spaced. value: what stands for the symbol at a rate,
     and the rate of that.
     Its cost is that of a named effect and the log of how many of the rates the poses can tell apart.
     """
@@ -39,7 +39,8 @@ class Comb:
     def at(self, rate: float, digits: int = 6) -> Candidate:
         """The candidate at a rate, its constant to so many digits."""
         value = float(f"{self.value(rate):.{digits}g}")
-        return at(replace(self.template, inner=Inner(self.template.name, self.template.effects, value)), value)
+        inner = Inner(self.template.name, self.template.effects, (Constant("rate", "1", value),))
+        return replace(self.template, name=inner.said, effects=inner.effects, inner=inner)
 
 
 def comb(
@@ -49,7 +50,7 @@ def comb(
     span: tuple[float, float],
     value: Callable[[float], float],
 ) -> Comb | None:
-    """The comb of a wave written with CONSTANT, over rates from span[0] to span[1], rad per rad or metre.
+    """The comb of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
     travel: where the joint's coordinate starts, and its range. None where its poses cannot tell two rates apart.
     """

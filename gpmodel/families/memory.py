@@ -8,13 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, across, loaded, one, revolute
-from gpmodel.families.inner import CONSTANT, geometric, on_grid
+from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
+from gpmodel.families.inner import Constant, Inner, geometric, symbol
 from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
-from gpmodel.model.effect import drive_effect, effect_at
-from gpmodel.model.memory import temperatures, word
+from gpmodel.model.effect import Effect, drive_effect, effect_at
+from gpmodel.model.memory import temperatures
 from gpmodel.model.states import States
 
 PLAY = 1e-4
@@ -69,15 +69,16 @@ def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             if span > 0:
                 over = "its angle" if column == j.name else "its torque"
                 name = f"hysteresis over {over}, {j.name}"
-                widths = [float(f"{share * span:.4g}") for share in WIDTHS]
+                unit, widths = states.unit(column), [float(f"{share * span:.4g}") for share in WIDTHS]
+                constants = tuple(Constant("half-width", unit, w, 0.5 * w, number=k) for k, w in enumerate(widths))
                 effects = tuple(
                     drive_effect(
-                        f"{name}, within {width:g}", j, Expression(f"stop_{column}_{word(width)}/{width:.4g}"),
+                        f"{name}, within {c.symbol}", j, Expression(f"stop_{column}_{c.symbol}/{c.symbol}"),
                         family="hysteresis", prior=_play(j),
                     )
-                    for width in widths
+                    for c in constants
                 )  # fmt: skip
-                yield Candidate(name, effects, "hysteresis", 5.0)
+                yield inside(Inner(name, effects, constants), "hysteresis", 5.0)
 
 
 def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -90,26 +91,30 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for column in temperatures(states.units):
         if column.startswith("lag_") or not session * np.ptp(states.past.columns[column]) > 0:
             continue
-        grid = geometric(max(session / 100, 2 * session / len(times)), session, LAGS)
-        where = f"({column}, lag of {CONSTANT} {unit})"
-        for template in _following(mechanism, f"lag_{column}_{CONSTANT}", where, states.units[column]):
-            yield from on_grid(template, grid)
+        lags = tuple(geometric("lag", unit, (max(session / 100, 2 * session / len(times)), session), LAGS))
+        where = f"({column}, lag of {symbol()} {unit})"
+        for name, effects, cost in _following(mechanism, f"lag_{column}_{symbol()}", where, states.units[column]):
+            for lag in lags:
+                yield inside(Inner(name, effects, (lag,)), "lagged_growth", cost)
 
 
-def _following(mechanism: Mechanism, column: str, where: str, kelvin: str) -> Iterator[Candidate]:
-    """What may follow a temperature: all links, each link, the tilt of the base and of each axis, each zero."""
+def _following(
+    mechanism: Mechanism, column: str, where: str, kelvin: str
+) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
+    """What may follow a temperature, and its cost: all links, each link, the tilt of the base and of each axis, each
+    zero."""
     family, basis, cost = "lagged_growth", Expression(column), 4.0 + float(np.log(LAGS))
     name = f"growth of the arm {where}"
-    yield one(name, arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION), cost)
+    yield name, (arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION),), cost
     name = f"growth of the link before {{slot}} {where}"
     for effect in link_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION):
-        yield one(effect.name, effect, cost + 1.0)
+        yield effect.name, (effect,), cost + 1.0
     tilting = [("the base", "base", ("x", "y"))]
     tilting += [(j.name, f"{j.name}.moving", across(j)) for j in revolute(mechanism)]
     for what, slot, axes in tilting:
         name = f"tilt of {what} {where}"
         effects = tuple(effect_at(f"{name}, R{a}", slot, f"R{a}", basis, f"rad/{kelvin}", family, TILT) for a in axes)
-        yield Candidate(name, effects, family, cost + 1.0)
+        yield name, effects, cost + 1.0
     for j in revolute(mechanism):
         name = f"drift of the zero of {j.name} {where}"
-        yield one(name, drive_effect(name, j, basis, f"rad/{kelvin}", family, ZERO), cost + 1.0)
+        yield name, (drive_effect(name, j, basis, f"rad/{kelvin}", family, ZERO),), cost + 1.0

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, one, revolute
+from gpmodel.families.candidate import Candidate, inside, one, revolute
+from gpmodel.families.inner import Constant, Inner, symbol
 from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
@@ -34,12 +35,13 @@ def _steps(states: States) -> list[int]:
 def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
     """A step after a row, along each axis and along all of them together."""
     rows = _steps(states)
+    name, basis = f"{what} after row {symbol()}", Expression(f"step(row - {symbol()})")
+    effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
     for row in rows:
-        name, basis = f"{what} after row {row}", Expression(f"step(row - {row}.5)")
-        effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
-        yield Candidate(name, effects, family, 3.0 + np.log(len(rows)))
+        last = (Constant("last row before it", "row", row, 1.0, whole=True),)
+        yield inside(Inner(name, effects, last), family, 3.0 + np.log(len(rows)))
         for effect in effects:
-            yield one(effect.name, effect, 3.0 + np.log(len(axes) * len(rows)))
+            yield inside(Inner(effect.name, (effect,), last), family, 3.0 + np.log(len(axes) * len(rows)))
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -82,43 +84,43 @@ def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
-def _clock(states: States) -> tuple[str, float, float]:
-    """The column the session runs along, its first value and its span: times that order the rows, else the row."""
+def _clock(states: States) -> tuple[str, float, float, str]:
+    """The column the session runs along, its first value, span and unit: times that order the rows, else the row."""
     name = states.past.clock if states.past else "row"
     values = states.past.columns[name] if states.past else states[name]
-    return name, float(np.min(values, initial=np.inf)), float(np.ptp(values)) or 1.0
+    unit = "rows" if name == "row" else states.units[name]
+    return name, float(np.min(values, initial=np.inf)), float(np.ptp(values)) or 1.0, unit
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
-    clock, start, span = _clock(states)
+    clock, start, span, unit = _clock(states)
     since = clock if clock == "row" else f"({clock} - {start:.6g})"
-    for share in (0.05, 0.1, 0.2, 0.4):
-        basis = Expression(f"exp(-{since}/{share * span:.4g})")
-        for j in mechanism.joints:
-            name = f"warm-up of the zero, {j.name}"
-            yield one(name, drive_effect(name, j, basis, family="warm_up"), 7.0)
-        for axis in AXES:
-            name = f"warm-up of the set-up, {axis}"
-            yield one(name, effect_at(name, "base", axis, basis, family="warm_up"), 7.0)
-        name = "warm-up of the link before {slot}"
-        for effect in link_growth(name, mechanism, basis, "1", "warm_up"):
-            yield one(effect.name, effect, 7.0)
+    basis = Expression(f"exp(-{since}/{symbol()})")
+    zeros = [drive_effect(f"warm-up of the zero, {j.name}", j, basis, family="warm_up") for j in mechanism.joints]
+    places = [effect_at(f"warm-up of the set-up, {axis}", "base", axis, basis, family="warm_up") for axis in AXES]
+    links = link_growth("warm-up of the link before {slot}", mechanism, basis, "1", "warm_up")
+    for effect in (*zeros, *places, *links):
+        for share in (0.05, 0.1, 0.2, 0.4):
+            tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span)
+            yield inside(Inner(effect.name, (effect,), (tau,)), "warm_up", 7.0)
 
 
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """1 - exp(-t/tau) with t the time since an event, at each of a dozen moments."""
-    clock, start, span = _clock(states)
+    clock, start, span, unit = _clock(states)
     if states.past is None:
         return
-    moments = [float(f"{start + span * k / (EVENTS + 1):.4g}") for k in range(1, EVENTS + 1)]
-    for moment in moments:
-        since = f"max({clock} - {moment:g}, 0)"
+    basis = Expression(f"1 - exp(-max({clock} - {symbol(0)}, 0)/{symbol(1)})")
+    after = f"after {clock} {symbol(0)} within {symbol(1)}"
+    pause = span / (EVENTS + 1)
+    for k in range(1, EVENTS + 1):
+        moment = Constant("moment of the event", unit, float(f"{start + k * pause:.4g}"), pause)
         for share in (0.05, 0.15, 0.45):
-            basis = Expression(f"1 - exp(-{since}/{share * span:.3g})")
-            after = f"after {clock} {moment:g} within {share * span:.3g}"
+            tau = Constant("time constant", unit, float(f"{share * span:.3g}"), share * span, number=1)
             for effect in _settling(mechanism, basis, after):
-                yield one(effect.name, effect, float(np.log(3 * EVENTS)) + 4.0)
+                inner = Inner(effect.name, (effect,), (moment, tau))
+                yield inside(inner, "settling", float(np.log(3 * EVENTS)) + 4.0)
 
 
 def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[Effect]:

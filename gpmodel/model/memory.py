@@ -29,9 +29,9 @@ FEWEST_ROWS = 10
 """Rows from which a column of times that never falls says that the rows are in order: by chance once in 10! tables."""
 
 
-def word(value: float) -> str:
-    """A positive constant as the end of a name: 0.0123 as `0p0123`, to four digits."""
-    return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace(".", "p")
+def word(value: float, digits: int = 4) -> str:
+    """A positive constant as the end of a name: 0.0123 as `0p0123`."""
+    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-").replace(".", "p")
 
 
 def read_by(name: str) -> tuple[str, ...]:

@@ -115,6 +115,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield f"chance of its score on shuffled residuals: {wording.chance(effect.p_value, effect.shuffles)}"
     if pointed := words.beforehand(report, effect):
         yield f"the histogram of referenced inputs {pointed}"
+    yield from words.constants(effect)
     for r in effect.ranges:
         unit = f" {wording.pretty_unit(r.unit)}".rstrip()
         yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")

@@ -20,6 +20,7 @@ from gpmodel.report.schema import ConfirmationRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
+    ConstantRecord,
     EffectRecord,
     RivalRecord,
     RoundRecord,
@@ -61,7 +62,7 @@ def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:
 
 def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:
     finding, final, states = discovery.findings[i], discovery.found, discovery.poses.states
-    candidate, hypothesis = finding.candidate, finding.hypothesis
+    candidate, hypothesis = discovery.fitted.candidates[i], finding.hypothesis
     number = quantity(final, candidate, states)
     first = candidate.place
     inputs = candidate.inputs
@@ -102,6 +103,9 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         tool_rms_mm=moved.rms_mm,
         tool_max_mm=moved.max_mm,
         ranges=ranges(states, inputs, names),
+        constants=tuple(
+            ConstantRecord(k.name, k.unit, k.value, k.stderr, k.low, k.high) for k in discovery.fitted.constants[i]
+        ),
     )
 
 

@@ -64,6 +64,19 @@ class TestRecord:
 
 
 @dataclass(frozen=True)
+class ConstantRecord:
+    """A constant inside an effect's law: value ± stderr, or for the row of an event the first and last that may be it,
+    at 95 %. name: empty where nobody named it."""
+
+    name: str
+    unit: str
+    value: float
+    stderr: NotNegative | None = None
+    low: int | None = None
+    high: int | None = None
+
+
+@dataclass(frozen=True)
 class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
@@ -71,7 +84,7 @@ class EffectRecord:
     rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` shuffled
     residuals. gain: share of the residual energy that it removes where everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses. ranges: of its inputs, as
-    trained.
+    trained. constants: inside its law.
     """
 
     name: str
@@ -103,6 +116,7 @@ class EffectRecord:
     tool_rms_mm: NotNegative | None = None
     tool_max_mm: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
+    constants: tuple[ConstantRecord, ...] = ()
 
     def close_rivals(self) -> tuple[RivalRecord, ...]:
         """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""

@@ -63,6 +63,8 @@ def _effects(report: Report) -> Iterator[str]:
         yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
         for basis, where in words.written(effect):
             yield _wrapped(f"{basis} at {where}", 7)
+        if said := "; ".join(words.constants(effect)):
+            yield _wrapped(said, 7)
         if not effect.kept:
             yield _wrapped("not identifiable with these poses, held at zero", 7)
         facts = [

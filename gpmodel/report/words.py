@@ -77,6 +77,18 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
     return tuple((f"× {_weight(t.weight)}{wording.expression(t.basis)}", f"{t.slot} {t.axis}") for t in effect.terms)
 
 
+def constants(effect: EffectRecord) -> tuple[str, ...]:
+    """The constants inside its law with their deviations, as `lag 40.2 ± 0.9 min`; of an event the rows it may be."""
+    out = []
+    for c in effect.constants:
+        if c.low is None:
+            out.append(f"{c.name or 'constant inside it'} {wording.measured(c.value, c.stderr, c.unit)}")
+        else:
+            sure = c.low == c.high
+            out.append(f"{c.name} {c.value:.0f}" + ("" if sure else f", {c.low} to {c.high} at 95 %"))
+    return tuple(out)
+
+
 def _weight(weight: float) -> str:
     """A factor before a basis: nothing for one, the sign alone for minus one."""
     if abs(weight) == 1.0:

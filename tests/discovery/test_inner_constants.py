@@ -34,7 +34,7 @@ def fitted(written: float, seed: int, family: str = "") -> tuple[Calibration, Po
 
 def with_changes(fit: Calibration, poses: Poses, candidate: Candidate) -> Calibration:
     changes = inner_changes(candidate, fit, poses.states)
-    model = ErrorModel(fit.model.mechanism, (*fit.model.effects, *changes))
+    model = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(c.effect for c in changes)))
     return calibrate(model, poses, start=fit, robust=False)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import Inner
 from gpmodel.formula.expression import Basis
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -52,7 +53,8 @@ class Group:
     spreads: (E,) standard deviations of the unknowns for a = 1, scaled so that Σ spread_k² var(φ_k) = 1: √a is how
     far the whole group moves its place over the poses, rad or m. cost: nats of description, the log of how many
     alternatives it was chosen from. cap: largest √a. standing: in the model whatever it is worth.
-    parts: the groups of one kind at several places that it is made of, empty for a plain group.
+    parts: the groups of one kind at several places that it is made of, empty for a plain group. inner: the constants
+    inside its bases, None where it has none or not all of its effects are left.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Group:
     parts: tuple["Group", ...] = ()
     found_by: str = "catalogue"
     explanation: str = ""
+    inner: Inner | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -74,13 +77,20 @@ class Group:
 
     def numbered(self, number: int) -> "Group":
         """The same under names that say it is one of several."""
-        effects = tuple(replace(e, name=f"{e.name} ({number})") for e in self.effects)
-        return replace(self, name=f"{self.name} ({number})", effects=effects)
+        inner = self.inner and replace(
+            self.inner, name=f"{self.inner.name} ({number})", template=_numbered(self.inner.template, number)
+        )
+        effects = _numbered(self.effects, number)
+        return replace(self, name=f"{self.name} ({number})", effects=effects, inner=inner)
 
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
         """Its effects with the standard deviations √a spread_k as their priors."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
+
+
+def _numbered(effects: Sequence[Effect], number: int) -> tuple[Effect, ...]:
+    return tuple(replace(e, name=f"{e.name} ({number})") for e in effects)
 
 
 def place_of(effect: Effect) -> str:
@@ -121,7 +131,10 @@ def from_candidate(candidate: Candidate, shapes: Shapes) -> Group | None:
     group = group_of(
         candidate.name, candidate.effects, candidate.cost, shapes, family=candidate.family, found_by=candidate.found_by
     )
-    return group and replace(group, explanation=candidate.explanation)
+    if group is None:
+        return None
+    whole = len(group.effects) == len(candidate.effects)
+    return replace(group, explanation=candidate.explanation, inner=candidate.inner if whole else None)
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:

@@ -1,0 +1,108 @@
+"""Constants inside a law go to where they are most likely, rows of events get their interval."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism, sized
+
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.refinement import profile, refined, refined_fit
+from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates
+from gpmodel.families.inner import Inner
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.dataset import Dataset
+
+ARM = mechanism("irb6400r")
+TIME = np.cumsum(np.random.default_rng(4).uniform(1.0, 4.0, 120))
+
+
+def session() -> Dataset:
+    """120 rows of a walk over 5 hours in a room whose temperature swings."""
+    data = bare("irb6400r", 120, 3, payload=False)
+    steps = 0.08 * np.random.default_rng(5).normal(size=data.q.shape)
+    q = np.clip(np.cumsum(steps, axis=0) + data.q[0], data.q.min(0), data.q.max(0))
+    room = 21.0 + 3.0 * np.sin(2 * np.pi * TIME / 260.0)
+    return replace(
+        data, q=q, extras={"time": TIME, "temperature": room}, extra_units={"time": "min", "temperature": "degC"}
+    )
+
+
+def offered(beginning: str) -> list[Candidate]:
+    return [c for c in candidates(ARM, prepare(ARM, session()).states) if c.name.startswith(beginning)]
+
+
+def left_of(inner: Inner, millimetres: float) -> Residual:
+    """What the standard model leaves of a robot with a law of these constants, its rows kept in order."""
+    theta: Array = sized("irb6400r", inner.effects, session(), millimetres)
+    truth = measure("irb6400r", inner.effects, theta, 5, dataset=session(), geometry=0.0)
+    fit = calibrate(ErrorModel(ARM, geometric_effects(ARM)), truth.poses, condition_limit=50.0)
+    return residual_of(fit, truth.poses, Criteria(), 0)
+
+
+LAWS = {
+    "growth of the arm (temperature": (44.0,),
+    "settling of the zero after time 74": (68.0, 31.0),
+    "hysteresis over its angle, J1": (0.03, 0.08),
+}
+
+
+@pytest.mark.parametrize(("beginning", "true"), LAWS.items())
+def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: tuple[float, ...]) -> None:
+    near = min(offered(beginning), key=lambda c: abs(np.log(c.inner.values[-1] / true[-1])) if c.inner else np.inf)
+    assert near.inner is not None
+    planted = near.inner
+    while len(planted.constants) > len(true):
+        planted = planted.without(0)
+    found = refined(left_of(planted.at(true), 1.0), near)
+    assert found.inner is not None
+    np.testing.assert_allclose(sorted(found.inner.values), sorted(true), rtol=0.1)
+    assert not found.has_priors
+    assert found.name == found.inner.said
+    assert [e.name for e in found.effects] == [e.name for e in found.inner.effects]
+
+
+def test_what_has_no_constant_to_move_is_fitted_once() -> None:
+    plain = offered("gear ratio, J1")[0]
+    fits: list[int] = []
+    left = left_of(offered("growth of the arm (temperature")[0].inner, 0.1)  # type: ignore[arg-type]
+
+    def fit(found: object, start: object) -> object:
+        fits.append(1)
+        return left.calibration
+
+    found, _ = refined_fit(fit, lambda _: left, {"it": plain}, left.calibration)  # type: ignore[arg-type]
+    assert (found, len(fits)) == ({"it": plain}, 1)
+
+
+@pytest.mark.parametrize(("millimetres", "widest"), [(1.0, 0), (0.05, 20)])
+def test_the_row_of_an_event_is_known_as_well_as_its_step_is_large(millimetres: float, widest: int) -> None:
+    step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner)
+    left = left_of(step.at([57.0]), millimetres)
+    rows = profile(left, step)
+    assert rows is not None
+    low, high = rows.interval
+    assert low <= 57 <= high
+    assert high - low <= widest
+    if widest:
+        assert high > low
+
+
+def test_the_interval_of_an_events_row_holds_it_as_often_as_it_says() -> None:
+    step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
+    left = left_of(step, 0.0)
+    shape = left.projected(step.effects)[0][:, 0]
+    hit = []
+    for seed in range(150):
+        noise = np.random.default_rng(seed).normal(size=len(left.values))
+        noise -= left.enabled @ (left.enabled.T @ noise)
+        here = replace(left, values=noise + 4.0 * shape / np.linalg.norm(shape) * np.sqrt(len(shape)) / 10)
+        rows = profile(here, step)
+        assert rows is not None
+        hit.append(rows.interval[0] <= 57 <= rows.interval[1])
+    assert np.mean(hit) > 0.9
