@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import fit_nats
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import DIGITS, Inner
 from gpmodel.model.effect import Effect
@@ -155,7 +155,7 @@ def _written(residual: Residual, inner: Inner) -> Inner:
 
 
 def _nats(residual: Residual, effects: Sequence[Effect]) -> float:
-    return float(fit_nats(residual, 1.0 - _left(residual, effects) / residual.energy))
+    return float(fit_nats(1.0 - _left(residual, effects) / residual.energy, residual.freedom))
 
 
 def _left(residual: Residual, effects: Sequence[Effect]) -> float:
