@@ -96,7 +96,7 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
 
 
-def chance(probability: float | None, shuffles: int | None = None) -> str:
+def chance(probability: float | None, shuffles: int | None = None, of: str = "shuffles") -> str:
     """A probability with two digits, and from how many shuffles it is; below 1 / (shuffles + 1) it is extrapolated.
 
     What is below a millionth is only said to be: the law it is extrapolated by holds no further.
@@ -107,7 +107,7 @@ def chance(probability: float | None, shuffles: int | None = None) -> str:
     if shuffles is None:
         return said
     beyond = " by extrapolation" if probability < 1.0 / (shuffles + 1) else ""
-    return f"{said}{beyond} from {shuffles} shuffles"
+    return f"{said}{beyond} from {shuffles} {of}"
 
 
 def shortened(text: str, length: int) -> str:

@@ -15,7 +15,7 @@ from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import Score
 from gpmodel.discovery.search import Search
-from gpmodel.evolution.chance import Chance
+from gpmodel.evolution.chance import Chance, larger
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
@@ -55,7 +55,7 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
-        chance = wording.chance(self.p_value, self.shuffles)
+        chance = wording.chance(self.p_value, self.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
@@ -178,7 +178,7 @@ def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypot
     """The same with the largest chance it had: what was evolved first and chosen among groups then was found by two
     searches, and the groups' shuffled residuals know nothing of the first."""
     found = [h.chance for h in searched if h.candidate.name == hypothesis.candidate.name]
-    return replace(hypothesis, chance=max([hypothesis.chance, *found], key=lambda chance: chance.p))
+    return replace(hypothesis, chance=larger(hypothesis.chance, *found))
 
 
 def _sigmas(residual: Residual, candidate: Candidate) -> float:

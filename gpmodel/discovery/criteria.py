@@ -10,7 +10,8 @@ from gpmodel import wording
 class Criteria:
     """Limits that a candidate has to pass before it becomes a finding, and how its chance is measured.
 
-    significance: largest chance of its score on shuffled residuals. minimum_nats: description length saved beyond its
+    significance: largest chance of its score on shuffled residuals, and of what laws evolved without some poses gain on
+    these. minimum_nats: description length saved beyond its
     own cost, nats; selection under pure noise reaches 4.2 at most, five is a Bayes factor of 150 ("very strong", Kass
     and Raftery 1995). minimum_cv_t: gain in cross-validation in standard deviations of its mean, pose by pose, the
     usual two-sided 5 %. minimum_sigmas: largest coefficient in its standard deviations. minimum_share: unique share of
@@ -84,7 +85,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
     "cross-fitting": lambda t: (
-        f"laws evolved without some poses predict these {t.value:.1f} deviations better, limit {t.limit}"
+        f"chance of what laws evolved without some poses gain on these {wording.chance(t.value)}, limit {t.limit}"
     ),
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",

@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.criteria import Test, Verdict
-from gpmodel.discovery.cross_validation import cross_validated, paired_t
+from gpmodel.discovery.cross_validation import cross_validated
 from gpmodel.discovery.explore import Turn, candidates_of, posed, run
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.sign_flips import sign_flip_chance
+from gpmodel.evolution.chance import larger
 from gpmodel.evolution.runs import Task
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
@@ -30,28 +32,30 @@ def cross_fitted(
     residual: Residual, judged: Sequence[Hypothesis], sites: tuple[Site, ...], search: Search,
     rng: np.random.Generator, turn: Turn,
 ) -> tuple[Hypothesis, ...]:  # fmt: skip
-    """The hypotheses, each without a name that passed with one test more: whether structure and coefficient, both from
-    other poses, predict poses better than the model without, by as many deviations as a coefficient alone has to.
+    """The hypotheses, each without a name that passed with one test more: the chance that structure and coefficient,
+    both from other poses, predict poses better than the model without. It is the chance they are told with, where it is
+    the larger one.
 
-    The structure of a named effect is the catalogue's: no poses shaped it. The test asks of the search what
-    cross-validation asks of a coefficient, once for all that it found; nothing is evolved where nothing passed.
-    Source: Chernozhukov et al. (2018), cross-fitting.
+    The structure of a named effect is the catalogue's: no poses shaped it. The test is of the search, once for all that
+    it found; nothing is evolved where nothing passed. Source: Chernozhukov et al. (2018), cross-fitting.
     """
     asked = [h.verdict.passed_but_for("preference") and not h.candidate.family for h in judged]
     if not any(asked):
         return tuple(judged)
-    t, limit = gain_of_search(residual, sites, search, rng, turn), residual.criteria.minimum_cv_t
-    test = Test("cross-fitting", t, limit, t > limit)
+    found = sign_flip_chance(gain_of_search(residual, sites, search, rng, turn))
+    limit = residual.criteria.significance
+    test = Test("cross-fitting", found.p, limit, found.p < limit)
     return tuple(
-        replace(h, verdict=Verdict((*h.verdict.tests, test))) if ask else h
+        replace(h, verdict=Verdict((*h.verdict.tests, test)), chance=larger(h.chance, found)) if ask else h
         for h, ask in zip(judged, asked, strict=True)
     )
 
 
 def gain_of_search(
     residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, turn: Turn
-) -> float:
-    """By how many deviations poses are predicted better with what is evolved, and fitted, without them."""
+) -> Array:
+    """What the squared error (U,), m², of independent units of poses falls by with what is evolved, and fitted, without
+    them."""
     fold = folds(residual.poses.dataset, FOLDS, rng)
     parts = [np.flatnonzero(fold != k) for k in np.unique(fold)]
     settings = Settings(search.strategies[0], budget=search.budget(turn.opening))
@@ -68,7 +72,7 @@ def gain_of_search(
         if best is not None:
             after = cross_validated(split, best.effects).per_unit
             gain += np.where(fold_of_unit == k, before - after, 0.0)
-    return paired_t(gain)
+    return gain
 
 
 def _best(residual: Residual, part: IntArray, pool: Sequence[Candidate]) -> Candidate | None:

@@ -14,6 +14,7 @@ from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
+from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
 from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.problems import SlotProblem
@@ -62,7 +63,8 @@ def explore(
     """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
     After the first round the shuffled ones are left out where nothing evolved saves what a finding has to, for nothing
-    could be accepted; half as many are enough where their maxima are pooled with those of rounds before.
+    could be accepted; half as many are enough where their maxima are pooled with those of rounds before. At least as
+    many as a chance can be told from.
     Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
     with both); what it finds is scored on all. No runs: nothing is evolved, and the histogram is empty.
     Raises OutOfTime between two runs.
@@ -76,7 +78,7 @@ def explore(
     budget = search.budget(turn.opening)
     settings = [Settings(strategy, search.selection, budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
-    chances = max(1, search.runs // 2) if turn.pooled else search.runs
+    chances = max(1, search.runs // 2) if turn.pooled else max(search.runs, -(-FEWEST // len(settings)))
     orders = shuffled(residual, rng, chances * len(settings)).T
     shuffles = [
         Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])

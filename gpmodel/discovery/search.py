@@ -13,7 +13,7 @@ from gpmodel.executor import Threads, Workers
 class Search:
     """Effort of a discovery.
 
-    runs: GP runs a strategy and round, and at most as many on shuffled residuals. strategies: what the runs evolve;
+    runs: GP runs a strategy and round, and at most as many on shuffled residuals, or as few as tell a chance. strategies: what the runs evolve;
     trees take twice the time of sequences and found nothing more on the shipped table and ten planted shapes.
     selection: who breeds and who lives on.
     population, generations: of one run. opening_population, opening_generations: at most so many in the first round

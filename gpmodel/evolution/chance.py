@@ -15,11 +15,12 @@ _NODES = 21
 @dataclass(frozen=True)
 class Chance:
     """Probability `p` of reaching a score by chance, from so many `shuffles`; extrapolated where none of them reached
-    it and a fitted law had to say how far beyond them it lies."""
+    it and a fitted law had to say how far beyond them it lies. of: what was shuffled."""
 
     p: float
     shuffles: int
     extrapolated: bool
+    of: str = "shuffles"
 
 
 def chance(value: float, null: NDArray[np.float64]) -> Chance:
@@ -37,6 +38,11 @@ def chance(value: float, null: NDArray[np.float64]) -> Chance:
     if reached:
         return Chance(float(max((1 + reached) * floor, tail)), len(null), False)
     return Chance(tail, len(null), tail < floor)
+
+
+def larger(first: Chance, *others: Chance) -> Chance:
+    """The largest of several chances of one thing."""
+    return max((first, *others), key=lambda found: found.p)
 
 
 def _tail(value: float, null: NDArray[np.float64]) -> float:

@@ -112,7 +112,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
             f"{wording.length(effect.cv_rms_mm)} RMS with it"
         )
     if effect.p_value is not None:
-        yield f"chance of its score on shuffled residuals: {wording.chance(effect.p_value, effect.shuffles)}"
+        yield f"chance of its score: {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
     if pointed := words.beforehand(report, effect):
         yield f"the histogram of referenced inputs {pointed}"
     yield from words.constants(effect)

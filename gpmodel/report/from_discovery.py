@@ -95,6 +95,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         cv_before_mm=1e3 * hypothesis.cv_before,
         p_value=hypothesis.p_value,
         shuffles=hypothesis.shuffles,
+        shuffled=hypothesis.chance.of,
         tests=_tests(hypothesis),
         gain=hypothesis.score.gain,
         sign_stable=bool(hypothesis.verdict.passed("sign")),

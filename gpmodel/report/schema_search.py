@@ -81,8 +81,8 @@ class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
-    rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` shuffled
-    residuals. gain: share of the residual energy that it removes where everything else is in the model.
+    rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` of what was
+    `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses. ranges: of its inputs, as
     trained. constants: inside its law.
     """
@@ -108,6 +108,7 @@ class EffectRecord:
     cv_before_mm: NotNegative | None = None
     p_value: Share | None = None
     shuffles: Count | None = None
+    shuffled: str = "shuffles"
     tests: tuple[TestRecord, ...] = ()
     gain: float | None = None
     sign_stable: bool | None = None
