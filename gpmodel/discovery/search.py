@@ -13,8 +13,9 @@ from gpmodel.executor import Threads, Workers
 class Search:
     """Effort of a discovery.
 
-    runs: GP runs a strategy and round, and at most as many on shuffled residuals, or as few as tell a chance. strategies: what the runs evolve;
-    trees take twice the time of sequences and found nothing more on the shipped table and ten planted shapes.
+    runs: GP runs a strategy and round, and at most as many on shuffled residuals, three at least in a first round.
+    strategies: what the runs evolve; trees take twice the time of sequences and found nothing more on the shipped table
+    and ten planted shapes.
     selection: who breeds and who lives on.
     population, generations: of one run. opening_population, opening_generations: at most so many in the first round
     where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
