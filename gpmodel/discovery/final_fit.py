@@ -25,7 +25,7 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     def left(there: Calibration) -> Residual:
         return residual_of(there, state.poses, state.criteria, state.seed)
 
-    refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, fit)
+    refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     found = tuple(refined.values())
     changes = [inner_changes(c, settled, state.poses.states) for c in found]
     further = tuple(change.effect for own in changes for change in own)

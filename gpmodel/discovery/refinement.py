@@ -62,14 +62,13 @@ def refined_fit(
     fit: Callable[[Sequence[Candidate], Calibration], Calibration],
     residual: Callable[[Calibration], Residual],
     candidates: Mapping[str, Candidate],
-    start: Calibration,
+    calibration: Calibration,
 ) -> tuple[dict[str, Candidate], Calibration]:
     """Candidates by name with their constants where they are most likely beside each other, and the fit with them.
 
-    fit: of candidates, from a fit to go on from. residual: what a fit leaves.
+    fit: of candidates, from a fit to go on from. residual: what a fit leaves. calibration: with the candidates.
     """
     found = dict(candidates)
-    calibration = fit(tuple(found.values()), start)
     for _ in range(LOOKS if any(_movable(c) for c in found.values()) else 0):
         left = residual(calibration)
         better = {name: refined(left.without(c.effects), c) if _movable(c) else c for name, c in found.items()}

@@ -70,7 +70,9 @@ def _effects(report: Report) -> Iterator[str]:
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
             f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS" if effect.tool_rms_mm is not None else "",
-            f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}" if effect.p_value is not None else "",
+            f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
+            if effect.p_value is not None
+            else "",
         ]
         yield _wrapped("; ".join(filter(None, facts)), 7)
         if said := words.rivals(effect):
