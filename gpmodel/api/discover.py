@@ -16,7 +16,7 @@ from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_record, write_fitted
 from gpmodel.api.table import TableLike
-from gpmodel.application.model_file import saved_model
+from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
@@ -25,10 +25,9 @@ from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.families.by_name import check_defined
-from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.family import Family
-from gpmodel.families.offer import Offer, distinct
+from gpmodel.families.offer import Offer, distinct, instances
 from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
@@ -140,10 +139,12 @@ def discover(
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     arm, poses = checked_poses(arm, table, geometry)
-    given = [o.effects if isinstance(o, Candidate) else (o,) for o in offers if not isinstance(o, Family)]
     with naming("candidates"):
-        for effect in chain.from_iterable(given):
-            check_defined(effect, arm, poses.states)
+        for offer in offers:
+            for effect in chain.from_iterable(c.effects for c in instances(offer, arm, poses.states)):
+                check_kept(effect)
+                if not isinstance(offer, Family):
+                    check_defined(effect, arm, poses.states)
     train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
     found = run_loop(
         arm, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,

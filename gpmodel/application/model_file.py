@@ -8,12 +8,12 @@ import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.application.measured import Measured, measured_from, measured_record
-from gpmodel.application.model_reader import read_part
+from gpmodel.application.model_reader import read_effect, read_part
 from gpmodel.application.model_schema import KIND, SCHEMA, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
-from gpmodel.files import to_json, write_text
+from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
@@ -118,17 +118,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "description": choice.description,
         },
         "effects": [
-            {
-                "name": effect.name,
-                "family": effect.family,
-                "unit": effect.unit,
-                "prior": effect.prior,
-                "value": value,
-                "stderr": stderr,
-                "terms": [
-                    {"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms
-                ],
-            }
+            _effect_content(effect, value, stderr)
             for effect, value, stderr in zip(saved.model.effects, saved.theta, saved.stderr, strict=True)
         ],
         "covariance": saved.covariance.values,
@@ -153,9 +143,22 @@ def model_text(saved: SavedModel, **more: object) -> str:
     return to_json(model_content(saved, **more))
 
 
+def check_kept(effect: Effect) -> None:
+    """Raises InputError for an effect that model.json may not hold, by the field that is beyond its bounds."""
+    try:
+        read_effect(plain(_effect_content(effect, 0.0, 0.0)))
+    except InputError as error:
+        raise InputError(f"effect '{effect.name}' could not be kept in a model file: {error}") from None
+
+
 def save_model(path: Path, saved: SavedModel, **more: object) -> None:
-    """Write model.json. Raises InputError when it cannot be written."""
+    """Write model.json and read it back. Raises InputError when it cannot be written, or what was cannot be read."""
     write_text(path, model_text(saved, **more))
+    try:
+        load_model(path, saved.mechanism)
+    except InputError as error:
+        said = str(error).removeprefix(f"{path}: ")
+        raise InputError(f"{path.name} was written and cannot be read back: {said}") from None
 
 
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
@@ -217,6 +220,14 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         ranges=part.ranges,
         measured=None if part.measured is None else measured_from(part.measured, mechanism),
     )
+
+
+def _effect_content(effect: Effect, value: float, stderr: float) -> dict[str, object]:
+    terms = [{"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms]
+    return {
+        "name": effect.name, "family": effect.family, "unit": effect.unit, "prior": effect.prior, "value": value,
+        "stderr": stderr, "terms": terms,
+    }  # fmt: skip
 
 
 def _probe(mechanism: Mechanism) -> Array:

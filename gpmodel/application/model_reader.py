@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from gpmodel.application.model_schema import KIND, LARGEST_FILE, SCHEMA, ModelPart
+from gpmodel.application.model_schema import KIND, LARGEST_FILE, SCHEMA, EffectPart, ModelPart
 from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, parse_json, seal
 
@@ -48,13 +48,25 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
     if content.get("schema") != of.schema:
         raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {of.schema}")
     try:
-        part = msgspec.convert(content, of.part)
-    except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$")
-        raise InputError(f"{path}: {place.rstrip('`').lstrip('.') or of.word}: {said}") from None
+        part = _converted(content, of.part, of.word)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     if content.get(SEAL) != seal(content):
         raise InputError(f"{path}: its content is not what was written, by its {SEAL}; make it again")
     return part, str(content[SEAL])
+
+
+def read_effect(content: object) -> EffectPart:
+    """One effect of a model.json. Raises InputError: a field that is missing or beyond its bounds."""
+    return _converted(content, EffectPart, "effect")
+
+
+def _converted(content: object, kind: type[Part], word: str) -> Part:
+    try:
+        return msgspec.convert(content, kind)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$")
+        raise InputError(f"{place.rstrip('`').lstrip('.') or word}: {said}") from None
 
 
 def _check_report(path: Path, digest: str) -> None:

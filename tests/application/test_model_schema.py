@@ -1,6 +1,7 @@
 """Files that are no model, or one with something in it that no machine has: refused by the place in the file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,13 @@ from effect_cases import bare, mechanism
 from group_cases import STANDING
 from model_cases import fitted
 
-from gpmodel.application.model_file import load_model, model_text
+import gpmodel as gp
+from gpmodel.application.model_file import check_kept, load_model, model_text, save_model
 from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
 from gpmodel.discovery.selection.group import Shapes
 from gpmodel.discovery.selection.standing import PAIRS, offered
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import prepare
+from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.texts import SEAL, seal
 
 
@@ -36,6 +38,31 @@ def test_every_effect_that_can_be_found_can_be_kept(name: str) -> None:
         terms = [{"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms]
         said = {"name": effect.name, "family": effect.family, "unit": effect.unit, "terms": terms}
         msgspec.convert(said | {"prior": None, "value": 1.0, "stderr": None}, EffectPart)
+
+
+def test_an_effect_that_no_file_may_hold_is_refused_before_anything_is_searched() -> None:
+    arm = mechanism("irb6400r")
+    good = gp.effect_at("cable drag", "J4.moving", "Ry", gp.Expression("sin(J4)"))
+    check_kept(good)
+    for field, value in (("unit", "mm; rm -rf"), ("name", 'a "quoted" name'), ("family", "line\nbreak")):
+        with pytest.raises(InputError, match=rf"could not be kept in a model file: {field}: Expected") as caught:
+            check_kept(replace(good, **{field: value}))
+        assert "\n" not in str(caught.value)
+    table = gp.simulate(arm, ["gear_harmonic J4=60 arcsec"], poses=30, seed=0).table
+    odd = gp.Family("drag", "a cable", "own", lambda mechanism, states: [replace(good, unit="mm; rm -rf")])
+    with pytest.raises(InputError, match="candidates: effect 'cable drag' could not be kept in a model file: unit"):
+        gp.discover(arm, table, candidates=(odd,), search=gp.Search(runs=0))
+
+
+def test_a_model_is_read_back_as_it_is_written(tmp_path: Path) -> None:
+    saved = fitted("load")[0]
+    save_model(tmp_path / "model.json", saved)
+    first, *others = saved.model.effects
+    odd = replace(saved, model=ErrorModel(saved.mechanism, (replace(first, unit="mm; rm -rf"), *others)))
+    with pytest.raises(
+        InputError, match=r"^model.json was written and cannot be read back: effects\[0\].unit: Expected"
+    ):
+        save_model(tmp_path / "odd" / "model.json", odd)
 
 
 def refused(text: str, said: str, path: Path) -> None:
