@@ -6,7 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.evolution.kernels.compiler import compiled
-from gpmodel.evolution.kernels.elementary import ANGLE_LIMIT, arctangent, cosine, exponential, hyperbolic_tangent, sine
+from gpmodel.evolution.kernels.elementary import (
+    ANGLE_LIMIT,
+    arctangent,
+    cosine,
+    exponential,
+    hyperbolic_tangent,
+    logarithm,
+    sine,
+    tangent,
+)
 from gpmodel.evolution.kernels.machine import CONSTANT
 
 Array = NDArray[np.float64]
@@ -82,7 +91,7 @@ def execute(
                 rows[r, j] = exponential(rows[a, j])
         elif code == 19:
             for j in range(width):
-                rows[r, j] = math.log(abs(rows[a, j]))
+                rows[r, j] = logarithm(rows[a, j])
         elif code == 20:
             for j in range(width):
                 rows[r, j] = hyperbolic_tangent(rows[a, j])
@@ -104,7 +113,7 @@ def execute(
                     rows[r, j] = cosine(rows[a, j])
             else:
                 for j in range(width):
-                    rows[r, j] = sine(rows[a, j]) / cosine(rows[a, j])
+                    rows[r, j] = tangent(rows[a, j])
         elif code == 14:
             for j in range(width):
                 rows[r, j] = math.sin(rows[a, j])
