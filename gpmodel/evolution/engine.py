@@ -16,14 +16,14 @@ BLOCK = 128
 class Code:
     """Effective code of a slice of programs, one row each: what the kernels execute.
 
-    words (P, longest) instructions of which ``count`` are used, outputs (P, m) rows, sizes (P, 2^m) nodes by
-    the outputs they reach, a hash of the whole, and own constants (P, C).
+    words (P, longest) instructions of which ``count`` are used, outputs (P, m) rows, the number of nodes (operators
+    and references to leaves), a hash of the whole, and own constants (P, C).
     """
 
     words: NDArray[np.int64]
     outputs: NDArray[np.uint16]
     count: NDArray[np.int64]
-    sizes: NDArray[np.uint16]
+    nodes: NDArray[np.int64]
     hashes: NDArray[np.uint64]
     constants: Array
 
@@ -39,7 +39,7 @@ def empty_code(constants: Array, longest: int, outputs: int) -> Code:
         workspace("words", (size, longest)).view(np.int64),
         np.empty((size, outputs), np.uint16),
         np.empty(size, np.int64),
-        np.empty((size, 1 << outputs), np.uint16),
+        np.empty(size, np.int64),
         np.empty(size, np.uint64),
         constants,
     )
@@ -52,6 +52,13 @@ def values(code: Code, fixed: Array) -> Array:
     found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
     batch.output_values(code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found)
     return found
+
+
+def sizes(code: Code, base: int) -> NDArray[np.uint16]:
+    """Nodes (P, 2^m) of each program that reach exactly the outputs of a set of bits; ``base`` rows are fixed."""
+    from gpmodel.evolution.kernels import batch
+
+    return batch.sizes_by_outputs(code.words, code.count, base, code.outputs)
 
 
 def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, hopeless: float) -> Array:

@@ -36,6 +36,6 @@ class Forest:
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         decode_forest(
             self.codes, self.bounds[part], code.constants.view(np.uint64), layout.base, layout.done_for,
-            layout.kind_of_rows, code.words, code.outputs, code.count, code.sizes, code.hashes,
+            layout.kind_of_rows, code.words, code.outputs, code.count, code.nodes, code.hashes,
         )  # fmt: skip
         return code

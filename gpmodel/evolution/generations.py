@@ -41,15 +41,15 @@ class Generations:
 
         def work(part: slice) -> None:
             code = decode(part)
-            rows = np.arange(part.start, part.stop)
-            if known is not None and order is not None:
-                place = np.minimum(np.searchsorted(known.hashes, code.hashes, sorter=order), len(order) - 1)
-                same = order[place]
-                met = known.hashes[same] == code.hashes
-                found[rows[met]] = known.take(same[met])
-                rows, code = rows[~met], code.take(np.flatnonzero(~met))
-            if len(rows):
-                found[rows] = self.problem.scores(code, self.fixed, hopeless)
+            if known is None or order is None:
+                found[part] = self.problem.scores(code, self.fixed, hopeless)
+                return
+            same = order[np.minimum(np.searchsorted(known.hashes, code.hashes, sorter=order), len(order) - 1)]
+            met = known.hashes[same] == code.hashes
+            old, new = np.flatnonzero(met), np.flatnonzero(~met)
+            found[part.start + old] = known.take(same[old])
+            if len(new):
+                found[part.start + new] = self.problem.scores(code.take(new), self.fixed, hopeless)
 
         over_slices(len(population), self.threads, work, self.problem.slice)
         return found

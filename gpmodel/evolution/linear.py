@@ -103,9 +103,9 @@ class Sequences:
         longest = self.genes.shape[1] + layout.own_constants + 1
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         decode_sequences(
-            self.genes[part], code.constants.view(np.uint64), layout.operator_of, layout.cell_of, layout.read_of,
+            self.genes[part], code.constants.view(np.uint64), layout.begun_by, layout.cell_of, layout.read_of,
             layout.written_of, layout.start_rows, layout.done_for, layout.kind_of_cells, layout.base,
-            code.words, code.outputs, code.count, code.sizes, code.hashes,
+            code.words, code.outputs, code.count, code.nodes, code.hashes,
         )  # fmt: skip
         return code
 

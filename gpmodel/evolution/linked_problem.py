@@ -61,7 +61,7 @@ class LinkedProblem:
         """Description length and gain of decoded programs, what the link makes of their outputs offered as well."""
         outputs = values(code, fixed)
         offered = np.concatenate([outputs, self.link.companions(outputs, self.response)], axis=1)
-        return projected_scores(offered, code, self.targets, PRICE)
+        return projected_scores(offered, code, len(fixed), self.targets, PRICE)
 
     def law(self, program: Program, chosen: int) -> Program | None:
         """The law of the columns of a program in the bit set ``chosen``."""

@@ -86,6 +86,13 @@ class Layout:
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
         return np.array(table, dtype=np.uint8)
 
+    @cached_property
+    def begun_by(self) -> NDArray[np.uint16]:
+        """The instruction that each gene begins: 256 times its op-code, plus 255 where that takes an operand."""
+        alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
+        takes = ~np.isin(self.operator_of, alone)
+        return self.operator_of.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
+
     def operand(self, code: int, gene: int) -> tuple[str, int]:
         """What the operand of an op-code names: ("register", number) or ("row", number).
 

@@ -124,10 +124,9 @@ class CartesianProblem:
         """
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
-        size = code.sizes.sum(axis=1, dtype=np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self.initial_norm()
-        return Scores(fitness + self.parsimony * size, gain, size, whole, whole + 7, code.hashes)
+        return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
 
 
 @dataclass(frozen=True)

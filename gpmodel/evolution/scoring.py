@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.engine import Code, values, workspace
+from gpmodel.evolution.engine import Code, sizes, values, workspace
 from gpmodel.evolution.projection import Targets
 
 Array = NDArray[np.float64]
@@ -56,13 +56,13 @@ def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) ->
 
     code: P programs; fixed (base, N): rows of inputs and constants. A program with nothing to offer scores 0.
     """
-    return projected_scores(values(code, fixed), code, targets, parsimony)
+    return projected_scores(values(code, fixed), code, len(fixed), targets, parsimony)
 
 
-def projected_scores(scaled: Array, code: Code, targets: Targets, parsimony: float) -> Scores:
+def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
     """The same from the values (P, k m, N) of columns, scaled in place: the m outputs, then what was made of each.
 
-    A column counts the nodes of the output that it was made of.
+    A column counts the nodes of the output that it was made of; ``base`` rows of the code are fixed.
     """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
@@ -85,7 +85,7 @@ def projected_scores(scaled: Array, code: Code, targets: Targets, parsimony: flo
         products.reshape(programs, -1, targets.sites),
         seen.reshape(programs, outputs, targets.sites, columns),
         pull.reshape(programs, outputs, targets.sites),
-        usable, code.sizes, targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
+        usable, sizes(code, base), targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
         scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
     )  # fmt: skip
     scores.hashes[:] = code.hashes

@@ -52,9 +52,9 @@ class Truncation:
 
     def parents(self, scores: Scores, rng: np.random.Generator) -> Rows:
         few = self.eligible(len(scores.score))
-        best = np.argpartition(scores.score, few - 1)[:few]
-        best = best[np.argsort(scores.score[best], kind="stable")]
-        return rng.choice(best, (2, len(scores.score)))
+        able = np.flatnonzero(scores.score <= np.sort(scores.score)[few - 1])
+        best = able[np.argsort(scores.score[able], kind="stable")[:few]]
+        return best[rng.integers(0, few, (2, len(scores.score)))]
 
     def survivors(self, scores: Scores, population: int) -> None:
         return None

@@ -5,11 +5,11 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 from gpmodel.evolution.kernels.execute import execute
+from gpmodel.evolution.kernels.live_code import count_by_outputs, keep_live, nodes_and_hash
 from gpmodel.evolution.kernels.machine import (
     allowed_instructions,
     decode_sequence,
     decode_trees,
-    keep_live,
     reaching_instructions,
     split_instructions,
 )
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 def decode_sequences(
     genes: NDArray[np.uint8],
     constant_bits: NDArray[np.uint64],
-    operator_of: NDArray[np.uint8],
+    begun_by: NDArray[np.uint16],
     cell_of: NDArray[np.uint16],
     read_of: NDArray[np.uint32],
     written_of: NDArray[np.uint32],
@@ -32,33 +32,25 @@ def decode_sequences(
     words: NDArray[np.int64],
     outputs: NDArray[np.uint16],
     count: NDArray[np.int64],
-    sizes: NDArray[np.uint16],
+    nodes: NDArray[np.int64],
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Effective code of each sequence of genes (P, L): words (P, longest), outputs (P, m), sizes (P, 2^m)."""
-    registers = len(start)
-    longest = words.shape[1]
-    cells = np.empty(registers + base + constant_bits.shape[1] + 1, np.uint16)
-    pairs = np.empty(longest, np.uint16)
-    kinds = np.empty(len(kind_of_cells), np.uint8)
-    for row in range(base + constant_bits.shape[1]):
-        cells[registers + row] = row
-    raw = np.empty(longest, np.int64)
-    reach = np.empty(base + longest, np.uint8)
-    leaf = np.ones(base + longest, np.uint8)
-    place = np.arange(base + longest).astype(np.uint16)
-    live = np.empty(longest + 1, np.uint16)
+    """Effective code of each sequence of genes (P, L): words (P, longest) of which ``count``, outputs (P, m)."""
     own = constant_bits.shape[1]
+    cells = np.empty(len(start) + base + own + 1, np.uint16)
+    pairs = np.empty(words.shape[1], np.uint16)
+    kinds = np.empty(len(kind_of_cells), np.uint8)
+    for row in range(base):
+        cells[len(start) + row] = row
     for p in range(len(genes)):
-        found = split_instructions(genes[p], operator_of, pairs)
+        found = split_instructions(genes[p], begun_by, pairs)
         if done_for.size:
             kinds[:] = kind_of_cells
             found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
         begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
-        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, raw, outputs[p], cells)
-        count[p], hashes[p] = keep_live(
-            raw, words[p], n, base, outputs[p], constant_bits[p], sizes[p], reach, leaf, place, live
-        )
+        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
+        count[p] = n
+        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
 
 
 @compiled
@@ -72,23 +64,33 @@ def decode_forest(
     words: NDArray[np.int64],
     outputs: NDArray[np.uint16],
     count: NDArray[np.int64],
-    sizes: NDArray[np.uint16],
+    nodes: NDArray[np.int64],
     hashes: NDArray[np.uint64],
 ) -> None:
     """Effective code of programs of several trees; bounds (P, roots + 1) index the flat prefix codes."""
     longest = words.shape[1]
     stack = np.empty(longest + 1, np.int64)
     kinds = np.empty(longest + 1, np.int64)
-    raw = np.empty(longest, np.int64)
-    reach = np.empty(base + longest, np.uint8)
-    leaf = np.ones(base + longest, np.uint8)
+    live = np.empty(base + longest, np.uint8)
     place = np.arange(base + longest).astype(np.uint16)
-    live = np.empty(longest + 1, np.uint16)
     for p in range(len(bounds)):
-        n = decode_trees(codes, bounds[p], base, done_for, kind_of_rows, raw, outputs[p], stack, kinds)
-        count[p], hashes[p] = keep_live(
-            raw, words[p], n, base, outputs[p], constant_bits[p], sizes[p], reach, leaf, place, live
-        )
+        n = decode_trees(codes, bounds[p], base, done_for, kind_of_rows, words[p], outputs[p], stack, kinds)
+        if done_for.size:
+            n = keep_live(words[p], n, base, outputs[p], live, place)
+        count[p] = n
+        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
+
+
+@compiled
+def sizes_by_outputs(
+    words: NDArray[np.int64], count: NDArray[np.int64], base: int, outputs: NDArray[np.uint16]
+) -> NDArray[np.uint16]:
+    """Nodes (P, 2^m) of each program that reach exactly the outputs of a set of bits."""
+    sizes = np.zeros((len(words), 1 << outputs.shape[1]), np.uint16)
+    reach = np.empty(base + words.shape[1], np.uint8)
+    for p in range(len(words)):
+        count_by_outputs(words[p], count[p], base, outputs[p], sizes[p], reach)
+    return sizes
 
 
 @compiled
@@ -112,9 +114,10 @@ def output_values(
         for p in range(len(words)):
             execute(words[p], count[p], constants[p], rows, base, width)
             for k in range(outputs.shape[1]):
-                row = outputs[p, k]
+                found = rows[outputs[p, k]]
+                value = values[p, k, begin:]
                 for j in range(width):
-                    values[p, k, begin + j] = rows[row, j]
+                    value[j] = found[j]
 
 
 @reduction
@@ -157,6 +160,7 @@ def compensator_fitness(
     fitness[:] = 0.0
     for begin in range(0, poses, block):
         width = min(block, poses - begin)
+        true_x, true_y, true_z = measured[0, begin:], measured[1, begin:], measured[2, begin:]
         for k in range(base):
             for j in range(width):
                 rows[k, j] = fixed[k, begin + j]
@@ -165,13 +169,11 @@ def compensator_fitness(
             if value == np.inf:
                 continue
             execute(words[p], count[p], constants[p], rows, base, width)
-            x = outputs[p, 0]
-            y = outputs[p, 1]
-            z = outputs[p, 2]
+            x, y, z = rows[outputs[p, 0]], rows[outputs[p, 1]], rows[outputs[p, 2]]
             for j in range(width):
-                dx = rows[x, j] - measured[0, begin + j]
-                dy = rows[y, j] - measured[1, begin + j]
-                dz = rows[z, j] - measured[2, begin + j]
+                dx = x[j] - true_x[j]
+                dy = y[j] - true_y[j]
+                dz = z[j] - true_z[j]
                 square = dx * dx + dy * dy + dz * dz
                 squares[j] = square if square < np.inf else np.inf
             value = max(value, _largest(squares, width)) if maximum else value + _sum(squares, width)

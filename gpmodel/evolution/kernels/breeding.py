@@ -35,6 +35,12 @@ def _gap(bits: np.uint64, log_keep: float, length: int) -> int:
 
 
 @compiled
+def _copy(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> None:
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@compiled
 def breed_sequences(
     genes: NDArray[np.uint8],
     constants: Array,
@@ -62,15 +68,14 @@ def breed_sequences(
         state, bits = _next(state)
         here = mothers[child]
         there = fathers[child]
-        i = 0
+        _copy(genes[here], child_genes[child])
+        state, bits = _next(state)
+        i = 1 + _gap(bits, log_cross, length)
         while i < length:
+            here, there = there, here
+            _copy(genes[here, i:], child_genes[child, i:])
             state, bits = _next(state)
-            end = min(length, i + 1 + _gap(bits, log_cross, length))
-            for k in range(i, end):
-                child_genes[child, k] = genes[here, k]
-            i = end
-            if i < length:
-                here, there = there, here
+            i += 1 + _gap(bits, log_cross, length)
         for c in range(own):
             child_constants[child, c] = constants[here, c]
         state, bits = _next(state)

@@ -19,4 +19,5 @@ compiled: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath=
 reduction: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
 """For sums and maxima over rows without a NaN, in the order the processor likes."""
 
-inlined: Compiler = njit(inline="always")
+inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
+"""For what is called once a program or a number: passing arrays costs as much as a short program takes."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.compiler import compiled
+from gpmodel.evolution.kernels.compiler import compiled, inlined
 from gpmodel.evolution.kernels.elementary import (
     ANGLE_LIMIT,
     arctangent,
@@ -29,7 +29,7 @@ def _within(row: Array, limit: float, width: int) -> bool:
     return beyond == 0
 
 
-@compiled
+@inlined
 def execute(
     words: NDArray[np.int64],
     count: int,

@@ -8,99 +8,37 @@ accumulator and registers are renamed away, and only instructions that reach an 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.compiler import compiled
+from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
 """Pseudo op-code: fill the row with the program's own constant number ``first``."""
 
-_LAST_BINARY = 9
-_ROW = 0xFFFF
+LAST_BINARY = 9
+"""Op-codes up to this take two arguments or an operand."""
+
+ROW = 0xFFFF
+"""The bits of a word that number a row."""
 
 
-@compiled
-def _mix(h: np.uint64, v: int) -> np.uint64:
-    h = (h ^ np.uint64(v)) * np.uint64(0x9E3779B97F4A7C15)
-    return h ^ (h >> np.uint64(29))
-
-
-@compiled
-def keep_live(
-    words: NDArray[np.int64],
-    kept_words: NDArray[np.int64],
-    count: int,
-    base: int,
-    outputs: NDArray[np.uint16],
-    constant_bits: NDArray[np.uint64],
-    sizes: NDArray[np.uint16],
-    reach: NDArray[np.uint8],
-    leaf: NDArray[np.uint8],
-    place: NDArray[np.uint16],
-    live: NDArray[np.uint16],
-) -> tuple[int, np.uint64]:
-    """Copy live instructions to ``kept_words``; returns (their number, hash of the effective code).
-
-    ``sizes[m]`` becomes the operators plus leaf references that reach exactly the outputs of bit set m. The
-    last four are scratch, one element a row; up to ``base`` leaf is 1 and place the row itself.
-    """
-    reach[: base + count] = 0
-    sizes[:] = 0
-    for k in range(count):
-        leaf[base + k] = (words[k] & _ROW) == CONSTANT
-    for k in range(len(outputs)):
-        reach[outputs[k]] |= 1 << k
-        sizes[1 << k] += leaf[outputs[k]]
-    kept = 0
-    for k in range(count - 1, -1, -1):
-        bits = reach[base + k]
-        live[kept] = k
-        kept += bits != 0
-        code = words[k] & _ROW
-        operator = np.uint8(code != CONSTANT)
-        a = ((words[k] >> 16) & _ROW) * operator
-        b = words[k] >> 32
-        reach[a] |= bits * operator
-        reach[b] |= bits * operator
-        sizes[bits] += operator * (1 + leaf[a] + leaf[b] * (code <= _LAST_BINARY))
-    sizes[0] = 0
-    h = np.uint64(1469598103934665603)
-    for j in range(kept):
-        k = np.int64(live[kept - 1 - j])
-        place[base + k] = base + j
-        word = words[k]
-        if word & _ROW == CONSTANT:
-            h = _mix(h, constant_bits[(word >> 16) & _ROW])
-        else:
-            a = np.int64(place[(word >> 16) & _ROW])
-            b = np.int64(place[word >> 32])
-            word = (word & _ROW) | (a << 16) | (b << 32)
-            h = _mix(h, word)
-        kept_words[j] = word
-    for k in range(len(outputs)):
-        outputs[k] = place[outputs[k]]
-        h = _mix(h, outputs[k])
-    return kept, h
-
-
-@compiled
-def split_instructions(genes: NDArray[np.uint8], operator_of: NDArray[np.uint8], pairs: NDArray[np.uint16]) -> int:
+@inlined
+def split_instructions(genes: NDArray[np.uint8], begun_by: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
     """Each instruction of a sequence as ``256 op-code + operand gene`` (0 without operand); returns how many.
 
-    An element begins an instruction unless the one before it does and takes an operand; an op-code whose
-    operand is beyond the end is dropped. No branches on the op-code, which no processor could predict.
+    ``begun_by[gene]`` is 256 times the op-code, plus 255 where it takes an operand. An element begins an instruction
+    unless the one before it does and takes an operand; an op-code whose operand is beyond the end is dropped. No
+    branches on the op-code, which no processor could predict.
     """
     found = 0
-    begins = 1
-    last = len(genes) - 1
-    code = np.int64(operator_of[genes[0]])
-    for i in range(last):
-        takes = np.int64(code <= _LAST_BINARY)
+    is_operand = 0
+    here = np.int64(begun_by[genes[0]])
+    for i in range(len(genes) - 1):
         gene = np.int64(genes[i + 1])
-        pairs[found] = (code << 8) | (gene * takes)
-        found += begins
-        begins = 1 - (begins & takes)
-        code = np.int64(operator_of[gene])
-    pairs[found] = code << 8
-    return found + (begins & (code > _LAST_BINARY))
+        pairs[found] = here & (gene | 0xFF00)
+        found += 1 - is_operand
+        is_operand = here & ~is_operand & 1
+        here = np.int64(begun_by[gene])
+    pairs[found] = here & 0xFF00
+    return found + (~is_operand & ~here & 1)
 
 
 @compiled
@@ -123,7 +61,7 @@ def allowed_instructions(
         code = pair >> 8
         cell = cell_of[pair]
         if code > 2:
-            second = np.int64(kinds[cell]) if code <= _LAST_BINARY else 0
+            second = np.int64(kinds[cell]) if code <= LAST_BINARY else 0
             done = np.int64(done_for[code, accumulator, second])
             pairs[kept] = (done & 0xFF00) | (pair & 0xFF)
             accumulator = done & 0xFF if done else accumulator
@@ -138,7 +76,7 @@ def allowed_instructions(
     return kept
 
 
-@compiled
+@inlined
 def reaching_instructions(
     pairs: NDArray[np.uint16],
     count: int,
@@ -156,14 +94,15 @@ def reaching_instructions(
     for k in range(count - 1, -1, -1):
         pair = pairs[k]
         written = written_of[pair]
-        live = np.uint32((needed & written) != 0)
-        needed = (needed & ~written) | (read_of[pair] & (np.uint32(0) - live))
+        read = read_of[pair]
+        live = (needed & written) != 0
+        needed = (needed & ~written) | (read if live else np.uint32(0))
         pairs[begin - 1] = pair
         begin -= np.int64(live)
     return begin
 
 
-@compiled
+@inlined
 def decode_sequence(
     pairs: NDArray[np.uint16],
     begin: int,
@@ -178,13 +117,23 @@ def decode_sequence(
 ) -> int:
     """Words of the instructions ``pairs[begin:end]`` of an accumulator machine; returns their number.
 
-    ``cell_of[pair]`` is the cell that the operand names: a register, or one that holds a row's number. Rows
-    ``base`` to ``base + constants`` are the program's own constants. ``cells`` is scratch, with the row
-    numbers behind the registers and one cell more.
+    ``cell_of[pair]`` is the cell that the operand names: a register, or one that holds a row's number. The last
+    ``constants`` rows are the program's own constants; those that are read become the first words. ``cells`` is
+    scratch, with the row numbers behind the registers and one cell more.
     """
-    count = constants
-    for k in range(constants):
-        words[k] = CONSTANT | (k << 16)
+    count = 0
+    own = len(start) + base
+    if constants:
+        for c in range(constants):
+            cells[own + c] = 0
+        for k in range(begin, end):
+            cell = np.int64(cell_of[pairs[k]])
+            cells[cell if cell >= own else len(cells) - 1] = 1
+        for c in range(constants):
+            words[count] = CONSTANT | (c << 16)
+            read = np.int64(cells[own + c])
+            cells[own + c] = base + count
+            count += read
     for k in range(len(start)):
         cells[k] = start[k]
     accumulator = np.int64(start[0])
@@ -229,7 +178,7 @@ def decode_trees(
         for i in range(bounds[root + 1] - 1, bounds[root] - 1, -1):
             code = np.int64(codes[i])
             if code < 32:
-                binary = code <= _LAST_BINARY
+                binary = code <= LAST_BINARY
                 first = stack[top - 1]
                 kind = kinds[top - 1]
                 second = stack[top - 2] if binary else 0
