@@ -63,8 +63,8 @@ class Island:
         self.left = np.inf
         self.idle = 0
 
-    def step(self) -> bool:
-        """One generation, or a fresh population where nothing has improved for long; whether something may be exact."""
+    def step(self) -> Iterator[Program]:
+        """One generation, or a fresh population where nothing has improved for long; the new laws that may be exact."""
         best = float(self.scores.score.min())
         self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
         self.record = min(self.record, best)
@@ -73,32 +73,34 @@ class Island:
             self.population, self.scores = self.run.start()
         else:
             self.population, self.scores = self.run.following(self.population, self.scores)
-        return self._keep()
+        return self._laws({size for size in self._keep() if self.kept[size][0] > PROMISING})
 
-    def _keep(self) -> bool:
-        """Take in what beats what is known at its size; whether any of it may be exact."""
-        scores, exact = self.scores, False
+    def _keep(self) -> set[int]:
+        """Take in what beats what is known at its size; the sizes."""
+        scores, improved = self.scores, set()
         largest = int(scores.complexity.max(initial=0))
         known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
         better = np.flatnonzero(scores.gain > known[scores.complexity] + 1e-12)
         for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
-            gain, chosen = float(scores.gain[row]), int(scores.chosen[row])
-            self.kept[int(scores.complexity[row])] = gain, self.population.take(np.array([row])), chosen
-            exact |= gain > PROMISING
-        return exact
+            gain, size = float(scores.gain[row]), int(scores.complexity[row])
+            self.kept[size] = gain, self.population.take(np.array([row])), int(scores.chosen[row])
+            improved.add(size)
+        return improved
 
     def linked_left(self) -> float:
         """Share of the linked response's variance that its best program leaves; a denominator can shrink any error."""
         best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
         return np.inf if self.problem.link.quotient else self.problem.share * (1.0 - best)
 
-    def laws(self, least: float = 0.0) -> Iterator[Program]:
-        """Laws of the programs kept whose gain is at least so large, the largest gain first."""
-        for gain, population, chosen in sorted(self.kept.values(), key=lambda kept: -kept[0]):
-            if gain >= least:
-                law = self.problem.law(population.program(0, self.run.layout), chosen)
-                if law is not None:
-                    yield law
+    def laws(self) -> Iterator[Program]:
+        """Laws of all programs kept, the largest gain first."""
+        return self._laws(self.kept)
+
+    def _laws(self, sizes: Iterable[int]) -> Iterator[Program]:
+        for _, population, chosen in sorted((self.kept[size] for size in sizes), key=lambda kept: -kept[0]):
+            law = self.problem.law(population.program(0, self.run.layout), chosen)
+            if law is not None:
+                yield law
 
 
 def regress(
@@ -130,8 +132,7 @@ def regress(
     turn = 1
     while clock() - began < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
         for island in _in_turn(islands, turn):
-            if island.step():
-                found += _judged(island.laws(PROMISING), columns, response)
+            found += _judged(island.step(), columns, response)
         if turn % RANKED_EVERY == 0:
             for island in islands:
                 island.left = min(
@@ -175,7 +176,8 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
     variance = float(np.sum(np.square(response - response.mean())))
     for program in programs:
         values = program.evaluate(columns)[0]
-        size = float(values @ values)
+        with np.errstate(all="ignore"):
+            size = float(values @ values)
         if not np.isfinite(size) or size <= 0:
             continue
         factor = float(values @ response) / size
