@@ -13,7 +13,7 @@ from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_record, write_fitted
+from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike, read_table
 from gpmodel.application.model_file import saved_model
 from gpmodel.arrays import IntArray
@@ -53,7 +53,7 @@ class CalibrationResult:
 
     @cached_property
     def record(self) -> Report:
-        """The same as report.json has it."""
+        """The same as report.json has it, but for the errors of the exports, which are made with it."""
         record = replace(from_calibration(self.calibrated, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())
 
@@ -87,8 +87,8 @@ class CalibrationResult:
         write_fitted(self.record, self.model, folder)
 
     def save(self, file: str | Path) -> None:
-        """Write the content of report.json. Raises InputError when it cannot be written."""
-        save_record(self.record, file)
+        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
+        save_fitted(self.record, self.model, file)
 
     def __repr__(self) -> str:
         return f"<calibration of {self.model.mechanism.name} on {self.record.data.file}: {self.verdict}>"

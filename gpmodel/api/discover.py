@@ -14,7 +14,7 @@ from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_record, write_fitted
+from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.discovery.criteria import Criteria
@@ -49,7 +49,7 @@ class DiscoveryResult:
 
     @cached_property
     def record(self) -> Report:
-        """Everything the report says, as one value."""
+        """Everything the report says, as one value; the errors of the exports are made when it is written."""
         return replace(from_discovery(self.found, self.origin), model_sha256=self.model.sha256)
 
     @property
@@ -86,8 +86,8 @@ class DiscoveryResult:
         write_fitted(self.record, self.model, folder)
 
     def save(self, file: str | Path) -> None:
-        """Write the content of report.json. Raises InputError when it cannot be written."""
-        save_record(self.record, file)
+        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
+        save_fitted(self.record, self.model, file)
 
     def __repr__(self) -> str:
         names = "; ".join(f.name for f in self.findings) or "nothing"

@@ -15,6 +15,7 @@ from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensated, targets_in
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.make import GRID, exports_of
+from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
@@ -84,18 +85,27 @@ class Model:
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
     def export(
-        self, *, box: Sequence[Sequence[float]] | str | None = None, nodes: int = NODES, seed: int = 0
+        self,
+        *,
+        box: Sequence[Sequence[float]] | str | None = None,
+        nodes: int = NODES,
+        setup: str | None = None,
+        tool: str | None = None,
+        seed: int = 0,
     ) -> ExportsResult:
         """The model in the forms that others read, each with its error against `predict`: calibrated.urdf and
         Denavit-Hartenberg rows of a geometry refitted without what they cannot hold, the whole model as NumPy and C99
         source, its terms as LaTeX, and a lookup grid of joint corrections.
 
         box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
-        one a cube about a measured pose near the middle. nodes: of the grid along each side. seed: of the fresh poses
-        the errors are judged at. Raises InputError for a box that is none, or of which nothing is reached.
+        one the largest cube about a measured pose near the middle that is reached and corrected everywhere. nodes: of
+        the grid along each side. setup, tool: whose registration and tool point the sources and the grid have, where
+        the model knows several; the first for None. seed: of the fresh poses the errors are judged at.
+        Raises InputError for a box that is none, or of which nothing is reached, or a name the model does not know.
         """
         limits = None if box is None else box_limits(box, "box")
-        made = exports_of(self.saved, box=limits, nodes=whole(nodes, "nodes", 2), seed=whole(seed, "seed"))
+        place = Place.of(self.saved, setup, tool)
+        made = exports_of(self.saved, place, box=limits, nodes=whole(nodes, "nodes", 2), seed=whole(seed, "seed"))
         if box is not None and GRID in made.refused:
             raise InputError(made.refused[GRID], "box")
         return ExportsResult(self.mechanism.name, made)

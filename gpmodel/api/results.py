@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gpmodel.api.arguments import file_path
+from gpmodel.api.exports import ExportsResult
 from gpmodel.api.model import Model
 from gpmodel.files import finished_folder, not_written, write_text
 from gpmodel.report.saved import to_json
@@ -25,14 +26,24 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
     """The same of a fit, with model.json and every export that the model allows. Raises InputError likewise."""
-    try:
-        exports = model.export()
-    except OSError as error:
-        raise not_written(file_path(folder, "folder"), error) from None
+    exports = _exports(model, file_path(folder, "folder"))
     record = replace(record, exports=exports.records)
     write_results(record, folder, lambda draft: model.save(draft / "model.json"), exports.write)
+
+
+def save_fitted(record: Report, model: Model, file: str | Path) -> None:
+    """Write report.json of a fit to `file`, with the errors of every export. Raises InputError likewise."""
+    path = file_path(file, "file")
+    save_record(replace(record, exports=_exports(model, path).records), path)
 
 
 def save_record(record: Report, file: str | Path) -> None:
     """Write the content of report.json to `file`. Raises InputError when it cannot be written."""
     write_text(file_path(file, "file"), to_json(record))
+
+
+def _exports(model: Model, path: Path) -> ExportsResult:
+    try:
+        return model.export()
+    except OSError as error:
+        raise not_written(path, error) from None

@@ -99,10 +99,18 @@ def _chain(report: Report, effect: EffectRecord) -> str:
 def _size(effect: EffectRecord) -> str:
     if effect.tool_rms_mm is None:
         return "Not known: the report is of an earlier version; make it again."
+    measured = _moves(effect.tool_rms_mm, effect.tool_max_mm)
+    if effect.workspace_rms_mm is None:
+        return f"Moves the measured point by {measured} over the measured poses."
+    anywhere = _moves(effect.workspace_rms_mm, effect.workspace_max_mm)
     return (
-        f"Moves the measured point by {wording.length(effect.tool_rms_mm)} RMS and "
-        f"{wording.length(effect.tool_max_mm)} at most over the measured poses."
+        f"Moves the tool by {anywhere} over the workspace, all joints anywhere within their limits; over the measured "
+        f"poses by {measured}."
     )
+
+
+def _moves(rms: float | None, most: float | None) -> str:
+    return f"{wording.length(rms)} RMS and {wording.length(most)} at most"
 
 
 def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, resolved
@@ -79,7 +80,7 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
 
-def tool_displacement(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> Array:
+def tool_displacement(calibration: Calibration | SavedModel, poses: Poses, effects: Sequence[Effect]) -> Array:
     """How far (N,) some effects of a fitted model move the measured point, m."""
     names = {e.name for e in effects}
     without = np.where([e.name in names for e in calibration.model.effects], 0.0, calibration.theta)

@@ -11,6 +11,7 @@ from gpmodel.report.origin import Origin, names_of, ranges
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, TermRecord
+from gpmodel.report.workspace import over_the_workspace
 
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
@@ -26,6 +27,7 @@ def _effect(ladder: Ladder, effect: Effect) -> EffectRecord:
     kept = bool(final.kept[i])
     poses = resolved(final, ladder.poses)
     moved = fitted.statistics_mm(fitted.tool_displacement(final, poses, [effect]))
+    anywhere = over_the_workspace(final, ladder.poses, [effect])
     return EffectRecord(
         name=translate(effect.name, names),
         slot=translate(", ".join(effect.slots), names),
@@ -46,5 +48,7 @@ def _effect(ladder: Ladder, effect: Effect) -> EffectRecord:
         correlated_with=fitted.correlations(final, [effect], names),
         tool_rms_mm=moved.rms_mm,
         tool_max_mm=moved.max_mm,
+        workspace_rms_mm=anywhere.rms_mm,
+        workspace_max_mm=anywhere.max_mm,
         ranges=ranges(poses.states, effect.inputs, names),
     )

@@ -28,6 +28,7 @@ from gpmodel.report.schema_search import (
     TestRecord,
 )
 from gpmodel.report.shapes import shape_record
+from gpmodel.report.workspace import over_the_workspace
 
 MOST_TERMS = 6
 """Terms listed of one effect; a curve has dozens and its basis says so."""
@@ -68,6 +69,7 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
     inputs = candidate.inputs
     step = next((s for s in discovery.steps if s.finding == i), None)
     moved = fitted.statistics_mm(fitted.tool_displacement(final, resolved(final, discovery.poses), candidate.effects))
+    anywhere = over_the_workspace(final, discovery.poses, candidate.effects)
     return EffectRecord(
         name=translate(candidate.name, names),
         slot=translate(first.slot, names),
@@ -103,6 +105,8 @@ def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRec
         heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
         tool_rms_mm=moved.rms_mm,
         tool_max_mm=moved.max_mm,
+        workspace_rms_mm=anywhere.rms_mm,
+        workspace_max_mm=anywhere.max_mm,
         ranges=ranges(states, inputs, names),
         constants=tuple(
             ConstantRecord(k.name, k.unit, k.value, k.stderr, k.low, k.high) for k in discovery.fitted.constants[i]

@@ -3,6 +3,7 @@
 import io
 import re
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from gpmodel.api.model import Model
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
 from gpmodel.application.exports.make import Exports, compiled_error, exports_of
+from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
@@ -54,7 +56,7 @@ def model(request: pytest.FixtureRequest) -> Model:
 
 @pytest.fixture(scope="module")
 def exports(model: Model) -> Exports:
-    return exports_of(model.saved)
+    return exports_of(model.saved, Place.of(model.saved))
 
 
 def points(model: Model, q: np.ndarray) -> np.ndarray:
@@ -83,7 +85,7 @@ def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_mis
     texts = [text.rpartition("=")[0] for text in effects]
     for count, largest in ((1, 1e-10), (2, 1e-3)):
         saved = calibrate(mechanism, made.dataset, texts[:count]).model.saved
-        source = next(e for e in exports_of(saved).made if e.file == "exports/model.py")
+        source = next(e for e in exports_of(saved, Place.of(saved)).made if e.file == "exports/model.py")
         assert len(source.missing) == count - 1
         assert (source.largest < 1e-10) == (count == 1)
         assert source.largest < largest
@@ -201,6 +203,29 @@ def points_in_root(saved: SavedModel, grid: pd.DataFrame, joints: list[str]) -> 
 
 def at_joints(saved: SavedModel, degrees: pd.DataFrame) -> Dataset:
     return dataset_from(degrees.map(str), Path("grid"), saved.mechanism, need_measurement=False)
+
+
+def test_of_several_set_ups_and_tools_the_named_ones_are_exported_and_said(tmp_path: Path) -> None:
+    mechanism, made = robot(80, 3, "irb6400r", effects=("joint_compliance J2=2e-7",))
+    half = np.arange(80) % 2 == 0
+    moved = np.where(half[:, None], made.dataset.position, made.dataset.position + np.array([0.5, 0.2, 0.1]))
+    labels = {"setup": np.where(half, "east", "west"), "tool": np.where(half, "ball", "cup")}
+    table = replace(made.dataset, position=moved, labels=labels)
+    model = calibrate(mechanism, table, ["joint_compliance J2"]).model
+    model.save(tmp_path / "model.json")
+    q = fresh(model)
+    for options, setup, tool in (((), "east", "ball"), (("--setup", "west", "--tool", "cup"), "west", "cup")):
+        done = run("export", tmp_path, *options)
+        assert done.exit_code == 0, done.stderr
+        frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(mechanism.joints, q.T, strict=True)})
+        wanted = model.predict(frame.assign(setup=setup, tool=tool))[["x [mm]", "y [mm]", "z [mm]"]] / 1e3
+        text = (tmp_path / "exports" / "model.py").read_text()
+        assert f"Set-up {setup}, one of east, west. Tool {tool}, one of ball, cup." in text
+        module = types.ModuleType("exported")
+        exec(text, module.__dict__)
+        np.testing.assert_allclose(module.predict(q), wanted, atol=1e-11)
+        assert compiled_error((tmp_path / "exports" / "model.c").read_text()) < 1e-10
+    assert "--tool" in one_line(run("export", tmp_path, "--tool", "hook"), 2)
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path) -> None:

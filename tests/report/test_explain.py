@@ -2,14 +2,24 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from report_runs import calibrated, discovered
 
 from gpmodel import wording
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.planning.simulate import simulate
 from gpmodel.report.explain import explain, html, text
+from gpmodel.report.fitted import tool_displacement
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import Correlation, RivalRecord
+from gpmodel.report.workspace import over_the_workspace
+from gpmodel.table.dataset import unmeasured
 
 
 def altered(**parts: object) -> Report:
@@ -68,3 +78,19 @@ def test_a_number_that_is_not_there_is_refused(number: int) -> None:
         explain(discovered(), number)
     with pytest.raises(InputError, match="it has none"):
         explain(discovered("nothing"), 1)
+
+
+def test_the_size_over_the_workspace_is_that_of_the_true_effect_where_nobody_measured() -> None:
+    arm, rng = MechanismChoice("irb6400r").load(), np.random.default_rng(0)
+    made = simulate(arm, 0.5 * random_poses(arm, 60, rng), ("joint_compliance J2=2e-7",), rng, noise=1e-5)
+    poses = prepare(arm, made.dataset)
+    asked = made.model.effects[-1:]
+    fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *asked)), poses)
+    anywhere = prepare(arm, unmeasured(made.dataset.joints, random_poses(arm, 3000, rng)))
+    thetas = (made.theta, np.append(made.theta[:-1], 0.0))
+    tips = [observe(made.model, anywhere, theta, made.placement).tip[:, :3, 3] for theta in thetas]
+    truth = 1e3 * np.linalg.norm(tips[0] - tips[1], axis=1)
+    found = over_the_workspace(fit, poses, asked)
+    assert found.rms_mm == pytest.approx(np.sqrt(np.mean(truth**2)), rel=0.1)
+    assert 0.8 * truth.max() < found.max_mm < 1.1 * truth.max()
+    assert found.rms_mm > 1.2e3 * np.sqrt(np.mean(tool_displacement(fit, poses, asked) ** 2))

@@ -7,6 +7,7 @@ import numpy as np
 
 from gpmodel.application.exports.chain import Chain, chain_of
 from gpmodel.application.exports.loads import Body, Loads
+from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import Averaged, Clamped, of_the_mechanism, usable
 from gpmodel.arrays import Array
@@ -29,7 +30,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Forward:
-    """T_register · Π T_s exp(Σ lines) · T_tool, of the first set-up and tool.
+    """T_register · Π T_s exp(Σ lines) · T_tool, of the set-up and the tool of `place`.
 
     computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
     inputs: names and units of what has to be given beside the joint values. bodies: the last one is 1 kg of payload.
@@ -44,9 +45,10 @@ class Forward:
     bodies: tuple[Body, ...]
     gravity: Array
     missing: tuple[str, ...]
+    place: Place
 
 
-def forward_of(saved: SavedModel) -> Forward:
+def forward_of(saved: SavedModel, place: Place) -> Forward:
     """The forward model of what `predict` uses, without the errors of the instrument and of the session.
 
     Raises InputError for a mechanism that is no serial chain, or a load that its masses do not give.
@@ -73,7 +75,7 @@ def forward_of(saved: SavedModel) -> Forward:
     }
     values = zip(saved.model.effects, saved.theta.tolist(), strict=True)
     missing = tuple(e.name for e, value in values if e.name in left and value)
-    return Forward(kept, chain, lines, computed, inputs, bodies, gravity, missing)
+    return Forward(kept, chain, lines, computed, inputs, bodies, gravity, missing, place)
 
 
 def _written(basis: Basis) -> Basis | None:

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.interpolate import RegularGridInterpolator
 
 from gpmodel.application.compensate import MAX_MOVE, TargetPoses, compensate
-from gpmodel.application.exports.sample import measured_table
+from gpmodel.application.exports.sample import Place, measured_table
 from gpmodel.application.kinematics import REACHED, look_at, solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
@@ -50,8 +50,8 @@ class Grid:
     reached: float
 
 
-def lookup_grid(saved: SavedModel, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
-    """Corrections on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
+def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
+    """Corrections of a tool on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
 
     The tool keeps the orientation, and the arm the configuration, of that measured pose near the middle that is
     farthest from a singular one. Without a box it is the largest cube, of SIZES, about a measured pose near the middle
@@ -59,7 +59,7 @@ def lookup_grid(saved: SavedModel, box: Array | None, count: int, rng: np.random
     Raises InputError where no node, or no point between nodes, can be reached.
     """
     saved = of_the_mechanism(usable(saved))
-    data = measured_table(saved)
+    data = place.poses(measured_table(saved))
     tip = tips(saved, data, nominal=True)[1].tip
     points = tip[:, :3, 3]
     near = _far_from_singular(saved, data, points, points.mean(axis=0) if box is None else box.mean(axis=0))
@@ -156,6 +156,8 @@ class _Held:
 
     def misses(self, q: Array, points: Array) -> Array:
         """Distance (N,), m, of the real tool at q (N, n) from points."""
+        if not len(q):
+            return np.zeros(0)
         tip = tips(self.saved, self.targets(points, q).dataset, nominal=False)[1].tip
         return np.asarray(np.linalg.norm(tip[:, :3, 3] - points, axis=1))
 

@@ -16,7 +16,7 @@ from gpmodel.application.exports.dh import Convention, dh_text
 from gpmodel.application.exports.forward import Forward, forward_of
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.rigid import Rigid, refitted
-from gpmodel.application.exports.sample import fresh_poses
+from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, latex_text, numpy_text, to_the_digits
 from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text
 from gpmodel.application.model_file import SavedModel
@@ -62,10 +62,13 @@ class Exports:
     refused: Mapping[str, str]
 
 
-def exports_of(saved: SavedModel, *, box: Array | None = None, nodes: int = NODES, seed: int = 0) -> Exports:
-    """Every export that this model allows. box, nodes: of the lookup grid, as `lookup_grid`."""
+def exports_of(
+    saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
+) -> Exports:
+    """Every export that this model allows. place: of those that hold one set-up or tool. box, nodes: of the lookup
+    grid, as `lookup_grid`."""
     rng = np.random.default_rng(seed)
-    check = cache(lambda: Check.against(saved, fresh_poses(saved, POSES, rng)))
+    check = cache(lambda: Check.against(saved, place, place.poses(fresh_poses(saved, POSES, rng))))
     rigid = cache(lambda: refitted(saved))
     makers: dict[str, Callable[[str], Export]] = {
         URDF: lambda file: _urdf(file, rigid(), check()),
@@ -74,7 +77,7 @@ def exports_of(saved: SavedModel, *, box: Array | None = None, nodes: int = NODE
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
         "exports/model.tex": lambda file: _latex(file, check()),
-        GRID: lambda file: _grid(file, lookup_grid(saved, box, nodes, rng), nodes),
+        GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, rng), nodes),
     }
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
@@ -98,9 +101,9 @@ class Check:
     points: Array
 
     @classmethod
-    def against(cls, saved: SavedModel, dataset: Dataset) -> "Check":
+    def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
         """The points of the model without the errors of the instrument and of the session."""
-        forward = forward_of(saved)
+        forward = forward_of(saved, place)
         poses = prepare(saved.mechanism, dataset)
         kept = forward.saved
         points = observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3]
@@ -199,4 +202,5 @@ def _grid(file: str, grid: Grid, nodes: int) -> Export:
 
 def _note(forward: Forward) -> str:
     left = f" Not in it: {'; '.join(forward.missing)}." if forward.missing else ""
-    return f"Model of {forward.saved.mechanism.name}, as gpmodel predict has it.{left}"
+    place = forward.place.said(forward.saved)
+    return f"Model of {forward.saved.mechanism.name}, as gpmodel predict has it.{left}{place and f' {place}'}"

@@ -1,6 +1,7 @@
 """Poses within the measured ranges that nobody measured."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,39 @@ def measured_table(saved: SavedModel) -> Dataset:
     if saved.measured is None:
         raise InputError("model: does not hold the table it was fitted to; calibrate or discover again")
     return remembered(saved, matched(saved, saved.measured.dataset))
+
+
+@dataclass(frozen=True)
+class Place:
+    """The set-up whose registration, and the tool whose point, an export has."""
+
+    setup: str
+    tool: str
+
+    @classmethod
+    def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
+        """Those of these names, the first of the model for None. Raises InputError for a name that it does not know."""
+        placed = saved.placement
+        return cls(_named(placed.registration, setup, "setup"), _named(placed.tool, tool, "tool"))
+
+    def poses(self, data: Dataset) -> Dataset:
+        """`data` as if all of it were measured there."""
+        here = {"setup": np.full(len(data), self.setup), "tool": np.full(len(data), self.tool)}
+        return replace(data, labels={**data.labels, **here})
+
+    def said(self, saved: SavedModel) -> str:
+        """Which of several set-ups and tools it is, in a sentence; empty where there is one of each."""
+        placed = saved.placement
+        own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
+        return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
+
+
+def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
+    if name is None:
+        return next(iter(known))
+    if name not in known:
+        raise InputError(f"'{name}' is unknown to the model, expected {', '.join(map(repr, known))}", argument)
+    return name
 
 
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:

@@ -33,8 +33,8 @@ def numpy_text(forward: Forward, note: str) -> str:
         "NOTE": note, "JOINTS": list(_joints(forward)), "INPUTS": _defaults(forward),
         "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
         "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
-        "GRAVITY": forward.gravity.tolist(), "REGISTRATION": _first(forward.saved.placement.registration),
-        "TOOL": _first(forward.saved.placement.tool), "COLUMNS": _indented(lines), "TERMS": _indented(terms),
+        "GRAVITY": forward.gravity.tolist(), "REGISTRATION": _registration(forward), "TOOL": _tool(forward),
+        "COLUMNS": _indented(lines), "TERMS": _indented(terms),
     })  # fmt: skip
 
 
@@ -60,9 +60,8 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
         "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
         "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
         "GRAVITY": _braces(forward.gravity.tolist()),
-        "REGISTRATION": _braces(_first(forward.saved.placement.registration)),
-        "TOOL": _braces(_first(forward.saved.placement.tool)), "CASES": _braces(cases.tolist()),
-        "COLUMNS": _indented(lines), "TERMS": _indented(terms),
+        "REGISTRATION": _braces(_registration(forward)), "TOOL": _braces(_tool(forward)),
+        "CASES": _braces(cases.tolist()), "COLUMNS": _indented(lines), "TERMS": _indented(terms),
     })  # fmt: skip
 
 
@@ -146,8 +145,12 @@ def _weights(forward: Forward, alone: int | None, one: str, none: str) -> str:
     return f"[{', '.join(here)}]"
 
 
-def _first(frames: Mapping[str, Array]) -> object:
-    return next(iter(frames.values())).tolist()
+def _registration(forward: Forward) -> list[list[float]]:
+    return forward.saved.placement.registration[forward.place.setup].tolist()
+
+
+def _tool(forward: Forward) -> list[list[float]]:
+    return forward.saved.placement.tool[forward.place.tool].tolist()
 
 
 def _braces(value: object) -> str:
