@@ -13,7 +13,6 @@ from cli_cases import run, table, write
 
 import gpmodel as gp
 from gpmodel.api.discover import DiscoveryResult
-from gpmodel.cli import request as request_module
 
 DEMO = Path(str(files("gpmodel") / "data" / "demo.csv"))
 SMALL = partial(gp.Search, population=48, generations=4)
@@ -32,7 +31,7 @@ def comparable(folder: Path) -> dict[str, object]:
 
 @pytest.fixture
 def small() -> Iterator[None]:
-    with mock.patch.object(request_module, "Search", SMALL):
+    with mock.patch("gpmodel.cli.discover.Search", SMALL):
         yield
 
 

@@ -14,7 +14,6 @@ from cli_cases import one_line, run, table, write
 
 from gpmodel.application.model_file import load_model
 from gpmodel.cli import demo as demo_command
-from gpmodel.cli import request as request_module
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare
 from gpmodel.table.read import read_table
@@ -28,7 +27,7 @@ GEAR = "gear_harmonic J4=200 arcsec"
 def quick_search() -> AbstractContextManager[object]:
     """Runs, populations and generations for what does not depend on how much is found."""
     small = partial(Search, population=48, generations=4)
-    return mock.patch.multiple(request_module, Search=small)
+    return mock.patch("gpmodel.cli.discover.Search", small)
 
 
 @pytest.fixture(autouse=True)
@@ -171,7 +170,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
     "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
-    "nothing to resume": (["--resume", "nowhere"], "nowhere has no unfinished search"),
+    "two folders": (["--resume", "nowhere"], "leave --out away"),
 }
 
 
@@ -183,6 +182,11 @@ def test_bad_input_is_one_line_and_writes_nothing(
     arguments, said = BAD[case]
     line = one_line(run("discover", *[a.format(table=measured) for a in arguments], "--out", "out", "--quiet"), 2)
     assert said in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_where_nothing_was_interrupted_nothing_is_resumed(tmp_path: Path) -> None:
+    assert "nowhere has no unfinished search" in one_line(run("discover", "--resume", tmp_path / "nowhere"), 2)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -212,7 +216,7 @@ def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_demo_finds_what_was_planted(tmp_path: Path) -> None:
-    with mock.patch.object(request_module, "Search", Search):
+    with mock.patch("gpmodel.cli.discover.Search", Search):
         assert run("demo", "--out", tmp_path / "demo", "--quiet").exit_code == 0
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert report["effects"]

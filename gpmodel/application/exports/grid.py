@@ -79,8 +79,7 @@ def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator) -> Gr
     start = held.nominal(fresh)
     moved = start + between(fresh)
     use = np.isfinite(moved).all(axis=1)
-    none = np.zeros(0), np.zeros(0)
-    before, after = (held.misses(values[use], fresh[use]) for values in (start, moved)) if use.any() else none
+    before, after = (held.misses(values[use], fresh[use]) for values in (start, moved))
     return Grid(_frame(held.saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
 
 
