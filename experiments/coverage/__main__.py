@@ -20,6 +20,7 @@ import numpy as np
 from experiments.coverage.cases import FAMILIES
 from experiments.coverage.measure import Row, found, known
 from gpmodel.discovery.search import Search
+from gpmodel.executor import Processes, Threads
 
 
 def main() -> None:
@@ -29,24 +30,35 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--runs", type=int, default=0, help="GP runs a round; none: groups are chosen, nothing evolved")
     parser.add_argument("--quick", action="store_true", help="one seed")
+    parser.add_argument("--workers", type=int, default=1, help="robots side by side")
     parser.add_argument("--out", type=Path, help="JSON of results")
     settings = parser.parse_args()
     seeds = range(1 if settings.quick else settings.seeds)
     rows = json.loads(settings.out.read_text())["robots"] if settings.out and settings.out.exists() else []
     done = {(row["case"], row["seed"]) for row in rows}
     command = shlex.join(["python", "-m", "experiments.coverage", *sys.argv[1:]])
-    for seed in seeds:
-        for family in settings.family.split(","):
-            for name, case in FAMILIES[family].items():
-                if (name, seed) in done or (settings.only and name not in settings.only.split(",")):
-                    continue
-                started = time.process_time()
-                row = known(case, seed) if family == "known" else found(case, seed, Search(runs=settings.runs))
-                spent = round(time.process_time() - started, 1)
-                rows.append({"case": name, "seed": seed, "family": family, "processor_s": spent, **row})
-                if settings.out:
-                    save(rows, command, settings.out)
+    jobs = [
+        (family, name, seed, settings.runs)
+        for seed in seeds
+        for family in settings.family.split(",")
+        for name in FAMILIES[family]
+        if (name, seed) not in done and (not settings.only or name in settings.only.split(","))
+    ]
+    side_by_side = Threads(1) if settings.workers == 1 else Processes(settings.workers)
+    for _, row in side_by_side(judged, jobs):
+        rows.append(row)
+        if settings.out:
+            save(rows, command, settings.out)
     print(json.dumps(summarised(rows), indent=1))
+
+
+def judged(job: tuple[str, str, int, int]) -> Row:
+    """One robot: its family, its name, its seed, and the GP runs that a discovery takes."""
+    family, name, seed, runs = job
+    case, started = FAMILIES[family][name], time.process_time()
+    row = known(case, seed) if family == "known" else found(case, seed, Search(runs=runs))
+    spent = round(time.process_time() - started, 1)
+    return {"case": name, "seed": seed, "family": family, "processor_s": spent, **row}
 
 
 def summarised(rows: list[Row]) -> dict[str, Any]:
