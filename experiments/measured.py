@@ -23,7 +23,7 @@ from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.report.origin import Origin
+from gpmodel.report.origin import Origin, versions
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.read import dataset_from
 
@@ -121,8 +121,8 @@ def frozen(found: Discovery, groups: Sequence[tuple[Effect, ...]], fit: Calibrat
 
 
 def save(results: dict[str, Any], path: Path | None) -> None:
-    """Write or print the numbers, with the command that made them."""
-    text = to_json(results)
+    """Write or print the numbers, with the command and the versions that made them."""
+    text = to_json({**results, "versions": versions()})
     print(text)
     if path is not None:
         write_text(path, text)

@@ -70,7 +70,7 @@ def explore(
     Raises OutOfTime between two runs.
     """
     n = len(residual.poses)
-    count = search.evolved_poses if residual.enabled.shape[1] < MANY_COLUMNS else search.evolved_poses // 2
+    count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
     problem, names = posed(residual, sites, search, rows)
     if not search.runs:

@@ -4,7 +4,6 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.residual import Residual
-from gpmodel.numerics import rank as ident
 
 
 def shuffled(residual: Residual, rng: np.random.Generator, count: int) -> Array:
@@ -25,4 +24,4 @@ def shuffled(residual: Residual, rng: np.random.Generator, count: int) -> Array:
         turned[places] = blocks[np.argsort(np.argsort(order)[unit], kind="stable")]
         rows = turned[present]
         out[: residual.measured, b] = np.where(np.isfinite(rows), rows, 0.0)
-    return ident.remove(residual.enabled, out)
+    return residual.span.remove(out)

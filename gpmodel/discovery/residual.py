@@ -29,10 +29,11 @@ class Residual:
     """The training residual of a calibration with everything the model already explains projected out.
 
     Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
-    far as their priors let them, no further. enabled: (M + B, K) orthonormal columns of the model. values: (M + B,).
-    system, target: the columns (M + B, K') and right side these came from. fold_of_row: (M,).
+    far as their priors let them, no further. span: of the model's columns. values: (M + B,).
+    system, target: the columns (M + B, K), of unit length, and right side these came from. names: of the effects that
+    the columns after those of the placement are of. fold_of_row: (M,).
     unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
-    criteria: the limits everything about it is held to.
+    criteria: the limits everything about it is held to. sliced: products of the columns where a larger system had them.
     """
 
     calibration: Calibration
@@ -40,12 +41,14 @@ class Residual:
     problem: Linearised
     system: Array
     target: Array
-    enabled: Array
+    span: ident.Span
     values: Array
+    names: tuple[str, ...]
     fold_of_row: IntArray
     unit_of_pose: IntArray
     shrink: Array
     criteria: Criteria
+    sliced: "Products | None" = None
 
     @property
     def winsorised(self) -> Mask:
@@ -65,7 +68,7 @@ class Residual:
     @property
     def freedom(self) -> int:
         """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
-        return max(len(self.values) - self.enabled.shape[1], 1)
+        return max(len(self.values) - self.span.size, 1)
 
     @cached_property
     def rms(self) -> float:
@@ -86,7 +89,7 @@ class Residual:
         alive = norms > ident.NEGLIGIBLE * 1e-3
         padded = np.zeros((len(self.values), len(norms)))
         padded[: self.measured] = columns / np.where(alive, norms, 1.0)
-        left = ident.remove(self.enabled, padded) * alive
+        left = self.span.remove(padded) * alive
         return left, np.linalg.norm(left, axis=0)
 
     def poses_at_work(self, effects: Sequence[Effect]) -> Array:
@@ -99,22 +102,56 @@ class Residual:
         np.add.at(energy, self.problem.pose_of_row, left)
         return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
+    @cached_property
+    def products(self) -> "Products":
+        """Of all columns of the system with one another."""
+        if self.sliced is not None:
+            return self.sliced
+        measured = self.system[: self.measured]
+        tests = (measured[self.fold_of_row == fold] for fold in np.unique(self.fold_of_row))
+        return Products(self.system.T @ self.system, tuple(part.T @ part for part in tests))
+
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The same with the part of some of its model's effects given back, as if they were not in it."""
-        system, target, enabled = _system(self.calibration, self.problem, self.shrink, effects)
-        return replace(self, system=system, target=target, enabled=enabled, values=ident.remove(enabled, target))
+        given = [e.name for e in effects]
+        kept = np.concatenate([np.ones(self.problem.placement, dtype=bool), ~np.isin(self.names, given)])
+        believed = np.any(self.system[self.measured :] != 0, axis=0)
+        rows = np.concatenate([np.ones(self.measured, dtype=bool), kept[believed]])
+        model = self.calibration.model
+        returned = np.isin([e.name for e in model.effects], given)
+        back = self.problem.columns[:, self.problem.placement :][:, returned] @ self.calibration.theta[returned]
+        target = self.target.copy()
+        target[: self.measured] += back
+        system, products = self.system[np.ix_(rows, kept)], self.products.of(kept)
+        span = _spanned(system, believed[kept], products.whole)
+        return replace(
+            self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
+            names=tuple(n for n in self.names if n not in set(given)), sliced=products,
+        )  # fmt: skip
 
     @cached_property
     def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:
         """Of every fold: its rows (M,), the factored normal equations of the system without them, their solution."""
-        gram, pull = self.system.T @ self.system, self.system.T @ self.target
-        out = []
-        for fold in np.unique(self.fold_of_row):
+        pull, out = self.system.T @ self.target, []
+        for fold, part in zip(np.unique(self.fold_of_row), self.products.folds, strict=True):
             test = self.fold_of_row == fold
-            part, right = self.system[: self.measured][test], self.target[: self.measured][test]
-            factor = factored(gram - part.T @ part)
-            out.append((test, factor, linalg.cho_solve(factor, pull - part.T @ right, check_finite=False)))
+            right = self.system[: self.measured][test].T @ self.target[: self.measured][test]
+            factor = factored(self.products.whole - part)
+            out.append((test, factor, linalg.cho_solve(factor, pull - right, check_finite=False)))
         return tuple(out)
+
+
+@dataclass(frozen=True)
+class Products:
+    """SᵀS (K, K) of columns S, and of their rows in each fold alone."""
+
+    whole: Array
+    folds: tuple[Array, ...]
+
+    def of(self, columns: Mask) -> "Products":
+        """Those of some of the columns."""
+        at = np.ix_(columns, columns)
+        return Products(self.whole[at], tuple(fold[at] for fold in self.folds))
 
 
 def residual_of(
@@ -128,31 +165,25 @@ def residual_of(
     shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0
-    system, target, enabled = _system(calibration, problem, shrink, ())
+    system, target, names = _system(calibration, problem, shrink)
+    believed = np.any(system[len(problem.residual) :] != 0, axis=0)
+    span = _spanned(system, believed, system.T @ system if believed.any() else system[:0, :0])
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     return Residual(
-        calibration, problem.poses, problem, system, target, enabled, ident.remove(enabled, target), fold,
+        calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
         independent_units(poses.dataset, criteria), shrink, criteria,
     )  # fmt: skip
 
 
-def _system(
-    calibration: Calibration, problem: Linearised, shrink: Array, without: Sequence[Effect]
-) -> tuple[Array, Array, Array]:
-    """Columns and right side (M + B) of what is enabled but for some effects, and the orthonormal span of the columns.
-
-    without: effects whose part is given back to the right side.
-    """
-    returned = np.isin([e.name for e in calibration.model.effects], [e.name for e in without])
+def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...]]:
+    """Columns and right side (M + B) of what is enabled, and the names of the effects among the columns."""
     shortened = problem.residual * shrink[problem.pose_of_row]
-    shortened = shortened + problem.columns[:, problem.placement :][:, returned] @ calibration.theta[returned]
-    kept = calibration.kept & ~returned
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    belief, pull = prior_rows(calibration.model, calibration.theta, problem, kept)
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), calibration.kept])
+    belief, pull = prior_rows(calibration.model, calibration.theta, problem, calibration.kept)
     system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
-    return system, target, _spanned(system, np.any(belief[:, free] != 0, axis=0))
+    return system, target, tuple(e.name for e, k in zip(calibration.model.effects, calibration.kept, strict=True) if k)
 
 
 def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
@@ -163,11 +194,15 @@ def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
-def _spanned(system: Array, with_prior: Mask) -> Array:
-    """Orthonormal basis of unit columns (M + B, K): those without priors decided by rank, those with by Cholesky."""
-    plain = ident.orthonormal(system[:, ~with_prior])
-    if not with_prior.any():
-        return plain
-    rest = ident.remove(plain, system[:, with_prior])
-    upper, _ = factored(rest.T @ rest)
-    return np.hstack([plain, linalg.solve_triangular(upper, rest.T, trans="T", check_finite=False).T])
+def _spanned(system: Array, believed: Mask, gram: Array) -> ident.Span:
+    """The span of unit columns (M + B, K): those without priors decided by rank, those with by Cholesky.
+
+    believed: (K,) which have priors. gram: (K, K) products of all columns, where any has.
+    """
+    plain = ident.orthonormal(system[:, ~believed])
+    if not believed.any():
+        return ident.Span(plain)
+    columns = system[:, believed]
+    inside = plain.T @ columns
+    factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
+    return ident.Span(plain, columns - plain @ inside, factor)

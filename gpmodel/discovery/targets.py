@@ -17,7 +17,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
     """The residual seen from sites at some poses: weight, cross and pull of every site, energy in proportion."""
     columns = _columns(residual, sites)
     weight = _by_pose(residual, columns**2, rows)
-    enabled = residual.enabled[: residual.measured]
+    enabled = residual.span.basis[: residual.measured]
     cross = np.stack([_compact(_by_pose(residual, columns[:, [s]] * enabled, rows)) for s in range(len(sites))])
     alive = weight.sum(axis=1) > 1e-12
     samples = int(len(residual.values) * len(rows) / len(residual.poses))

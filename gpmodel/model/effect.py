@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,12 +42,12 @@ class Effect:
     prior: float = math.inf
     mean: float = 0.0
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """The state columns that its bases read."""
         return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
 
-    @property
+    @cached_property
     def slots(self) -> tuple[str, ...]:
         """The slots it acts at."""
         return tuple(dict.fromkeys(term.slot for term in self.terms))

@@ -1,6 +1,7 @@
 """Which parameters the poses can tell apart: scaling, rank, unique shares."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -26,6 +27,37 @@ def orthonormal(columns: Array) -> Array:
 def remove(basis: Array, columns: Array) -> Array:
     """Columns (M, K) less their part in the span of an orthonormal basis (M, k)."""
     return columns - basis @ (basis.T @ columns)
+
+
+@dataclass(frozen=True)
+class Span:
+    """What columns span: orthonormal ones (M, k), and where given more (M, b), orthogonal to those, with the Cholesky
+    factor of their products for scipy's cho_solve."""
+
+    plain: Array
+    rest: Array | None = None
+    factor: tuple[Array, bool] | None = None
+
+    @property
+    def size(self) -> int:
+        """How many columns."""
+        return self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1])
+
+    def remove(self, columns: Array) -> Array:
+        """Columns (M, ...) less their part in the span."""
+        left = remove(self.plain, columns)
+        if self.rest is None:
+            return left
+        return left - self.rest @ linalg.cho_solve(self.factor, self.rest.T @ left, check_finite=False)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal columns (M, k + b)."""
+        if self.rest is None:
+            return self.plain
+        upper = self.factor[0] if self.factor else np.zeros((0, 0))
+        turned = linalg.solve_triangular(upper, self.rest.T, trans="T", check_finite=False).T
+        return np.hstack([self.plain, turned])
 
 
 def unique_shares(columns: Array) -> Array:

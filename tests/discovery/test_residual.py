@@ -63,7 +63,7 @@ def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None
 def test_columns_are_projected_off_all_that_is_enabled() -> None:
     there = seen(NAMES[0])
     left, shares = there.projected([e for c in pool()[:60] for e in c.effects])
-    assert np.abs(there.enabled.T @ left).max() < 1e-9
+    assert np.abs(there.span.basis.T @ left).max() < 1e-9
     np.testing.assert_allclose(np.linalg.norm(left, axis=0), shares, atol=1e-12)
     assert ((shares >= 0) & (shares <= 1 + 1e-12)).all()
 
@@ -150,7 +150,7 @@ def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
 def test_shuffling_keeps_the_poses_whole_and_the_model_out() -> None:
     there = seen(NAMES[0])
     order = shuffled(there, np.random.default_rng(0), 5)
-    assert np.abs(there.enabled.T @ order).max() < 1e-12
+    assert np.abs(there.span.basis.T @ order).max() < 1e-12
     assert (np.abs(there.values @ order) < 0.5 * there.energy).all()
     again = shuffled(there, np.random.default_rng(0), 5)
     np.testing.assert_array_equal(order, again)
