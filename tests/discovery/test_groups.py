@@ -82,7 +82,7 @@ def test_the_gain_of_a_group_is_what_the_density_gains_with_it() -> None:
 
 def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> None:
     active, target = problem()
-    worth, variance = active.worth(9)
+    worth, variance = active.worth[9]
     there = replace(active, variances={**active.variances, 9: variance})
     lost = dense(there, target) - dense(active.without(9), target)
     assert worth - active.pool.cost[9] == pytest.approx(lost, abs=1e-3)

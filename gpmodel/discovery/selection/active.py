@@ -82,6 +82,12 @@ class Active:
         return linalg.lapack.dtrtri(self.lower, lower=1)[0]
 
     @cached_property
+    def spanned(self) -> Array:
+        """A L⁻ᵀ (M, K), whose product with its transpose is what the groups take out of rows."""
+        columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
+        return np.hstack(columns) @ self.inverse.T
+
+    @cached_property
     def mean(self) -> Array:
         """Posterior mean H Aᵀy (K,), in the same units."""
         return self.inverse.T @ (self.inverse @ self.pull)
@@ -130,7 +136,14 @@ class Active:
         a = self.variances[g]
         return ((1.0 - h) / h / a)[None], ((turn.T @ self.mean[at]) / h / np.sqrt(a))[None]
 
-    def worth(self, g: int) -> tuple[float, float]:
-        """Gain of an active group over the model without it, at its best variance, and that variance."""
-        gains, at = best(*self.own(g), self.pool.cap[[g]])
-        return float(gains[0]), float(at[0])
+    @cached_property
+    def worth(self) -> dict[int, tuple[float, float]]:
+        """Gain of each active group over the model without it, at its best variance, and that variance.
+
+        Groups of few columns are scored beside those of many: a column of zeros gains nothing.
+        """
+        own = [self.own(g) for g in self.variances]
+        width = max((s.shape[1] for s, _ in own), default=0)
+        s, q = (np.array([np.pad(pair[i][0], (0, width - pair[i].shape[1])) for pair in own]) for i in (0, 1))
+        gains, at = best(s, q, self.pool.cap[list(self.variances)])
+        return {g: (float(gain), float(a)) for g, gain, a in zip(self.variances, gains, at, strict=True)}

@@ -30,7 +30,7 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
     """Variances and noise at their most likely values: all at once in log a, halving the step where evidence falls."""
     step = 1.0
     for _ in range(sweeps):
-        target = {g: active.worth(g)[1] for g in active.variances}
+        target = {g: variance for g, (_, variance) in active.worth.items()}
         sigma2 = active.energy / max(active.pool.rows.freedom - active.unknowns, 1.0)
         moved = {g: a * (target[g] / a) ** step for g, a in active.variances.items()}
         trial = replace(active, variances=moved, sigma2=active.sigma2 * (sigma2 / active.sigma2) ** step)
@@ -49,9 +49,7 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
 def pruned(active: Active) -> Active:
     """Without what saves fewer than the least nats, the worst first, and without idle parts of what is kept."""
     while True:
-        worth = {
-            g: active.worth(g)[0] - active.pool.cost[g] for g in active.variances if not active.pool.groups[g].standing
-        }
+        worth = {g: active.worth[g][0] - active.pool.cost[g] for g in _found(active)}
         worst = min(worth, key=lambda g: worth[g], default=None)
         if worst is None or worth[worst] >= active.criteria.minimum_nats:
             return _without_idle_parts(active)
@@ -120,7 +118,7 @@ def split(active: Active) -> Active:
             trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
         trial = reestimated(trial)
         new = [h for h in trial.variances if h not in active.variances]
-        if all(trial.worth(h)[0] - trial.pool.cost[h] >= active.criteria.minimum_nats for h in new):
+        if all(trial.worth[h][0] - trial.pool.cost[h] >= active.criteria.minimum_nats for h in new):
             active = trial
     return active
 
@@ -134,7 +132,7 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
 def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
     """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
     active = replacements.active
-    own = active.worth(g)[0] - active.pool.cost[g]
+    own = active.worth[g][0] - active.pool.cost[g]
     margin = active.criteria.rival_nats
     gains, variances = replacements.of(g, own - margin)
     losses = own - (gains - active.pool.cost)

@@ -109,8 +109,13 @@ class GroupPool:
         """Products (K, K) of the scaled columns of some groups, of those effects that are chosen; the last is kept."""
         key = tuple((g, c.tobytes()) for g, c in chosen.items())
         if self._gram[0] != key:
-            out = np.vstack(
-                [np.hstack([self.between(g, h)[np.ix_(chosen[g], chosen[h])] for h in chosen]) for g in chosen]
-            )
-            self._gram = key, 0.5 * (out + out.T)
+            ends = np.cumsum([0, *(len(c) for c in chosen.values())])
+            out = np.empty((ends[-1], ends[-1]))
+            for i, (g, own) in enumerate(chosen.items()):
+                for j, (h, others) in enumerate(list(chosen.items())[: i + 1]):
+                    block = self.between(g, h)
+                    block = block if block.shape == (len(own), len(others)) else block[np.ix_(own, others)]
+                    out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
+                    out[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
+            self._gram = key, out
         return self._gram[1]

@@ -89,16 +89,12 @@ def spectrum(active: Active, comb: Comb, targets: Array) -> Spectrum:
     """A comb beside a model; targets: (M, T), whitened and cleaned."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in comb.joint.drive)
-    reach = rows.whitening.whiten(np.asarray(reach))
-    columns = [np.sqrt(a) * active.pool.columns(g)[:, active.chosen[g]] for g, a in active.variances.items()]
-    known = np.hstack(columns) @ active.inverse.T
-    left = targets - known @ (known.T @ targets)
-    taken = np.hstack([rows.placement, known])
+    reach = rows.whitening.whiten(np.asarray(reach))[:, None]
+    left = targets - active.spanned @ (active.spanned.T @ targets)
+    taken = np.hstack([rows.placement, active.spanned])
     angle = rows.shapes.states[comb.joint.name][rows.present] - comb.start
-    energy = rows.totals(reach[:, None] ** 2)[:, 0]
-    return Spectrum(
-        comb, angle, energy, rows.totals(reach[:, None] * taken), rows.totals(reach[:, None] * left), active.sigma2
-    )
+    energy = rows.totals(reach**2)[:, 0]
+    return Spectrum(comb, angle, energy, rows.totals(reach * taken), rows.totals(reach * left), active.sigma2)
 
 
 def most_by_chance(active: Active, combs: Sequence[Comb], targets: Array) -> Array:
@@ -115,23 +111,31 @@ def most_by_chance(active: Active, combs: Sequence[Comb], targets: Array) -> Arr
 
 
 def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
-    """The waves that what a model leaves asks for, the worthiest first, each beside those before it."""
-    found: list[Group] = []
-    rows = active.pool.rows
-    for _ in range(MOST_WAVES):
-        every = [spectrum(active, comb, rows.target[:, None]) for comb in combs]
-        best_of = [_peak(s) for s in every]
-        net = [gain - s.comb.template.cost for (_, gain), s in zip(best_of, every, strict=True)]
-        if not net or max(net) < active.criteria.minimum_nats:
+    """The waves that what a model leaves asks for, the worthiest first, each beside those before it.
+
+    A joint's best wave is sought again beside the others' only once it would be the next. Source: Minoux (1978).
+    """
+    rows, found, fresh = active.pool.rows, list[Group](), set[int]()
+    peaks = [(np.inf, 0.0)] * len(combs)
+    there: dict[int, Spectrum] = {}
+    while combs and len(found) < MOST_WAVES:
+        k = max(range(len(combs)), key=lambda k: peaks[k][0])
+        if peaks[k][0] < active.criteria.minimum_nats:
             break
-        k = int(np.argmax(net))
-        group = _written(every[k], *best_of[k], rows.shapes)
+        if k not in fresh:
+            there[k] = spectrum(active, combs[k], rows.target[:, None])
+            rate, gain = _peak(there[k])
+            peaks[k] = gain - combs[k].template.cost, rate
+            fresh.add(k)
+            continue
+        net, rate = peaks[k]
+        group = _written(there[k], rate, net + combs[k].template.cost, rows.shapes)
         if group is None or group.name in {g.name for g in active.pool.groups}:
             break
         found.append(group)
         pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
-        active = reestimated(wider.added(len(pool.groups) - 1, 1e-10))
+        active, fresh = reestimated(wider.added(len(pool.groups) - 1, 1e-10)), set()
     return found
 
 
