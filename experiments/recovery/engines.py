@@ -1,13 +1,14 @@
 """The engines compared on a regression problem; each returns a predictor and, where it has one, an expression."""
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.recovery.found import Engine, Found, slowdown
+from experiments.recovery.operon import OPERON
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
@@ -15,34 +16,14 @@ from gpmodel.evolution.regression import regress
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Found:
-    """What an engine returns: predictions at new points; the program and its coefficients, the last the intercept."""
-
-    predict: Callable[[dict[str, Array]], Array]
-    program: Program | None = None
-    coefficients: tuple[float, ...] = ()
-
-
-Engine = Callable[[dict[str, Array], Array, float, int], Found]
 
 SEQUENCES = Linear(operators="physics", own_constants=0, outputs=4, registers=6)
 TREES = Tree(operators="physics", own_constants=0, outputs=4)
 BUDGET = Budget(restart_after=25, polish_every=0, target=1.0 - 1e-10, threads=1)
 PARSIMONY = 3.0
-
-
-def slowdown() -> float:
-    """Wall seconds a second of one core's work takes now."""
-    begin, used = time.perf_counter(), time.thread_time()
-    while time.thread_time() - used < 0.2:
-        pass
-    return max(1.0, (time.perf_counter() - begin) / 0.2)
 
 
 def here(representation: Linear | Tree, population: int) -> Engine:
@@ -72,43 +53,6 @@ def under_links(columns: dict[str, Array], response: Array, seconds: float, seed
     return Found(lambda new: law.program.evaluate(new)[0], law.program, (1.0, 0.0))
 
 
-SYMBOLS = "add,sub,mul,div,square,sqrt,sin,cos,tanh,asin,exp,log,constant,variable"
-
-
-@dataclass(frozen=True)
-class Operon:
-    """pyoperon with Levenberg-Marquardt on every child, one thread; ``criterion`` picks the model of its front.
-
-    More steps, symbols and selection by error than by default; other settings were not compared.
-    """
-
-    criterion: str
-    population: int = 1000
-    iterations: int = 10
-    length: int = 50
-    symbols: str = SYMBOLS
-
-    def __call__(self, columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
-        from pyoperon.sklearn import SymbolicRegressor
-
-        model = SymbolicRegressor(
-            allowed_symbols=self.symbols,
-            optimizer_iterations=self.iterations,
-            population_size=self.population,
-            pool_size=self.population,
-            max_length=self.length,
-            generations=1_000_000,
-            max_evaluations=10**9,
-            max_time=max(1, round(seconds * slowdown())),
-            epsilon=1e-12,
-            model_selection_criterion=self.criterion,
-            n_threads=1,
-            random_state=seed,
-        )
-        model.fit(np.column_stack(list(columns.values())), response)
-        return Found(lambda new: np.asarray(model.predict(np.column_stack(list(new.values()))), dtype=float))
-
-
 def gplearn(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
     """gplearn's SymbolicRegressor, a generation at a time until the time is over."""
     from gplearn.genetic import SymbolicRegressor
@@ -136,7 +80,8 @@ def available(noisy: bool = False) -> dict[str, Engine]:
         "tree, 4 roots solved": here(TREES, 256),
     }
     if find_spec("pyoperon"):
-        engines["Operon"] = Operon("minimum_description_length" if noisy else "mean_squared_error")
+        criterion = "minimum_description_length" if noisy else "mean_squared_error"
+        engines |= {name: replace(settings, criterion=criterion) for name, settings in OPERON.items()}
     if find_spec("gplearn"):
         engines["gplearn"] = gplearn
     return engines

@@ -1,7 +1,7 @@
 """Public laws recovered from 100 points: how many, how soon, and in exact form.
 
 From the root of the repository: python -m experiments.recovery.run [--laws old|tune|unseen] [--seconds 5] [--seeds 3]
-[--noise 0.0] [--engines "linear, under links;Operon"] [--out FOLDER]
+[--noise 0.0] [--engines "linear, under links;Operon"] [--out FOLDER]. It writes the tables of the README, too.
 Laws: the 24 that all was tuned on once (old), or a half of 48 others drawn by a seed, to tune on or for a last look;
 every look at the last is written to looks.json. Seconds are of one processor core: engines that only know the wall's
 are given longer on a busy machine. Solved: normalised mean
@@ -24,9 +24,11 @@ from typing import Any
 import numpy as np
 import sympy
 
-from experiments.recovery.engines import Found, available
+from experiments.recovery.engines import available
 from experiments.recovery.feynman import halves
+from experiments.recovery.found import Found
 from experiments.recovery.laws import LAWS, Law
+from experiments.tables import write_table
 from gpmodel.formula.algebra import to_sympy
 
 ROOT = sympy.sqrt(2 * sympy.pi)
@@ -73,6 +75,10 @@ def agree(guess: sympy.Expr, truth: sympy.Expr, names: dict[str, sympy.Symbol], 
     return True
 
 
+OURS = "linear, under links"
+LAWS_IN = {"": "old", "_tune": "tune", "_unseen": "unseen", "_noise_0.01": "old, 1 % noise"}
+"""The laws of each file of results."""
+
 WARM_UP = Law("warm-up", {"x": (1, 2), "y": (1, 2)}, "sin(x)*exp(y) + sin(3.3*y)*log(x)")
 """What engines are compiled on before anything is timed."""
 
@@ -116,6 +122,26 @@ def record_look(folder: Path, engine: str, row: dict[str, Any]) -> None:
     file.write_text(json.dumps(looks, indent=1) + "\n", encoding="utf-8")
 
 
+def write_tables(folder: Path) -> None:
+    """What all the files of results say, into the README beside them."""
+    solved: list[tuple[object, ...]] = []
+    missed: list[tuple[object, ...]] = []
+    for kind in ("", "_tune", "_unseen", "_noise_0.01"):
+        file = folder / f"results{kind}.json"
+        found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        laws = LAWS_IN[kind]
+        for engine, row in found.items():
+            counts = f"{row['solved']} of {row['of']}", row["exact"] or None
+            times = row["median_cpu_seconds_to_solve"], round(row["machine"]["load"], 1) if "machine" in row else None
+            solved.append((laws, engine, row.get("seeds"), row.get("seconds"), *counts, *times))
+        left = [row for row in found.get(OURS, {"runs": []})["runs"] if not row["solved"]]
+        for law in dict.fromkeys(row["law"] for row in left):
+            missed.append((laws, law, ", ".join(str(row["seed"]) for row in left if row["law"] == law)))
+    header = ("laws", "engine", "seeds", "seconds", "solved", "exact", "median CPU-s to solve", "load")
+    write_table(folder / "README.md", "solved", header, solved)
+    write_table(folder / "README.md", "missed", ("laws", f"missed by {OURS!r}", "seeds"), missed)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--laws", choices=("old", "tune", "unseen"), default="old")
@@ -144,6 +170,8 @@ def main() -> None:
             "command": f"python -m experiments.recovery.run --laws {chosen.laws} --seconds {chosen.seconds:g} "
             f'--seeds {chosen.seeds} --noise {chosen.noise:g} --engines "{name}"',
             "machine": machine(),
+            "seconds": chosen.seconds,
+            "seeds": chosen.seeds,
             "solved": len(times),
             "of": len(rows),
             "exact": sum(row["exact"] for row in rows),
@@ -151,6 +179,7 @@ def main() -> None:
             "runs": rows,
         }
         file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        write_tables(chosen.out)
         if chosen.laws == "unseen":
             record_look(chosen.out, name, results[name])
         print(name, {k: v for k, v in results[name].items() if k != "runs"}, flush=True)

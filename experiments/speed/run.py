@@ -23,6 +23,7 @@ import numpy as np
 
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
 from experiments.speed.slot_problems import EFFECTS, planted
+from experiments.tables import write_table
 from gpmodel.discovery.search import Search
 from gpmodel.evolution import engine
 from gpmodel.evolution.generations import Generations
@@ -187,6 +188,23 @@ def beside_goals(results: dict[str, Any]) -> dict[str, Any]:
             for what, (row, goal) in measured.items()}  # fmt: skip
 
 
+def write_tables(results: dict[str, Any], readme: Path) -> None:
+    """What was measured, into the README."""
+    header = ("work", "median ms", "best ms", "goal ms")
+    goals = results["beside goals"].items()
+    write_table(readme, "goals", header, [(w, r["median_ms"], r["best_ms"], r["goal_ms"]) for w, r in goals])
+    rows = [
+        (f"{what}: {name}", row["median_ms"], row["best_ms"], row["cpu_ms"])
+        for what, found in results.items() if isinstance(found, dict)
+        for name, row in (found.get("rows", found)).items() if isinstance(row, dict) and "cpu_ms" in row
+    ]  # fmt: skip
+    sequences = results["65536 sequences x 160 elements x 40 poses"]
+    rows.append(("arithmetic of the first line alone, one core", None, None, sequences["arithmetic_limit_cpu_ms"]))
+    write_table(readme, "work", ("work", "median ms", "best ms", "CPU ms"), rows)
+    cold = results["cold start, s"].items()
+    write_table(readme, "start", ("a fresh process", "seconds"), cold)
+
+
 def cold_start() -> dict[str, float]:
     """Seconds of a fresh process that runs both representations once, and of the command's help."""
     found = {}
@@ -224,6 +242,7 @@ def main() -> None:
     results["beside goals"] = beside_goals(results)
     chosen.out.mkdir(parents=True, exist_ok=True)
     (chosen.out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    write_tables(results, chosen.out / "README.md")
     print(json.dumps(results, indent=1))
 
 

@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 from deap import algorithms, base, creator, gp, tools
 
-from experiments.recovery.engines import available, slowdown
+from experiments.recovery.engines import available
+from experiments.recovery.found import slowdown
 from experiments.speed.slot_problems import EFFECTS, NOISE, TRUE_SITE, Planted, planted
+from experiments.tables import write_table
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
@@ -103,6 +105,22 @@ class DeapDefault:
             return np.broadcast_to(self.compile(self.best[0])(*columns.values()), len(next(iter(columns.values()))))
 
 
+def write_tables(folder: Path) -> None:
+    """What both files say, into the README beside them."""
+    for kind in ("solve", "solve_eased"):
+        file = folder / f"{kind}.json"
+        found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        rows = []
+        for engine, row in found.items():
+            times = [run["cpu_seconds"] for run in row["runs"] if run["solved"]]
+            last = max(times, default=None)
+            median = row["median_cpu_seconds_to_solve"]
+            rows.append(
+                (engine, f"{row['solved']} of {row['of']}", median and round(median, 2), last, round(row["load"], 1))
+            )
+        write_table(folder / "README.md", kind, ("engine", "solved", "median CPU-s", "longest", "load"), rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3.0)
@@ -144,6 +162,7 @@ def main() -> None:
         results[name]["median_cpu_seconds_to_solve"] = float(np.median(times)) if times else None
         chosen.out.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        write_tables(chosen.out)
 
 
 if __name__ == "__main__":

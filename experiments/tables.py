@@ -1,0 +1,16 @@
+"""Tables of a README, written by the command whose results they show."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+
+def write_table(readme: Path, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Replace what stands between ``<!-- name -->`` and ``<!-- end of name -->`` by a table, if the file is there."""
+    if not readme.exists():
+        return
+    lines = [header, ["---"] * len(header), *rows]
+    table = "\n".join("| " + " | ".join("" if cell is None else str(cell) for cell in line) + " |" for line in lines)
+    begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    text = readme.read_text(encoding="utf-8")
+    before, rest = text.split(begin)
+    readme.write_text(f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}", encoding="utf-8")
