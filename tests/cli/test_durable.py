@@ -43,9 +43,9 @@ def test_killed_at_random_moments_it_goes_on_to_the_same_numbers(
     cell: Path, whole: tuple[dict[str, Any], float], tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
     expected, seconds = whole
-    moments, out = random.Random(0), tmp_path / "out"
-    process, kills = begun(cell, out), 0
-    while kills < pytestconfig.getoption("--kills"):
+    wanted, out = pytestconfig.getoption("--kills"), tmp_path / "out"
+    moments, process, kills = random.Random(wanted), begun(cell, out), 0
+    while kills < wanted:
         assert process.stderr is not None
         if process.stderr.readline():
             time.sleep(moments.uniform(0.0, seconds))
@@ -60,6 +60,7 @@ def test_killed_at_random_moments_it_goes_on_to_the_same_numbers(
             continue
         assert process.returncode == -signal.SIGKILL
         kills += 1
+        print(f"{kills} of {wanted} kills", flush=True)
         process = start("discover", "--resume", out)
     process.kill()
     process.communicate()
