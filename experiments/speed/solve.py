@@ -115,9 +115,8 @@ def write_tables(folder: Path) -> None:
             times = [run["cpu_seconds"] for run in row["runs"] if run["solved"]]
             last = max(times, default=None)
             median = row["median_cpu_seconds_to_solve"]
-            rows.append(
-                (engine, f"{row['solved']} of {row['of']}", median and round(median, 2), last, round(row["load"], 1))
-            )
+            solved, load = f"{row['solved']} of {row['of']}", round(row["load"], 1) if "load" in row else None
+            rows.append((engine, solved, median and round(median, 2), last, load))
         write_table(folder / "README.md", kind, ("engine", "solved", "median CPU-s", "longest", "load"), rows)
 
 

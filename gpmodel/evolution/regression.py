@@ -28,6 +28,9 @@ EXACT = 1e-20
 PROMISING = 1.0 - 1e-7
 """Gain of a program whose law is looked at at once."""
 
+NEARLY_EXACT = 1e-4
+"""Share of a linked response's variance below which its link may be the law's; above, noise rules what is left."""
+
 NEGLIGIBLE = 1e-9
 """Relative difference from a whole number that is rounding of a solved coefficient."""
 
@@ -88,9 +91,13 @@ class Island:
         return improved
 
     def linked_left(self) -> float:
-        """Share of the linked response's variance that its best program leaves; a denominator can shrink any error."""
+        """Share of the linked response's variance that its best program leaves; infinite where that says nothing.
+
+        A denominator can shrink any error, and a link's own scale is ruled by the few responses that it spreads.
+        """
         best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
-        return np.inf if self.problem.link.quotient else self.problem.share * (1.0 - best)
+        left = self.problem.share * (1.0 - best)
+        return np.inf if self.problem.link.quotient or left > NEARLY_EXACT else left
 
     def laws(self) -> Iterator[Program]:
         """Laws of all programs kept, the largest gain first."""
@@ -135,13 +142,8 @@ def regress(
             found += _judged(island.step(), columns, response)
         if turn % RANKED_EVERY == 0:
             for island in islands:
-                island.left = min(
-                    [
-                        island.left,
-                        island.linked_left(),
-                        *(l.left for l in _judged(islice(island.laws(), 1), columns, response)),
-                    ]
-                )
+                laws = _judged(islice(island.laws(), 1), columns, response)
+                island.left = min([island.left, island.linked_left(), *(law.left for law in laws)])
         turn += 1
     if not any(law.left < EXACT for law in found):
         found += [law for island in islands for law in _judged(island.laws(), columns, response)]
