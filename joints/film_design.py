@@ -67,10 +67,10 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
     """Displacement [m] at which the film fed with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
-    lift the ball: h^3 = 6 mu ln(R/l_o) N q / (pi P_s)."""
+    lift the ball: the gap at which `film_resistance` takes the socket's pressure from the flow."""
     supply = not_negative("inlet pressure", inlet, "Pa")
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)
-    cubed = 6 * geometry.viscosity * geometry.log_ratio * geometry.orifices * flow / (np.pi * socket)
+    cubed = film_resistance(geometry, 1.0) * geometry.orifices * flow / socket
     lift = geometry.clearance + (np.cbrt(cubed) - geometry.clearance) / np.cos(geometry.socket_angle)
     return np.maximum(lift, 0.0)

@@ -47,5 +47,4 @@ def leap_frog(
         history.append(Progress(rms, max(moved, swung)))
         ended = verdict(history, tolerance, limit)
     problem = linearise(known, current, theta, placement, 1.0, use)
-    shift = float(np.sqrt(np.mean((current.dataset.q - poses.dataset.q) ** 2)))
-    return Solution(placement, theta, current, error_of(problem), shift, tuple(history), *ended)
+    return Solution(placement, theta, current, error_of(problem), tuple(history), *ended)

@@ -22,14 +22,13 @@ class Progress:
 class Solution:
     """theta: values of the model's effects. poses: with their solved angles. error: (N,) 3-D, m, at the end.
 
-    status: converged, stalled or diverged; reason says why. angle_shift: RMS change of the angles, rad.
+    status: converged, stalled or diverged; reason says why.
     """
 
     placement: Placement
     theta: Array
     poses: Poses
     error: Array
-    angle_shift: float
     history: tuple[Progress, ...]
     status: str
     reason: str

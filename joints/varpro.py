@@ -6,7 +6,6 @@ Source: Golub and Pereyra (1973).
 
 import numpy as np
 
-from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.unmeasured_joints import check_points
@@ -35,6 +34,4 @@ def variable_projection(model: ErrorModel, poses: Poses, *, limit: int = 50, tol
         theta = theta + step[problem.placement :]
         problem = linearise(model, poses, theta, placement, 1.0, use)
         ended = verdict(history, tolerance, limit)
-    shift: Array = problem.poses.dataset.q - poses.dataset.q
-    rms = float(np.sqrt(np.mean(shift**2)))
-    return Solution(placement, theta, problem.poses, error_of(problem), rms, tuple(history), *ended)
+    return Solution(placement, theta, problem.poses, error_of(problem), tuple(history), *ended)

@@ -81,7 +81,7 @@ def strength(case: str, train: Poses) -> tuple[Calibration, dict[str, float]]:
         return fit, {}
     own = slice(-len(told[0].effects), None)
     found, bound = np.abs(fit.theta[own] / fit.stderr[own]).max(), fit.stderr[own][0] * NOISE / fit.sigma
-    values = {"sigmas": float(found), "expected": size / bound, "needed": needed(train, told[0])}
+    values = {"sigmas": float(found), "expected": float(size / bound), "needed": needed(train, told[0])}
     return fit, {key: round(value, 1) for key, value in values.items()}
 
 

@@ -67,11 +67,14 @@ def test_the_seed_decides_the_numbers(outputs: dict[str, tuple[Path, str]], tmp_
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_printed_defaults_are_a_table_the_command_reads(name: str, tmp_path: Path) -> None:
+def test_printed_defaults_are_a_table_the_command_reads(
+    outputs: dict[str, tuple[Path, str]], name: str, tmp_path: Path
+) -> None:
     table = tmp_path / "mine.toml"
     table.write_text(run(name, "--defaults").output)
     assert table.read_text() == (DATA / f"{name}.toml").read_text()
-    assert run(name, "--help").exit_code == 0
+    assert run(name, str(table), "--json", str(tmp_path / "mine.json")).exit_code == 0
+    assert json.loads((tmp_path / "mine.json").read_text()) == json.loads((outputs[name][0] / "mine.json").read_text())
 
 
 def test_own_joint(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The error budget and the contact types: numbers, shares, files, refusals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ from spherical_cases import JOINT
 from gpmodel.errors import InputError
 from joints.budget import ErrorSource, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types
-from joints.reduction import thesis_columns
 
 
 def budget(*sources: ErrorSource, seed: int = 0, poses: int = 100, draws: int = 1000):
@@ -30,11 +30,14 @@ def test_three_equal_offsets_give_a_maxwell_distribution() -> None:
 
 
 def test_a_rotation_counts_by_its_lever() -> None:
-    found = budget(source(12, 3e-4), source(14, 3e-6))
-    q = np.random.default_rng(1).uniform(-1, 1, (50, 3))
-    assert np.abs(thesis_columns(JOINT, q)[:, 13]).max() <= 1.0
-    assert found.shares[0] > 0.5
-    assert sum(found.shares) == pytest.approx(1.0)
+    """Of the mean square: four times as much at twice the lever, where an offset counts as before."""
+    sources = source(12, 3e-4), source(14, 3e-6)
+    twice = replace(JOINT, tooling_ball=tuple(2 * v for v in JOINT.tooling_ball))
+    short, long = (
+        error_budget(joint, sources, "systematic", np.random.default_rng(0)).shares for joint in (JOINT, twice)
+    )
+    assert long[0] / long[1] == pytest.approx(4 * short[0] / short[1])
+    assert sum(short) == pytest.approx(1.0)
 
 
 def test_uniform_and_normal_differ_by_their_deviation_only_in_the_mean_square() -> None:

@@ -104,6 +104,7 @@ def test_default_frame_stops_before_a_gripper_that_turns() -> None:
     file = "ur_description/urdf/ur5_gripper.urdf"
     arm = read_urdf(Path(example_robot_data.getModelPath(file)) / file)
     assert len(arm.joint_names) == 6
+    assert arm.tool_frame == "tool0"
 
 
 @pytest.mark.parametrize(
