@@ -15,13 +15,15 @@ from gpmodel.report.fleet import PAGE
 @click.command()
 @click.argument("tables", metavar="DIR", type=click.Path(path_type=Path))
 @mechanism_options(required=False)
-@click.option("--effects", metavar="A,B", help="Named effects that all have, or none. [default: found on most]")
+@click.option(
+    "--effect", "effects", multiple=True, metavar="NAME", help="As of calibrate, or none. [default: found on most]"
+)
 @holdout_option
 @seed_option
 @out_folder_option
 @quiet_option
 def fleet(
-    tables: Path, mechanism: LoadedMechanism | None, effects: str | None, holdout: float, seed: int,
+    tables: Path, mechanism: LoadedMechanism | None, effects: tuple[str, ...], holdout: float, seed: int,
     folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Calibrate the machines whose tables are in DIR together: what the type has in common, how its machines spread,
@@ -30,7 +32,7 @@ def fleet(
     A table a machine. DIR/fleet.toml may say the mechanism of all, and their serials by file; else a machine is called
     as its file. With --out: fleet.html, and fleet.json, which calibrate --fleet takes for a further machine.
     """
-    named = None if effects is None else [e.strip() for e in effects.split(",") if e.strip() not in ("", "none")]
+    named = None if not effects else [name for name in effects if name != "none"]
     with progress_line(quiet or named is not None) as say:
         found = calibrate_fleet(
             mechanism, tables, named, holdout=holdout, seed=seed, progress=say, command=command_line()

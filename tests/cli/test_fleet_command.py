@@ -8,7 +8,7 @@ import pytest
 from cli_cases import one_line, run
 from fleet_cases import BASE, JOINT, MECHANISM, machines, written
 
-SAID = ("fleet", "DIR", "--mechanism", MECHANISM, "--effects", f"{BASE},{JOINT}")
+SAID = ("fleet", "DIR", "--mechanism", MECHANISM, "--effect", BASE, "--effect", JOINT)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_the_page_is_whole_and_opens_offline(result: tuple[str, Path]) -> None:
 
 def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     folder = written(tmp_path / "tables", {f"<b>{k}": v for k, v in machines(3, 2).items()})
-    done = run("fleet", folder, "--mechanism", MECHANISM, "--effects", "none", "--out", tmp_path / "out")
+    done = run("fleet", folder, "--mechanism", MECHANISM, "--effect", "none", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
     text = (tmp_path / "out" / "fleet.html").read_text()
     assert "<b>R-01" not in text
@@ -137,8 +137,8 @@ def test_bad_folders_are_one_line_and_leave_nothing(spoil: Callable[[Path], None
 
 def test_other_bad_input_is_one_line(tables: Path, tmp_path: Path) -> None:
     assert "no such folder" in one_line(run("fleet", tmp_path / "nowhere", *SAID[2:]), 2)
-    assert "--mechanism" in one_line(run("fleet", tables, "--effects", "none"), 2)
-    assert "--effects" in one_line(run("fleet", tables, *SAID[2:4], "--effects", "nonsense"), 2)
+    assert "--mechanism" in one_line(run("fleet", tables, "--effect", "none"), 2)
+    assert "--effect" in one_line(run("fleet", tables, *SAID[2:4], "--effect", "nonsense"), 2)
     assert "--holdout" in one_line(run("fleet", tables, *SAID[2:4], "--holdout", "0"), 2)
     missing = run("calibrate", tables / "R-01.csv", *SAID[2:4], "--fleet", tmp_path / "fleet.json")
     assert "cannot be read" in one_line(missing, 2)
