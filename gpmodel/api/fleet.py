@@ -20,7 +20,17 @@ from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import Rows, found_on_most
-from gpmodel.hierarchy.record import KIND, NAME, NOISE, SCHEMA, FleetPart, MachinePart, SharedPart, fleet_text
+from gpmodel.hierarchy.record import (
+    KIND,
+    NAME,
+    NOISE,
+    SCHEMA,
+    FleetPart,
+    MachinePart,
+    PriorPart,
+    SharedPart,
+    fleet_text,
+)
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -45,14 +55,16 @@ class FleetResult:
         return pages.verdict(self.record)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a machine and parameter, SI: serial, parameter, own value and its stderr, shrunken value and its
-        stderr, mean and spread of the type, z, chance, outlier. Of the noise the values are logarithms of metres."""
+        """One row a machine and parameter, SI: serial, parameter, own value and its stderr, of effects that vary the
+        shrunken value and its stderr, mean and spread of the type, z, chance, outlier. Of the noise the values are
+        logarithms of metres."""
         return pd.DataFrame(
             [
                 {
                     "serial": machine.serial, "parameter": part.name, "unit": part.unit,
                     "value": part.values[k], "stderr": part.stderrs[k],
-                    "shrunken": part.shrunken[k], "shrunken_stderr": part.shrunken_stderrs[k],
+                    "shrunken": part.shrunken[k] if part.shrunken else np.nan,
+                    "shrunken_stderr": part.shrunken_stderrs[k] if part.shrunken else np.nan,
                     "mean": part.mean, "spread": part.spread, "z": part.z[k], "chance": part.chances[k],
                     "outlier": k in part.outliers,
                 }
@@ -62,7 +74,7 @@ class FleetResult:
         )  # fmt: skip
 
     def summary(self) -> str:
-        """Verdict, the machines with the worst first, effects and geometry of the type, what to distrust."""
+        """Verdict, the machines with the worst first, effects and geometry of the type, where they are from."""
         return pages.summary(self.record)
 
     def report(self, folder: str | Path) -> None:
@@ -122,7 +134,7 @@ def fleet(
     return FleetResult(
         FleetPart(
             KIND, SCHEMA, __version__, command, seed, arm.name, tuple(j.name for j in arm.joints), chosen,
-            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final),
+            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final), _prior_parts(final),
         )
     )  # fmt: skip
 
@@ -184,22 +196,36 @@ def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, fina
 
 
 def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
-    """Every effect and, last, the noise."""
+    """Every effect that all machines' poses tell and, last, the noise."""
     noise = Effect(NOISE, (), "1")
-    shrunken = np.array([[*fit.theta, np.log(fit.sigma)] for fit in final.shrunken])
-    stderr = np.array([[*fit.stderr, s[-1]] for fit, s in zip(final.shrunken, final.stderr, strict=True)])
     out = []
     for k, (effect, of) in enumerate(zip((*final.own[0].model.effects, noise), final.shared, strict=True)):
         z, chances = final.standing.z[:, k], final.standing.chance[:, k]
         outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        at = (
+            []
+            if effect.constant
+            else [[e.name for e in fit.model.effects].index(effect.name) for fit in final.shrunken]
+        )
+        both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(final.shrunken, at, strict=False)]
         out.append(
             SharedPart(
-                name=effect.name, family=effect.family, unit=effect.unit, constant=effect.constant and effect != noise,
-                terms=tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in effect.terms),
+                name=effect.name, unit=effect.unit, constant=effect.constant and effect != noise,
                 mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
                 values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
-                shrunken=tuple(shrunken[:, k].tolist()), shrunken_stderrs=tuple(stderr[:, k].tolist()),
+                shrunken=tuple(v for v, _ in both), shrunken_stderrs=tuple(e for _, e in both),
                 z=tuple(z.tolist()), chances=tuple(chances.tolist()), outliers=tuple(outside.tolist()),
             )
         )  # fmt: skip
     return tuple(out)
+
+
+def _prior_parts(final: Fleet) -> tuple[PriorPart, ...]:
+    """What is believed of a further machine."""
+    return tuple(
+        PriorPart(
+            e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
+            e.mean, e.prior,
+        )
+        for e in final.prior
+    )  # fmt: skip

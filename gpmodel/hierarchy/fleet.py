@@ -1,16 +1,17 @@
 """Many machines of one type calibrated together: own numbers, what the type has in common, and both together."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration, without_outlier_marks
+from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
 from gpmodel.hierarchy.between import Shared, Standing, between, standing
+from gpmodel.hierarchy.prior import learned
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -19,14 +20,15 @@ from gpmodel.model.error_model import ErrorModel, Poses
 @dataclass(frozen=True)
 class Fleet:
     """Machines calibrated together. own: each by its poses alone, all with the same effects. shrunken: with the type's
-    prior beside its poses.
+    `prior` beside its poses, geometry complete.
 
-    values, stderr: (m, K + 1) of the effects and, last, the logarithm of the noise. shared: of each of these.
+    values, stderr: (m, K + 1) of the own effects and, last, the logarithm of the noise. shared: of each of these.
     standing: of each machine in each. left_out: effects that not every machine's poses can tell.
     """
 
     own: tuple[Calibration, ...]
     shrunken: tuple[Calibration, ...]
+    prior: tuple[Effect, ...]
     values: Array
     stderr: Array
     shared: tuple[Shared, ...]
@@ -35,12 +37,12 @@ class Fleet:
 
 
 def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[Effect, ...], seed: int = 0) -> Fleet:
-    """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of every effect
-    estimated from these numbers, then each estimated again with them as its prior.
+    """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of what they
+    share learned from that, then each estimated again with it as its prior.
 
     Priors of the effects themselves are set aside: the type's take their place. A machine that stands out in an
-    effect keeps its own number there, and counts neither for the mean nor for the spread. Source: Efron and Morris
-    (1975). Raises InputError where the poses of a machine are too few for the effects.
+    effect keeps its own number there and teaches nothing of the type, unless fewer than two are left. Source: Efron and
+    Morris (1975). Raises InputError where the poses of a machine are too few for the effects.
     """
     free = tuple(replace(effect, prior=np.inf) for effect in effects)
     alone = [calibrate(ErrorModel(mechanism, free), poses, seed=seed) for mechanism, poses in machines]
@@ -54,26 +56,22 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[
     stderr = np.array([[*fit.stderr, _of_logarithm(fit, poses)] for fit, (_, poses) in zip(own, machines, strict=True)])
     found = standing(values, stderr**2)
     shared = tuple(between(values[inside, k], stderr[inside, k] ** 2) for k, inside in enumerate(found.inside.T))
+    typical = np.flatnonzero(found.inside[:, :-1].all(axis=1)).tolist()
+    taught = typical if len(typical) > 1 else range(len(machines))
+    whole = tuple(effect for effect, k in zip(free, held, strict=True) if k or effect.constant)
+    prior = learned([machines[i] for i in taught], [own[i] for i in taught], whole)
     shrunken = tuple(
-        with_prior(fit, poses, believed(common, shared[:-1], inside[:-1]))
+        with_prior(fit, poses, prior, {e.name for e, k in zip(common, inside[:-1], strict=True) if not k})
         for fit, (_, poses), inside in zip(own, machines, found.inside, strict=True)
     )
     left_out = tuple(effect.name for effect, k in zip(free, held, strict=True) if not k)
-    return Fleet(own, shrunken, values, stderr, shared, found, left_out)
+    return Fleet(own, shrunken, prior, values, stderr, shared, found, left_out)
 
 
-def believed(effects: Sequence[Effect], shared: Sequence[Shared], inside: Mask) -> tuple[Effect, ...]:
-    """The effects with what is known of the type before a machine is measured, where it is `inside` (K,) of it."""
-    return tuple(
-        replace(effect, mean=of.mean, prior=of.prior) if k else effect
-        for effect, of, k in zip(effects, shared, inside, strict=True)
-    )
-
-
-def with_prior(own: Calibration, poses: Poses, effects: tuple[Effect, ...]) -> Calibration:
-    """The same poses fitted with priors, which are weighed by the noise that the machine itself has."""
-    model = ErrorModel(own.model.mechanism, effects, noise=own.sigma)
-    return calibrate(model, poses, condition_limit=LARGEST_LIMIT, start=without_outlier_marks(own))
+def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlying: Set[str]) -> Calibration:
+    """The same poses fitted with a prior of all but the `outlying`, weighed by the noise that the machine has."""
+    effects = tuple(replace(e, prior=np.inf) if e.name in outlying else e for e in prior)
+    return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
 
 
 def _of_logarithm(fit: Calibration, poses: Poses) -> float:

@@ -53,7 +53,8 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     InputError where the fleet is of another mechanism.
     """
     prior = prior_model(fleet, mechanism)
-    bare = tuple(replace(effect, mean=0.0, prior=np.inf) for effect in prior.effects)
+    told = {part.name for part in fleet.effects}
+    bare = tuple(replace(effect, mean=0.0, prior=np.inf) for effect in prior.effects if effect.name in told)
     try:
         steps = climb(mechanism, growing(bare, ()), seen, unseen, seed=seed)
     except InputError:

@@ -11,6 +11,7 @@ import msgspec
 
 from gpmodel.application.model_reader import Sealed, read_sealed
 from gpmodel.application.model_schema import (
+    LARGEST_NUMBER,
     MOST_EFFECTS,
     MOST_TERMS,
     Deviation,
@@ -54,14 +55,13 @@ class MachinePart(msgspec.Struct, frozen=True):
 
 class SharedPart(msgspec.Struct, frozen=True):
     """A parameter over the machines. mean ± stderr and spread (low to high, its 95 % interval) of the type; of each
-    machine its own value, the shrunken one, z of its own among the others and the chance of it anywhere in an innocent
-    fleet; outliers: numbers of the machines that stand out and are not counted. terms: empty for the noise."""
+    machine its own value, z of it among the others and the chance of it anywhere in an innocent fleet; outliers:
+    numbers of the machines that stand out and are not counted. shrunken: with the prior of the type, of varying effects
+    alone: of geometry the prior has further parameters, which share what one means here."""
 
     name: Label
-    family: Name
     unit: Unit
     constant: bool
-    terms: Annotated[tuple[TermPart, ...], msgspec.Meta(max_length=MOST_TERMS)]
     mean: Finite
     stderr: Deviation
     spread: Deviation
@@ -81,9 +81,26 @@ class SharedPart(msgspec.Struct, frozen=True):
         return math.hypot(self.spread, self.stderr)
 
 
+class PriorPart(msgspec.Struct, frozen=True):
+    """What is believed of an effect of a further machine: mean and standard deviation."""
+
+    name: Label
+    family: Name
+    unit: Unit
+    terms: Annotated[tuple[TermPart, ...], msgspec.Meta(min_length=1, max_length=MOST_TERMS)]
+    mean: Finite
+    deviation: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST_NUMBER)]
+
+    @property
+    def effect(self) -> Effect:
+        """The effect with that prior."""
+        terms = tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in self.terms)
+        return Effect(self.name, terms, self.unit, self.family, self.deviation, self.mean)
+
+
 class FleetPart(msgspec.Struct, frozen=True):
     """The whole of fleet.json but its seal. chosen: where the effects are from. left_out: what not every machine's
-    poses could tell."""
+    poses could tell. prior: of a further machine, its geometry complete."""
 
     kind: str
     schema: int
@@ -96,11 +113,13 @@ class FleetPart(msgspec.Struct, frozen=True):
     left_out: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     machines: Annotated[tuple[MachinePart, ...], msgspec.Meta(min_length=2, max_length=MOST_MACHINES)]
     parameters: Annotated[tuple[SharedPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
+    prior: Annotated[tuple[PriorPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
 
     def __post_init__(self) -> None:
         for part in self.parameters:
-            lists = (part.values, part.stderrs, part.shrunken, part.shrunken_stderrs, part.z, part.chances)
-            if {len(values) for values in lists} != {len(self.machines)}:
+            lengths = {len(values) for values in (part.values, part.stderrs, part.z, part.chances)}
+            lengths |= {len(values) for values in (part.shrunken, part.shrunken_stderrs) if values}
+            if lengths != {len(self.machines)}:
                 raise ValueError(f"expected {len(self.machines)} values, one a machine - at `$.{part.name}`")
             if any(k >= len(self.machines) for k in part.outliers):
                 raise ValueError(f"expected numbers of machines - at `$.{part.name}.outliers`")
@@ -145,14 +164,7 @@ def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
             f"is of {fleet.mechanism} with joints {', '.join(fleet.joints)}; expected {mechanism.name} with "
             f"{', '.join(joints)}", "fleet",
         )  # fmt: skip
-    effects = tuple(
-        Effect(
-            part.name, tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in part.terms), part.unit,
-            part.family, part.prior, part.mean,
-        )
-        for part in fleet.effects
-    )  # fmt: skip
-    return ErrorModel(mechanism, effects, noise=fleet.noise)
+    return ErrorModel(mechanism, tuple(part.effect for part in fleet.prior), noise=fleet.noise)
 
 
 def fleet_text(fleet: FleetPart) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.hierarchy.record import FleetPart, SharedPart
+from gpmodel.hierarchy.record import NOISE, FleetPart, SharedPart
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
 
 def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, float, str]:
     """A value of a parameter with its deviation and unit; of the noise in metres."""
-    return (value, deviation, part.unit) if part.terms else (size := float(np.exp(value)), size * deviation, "m")
+    size = float(np.exp(value)) if part.name == NOISE else value
+    return (size, size * deviation, "m") if part.name == NOISE else (value, deviation, part.unit)
 
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
@@ -57,8 +58,7 @@ def _panel(figure: Figure, part: SharedPart, order: Sequence[int]) -> None:
     axes = figure.subplots()
     factor, unit = wording.prefix(*_scale(part))
     at = np.arange(len(order))
-    own, shrunken = (_drawn(part, v, e, factor) for v, e in
-                     ((part.values, part.stderrs), (part.shrunken, part.shrunken_stderrs)))  # fmt: skip
+    own = _drawn(part, part.values, part.stderrs, factor)
     low, middle, high = (factor * in_words(part, part.mean + k * part.spread, 0.0)[0] for k in (-1, 0, 1))
     axes.axhspan(low, high, color=AXIS, alpha=0.35, lw=0)
     axes.axhline(middle, color=MUTED, lw=1)
@@ -66,7 +66,9 @@ def _panel(figure: Figure, part: SharedPart, order: Sequence[int]) -> None:
         rows = [i for i, k in enumerate(order) if (k in part.outliers) == outside]
         chosen = np.array(order, dtype=int)[rows]
         axes.errorbar(at[rows], own[0][chosen], own[1][chosen], fmt="o", color=colour, ms=3.5, lw=1.2)
-    axes.plot(at, shrunken[0][np.array(order)], "_", color=INK, ms=6, mew=1.0, zorder=4)
+    if part.shrunken:
+        both = _drawn(part, part.shrunken, part.shrunken_stderrs, factor)[0]
+        axes.plot(at, both[np.array(order)], "_", color=INK, ms=6, mew=1.0, zorder=4)
     axes.set_xlim(-0.7, len(order) - 0.3)
     axes.set_xticks([])
     axes.set_ylabel(unit)
@@ -74,7 +76,7 @@ def _panel(figure: Figure, part: SharedPart, order: Sequence[int]) -> None:
 
 
 def _scale(part: SharedPart) -> tuple[float, str]:
-    largest = max(part.values, key=abs) if part.terms else max(part.values)
+    largest = max(part.values) if part.name == NOISE else max(part.values, key=abs)
     value, _, unit = in_words(part, largest, 0.0)
     return abs(value), unit
 

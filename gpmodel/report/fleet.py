@@ -4,10 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import fill
 
+import numpy as np
+
 from gpmodel import wording
 from gpmodel.files import write_text
+from gpmodel.formula.expression import ONE
 from gpmodel.hierarchy.between import FEWEST
-from gpmodel.hierarchy.record import FleetPart, SharedPart
+from gpmodel.hierarchy.record import NOISE, FleetPart, SharedPart
 from gpmodel.report.charts_fleet import in_words, pictures
 from gpmodel.report.page import render
 from gpmodel.report.picture import numbers, rms
@@ -45,7 +48,7 @@ def said(part: SharedPart) -> wording.Stated:
 
 def spread(part: SharedPart) -> str:
     """The spread between machines, in its own unit, or as a share of the mean where that is well known."""
-    if not part.terms:
+    if part.name == NOISE:
         return wording.percent(part.spread)
     if abs(part.mean) > WELL_KNOWN * part.prior:
         return wording.percent(part.spread / abs(part.mean))
@@ -59,16 +62,22 @@ def summary(fleet: FleetPart) -> str:
         ("Machines, the farthest from the others first", list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
         ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
-        ("To distrust", [_wrapped(text) for text in doubts(fleet)]),
+        ("Record", [_wrapped(text) for text in record_of(fleet)]),
     )
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
 
 
-def doubts(fleet: FleetPart) -> Iterator[str]:
-    """What the numbers cannot say."""
+def record_of(fleet: FleetPart) -> Iterator[str]:
+    """Where the numbers are from, and what they cannot say."""
     yield f"effects {fleet.chosen}"
+    geometry = [p for p in fleet.prior if all(term.basis == str(ONE) for term in p.terms)]
+    known = [[p.deviation for p in geometry if p.unit == unit] for unit in ("m", "rad")]
+    within = [
+        str(wording.measured(float(np.median(d)), None, u)) for d, u in zip(known, ("m", "rad"), strict=True) if d
+    ]
+    yield f"a further machine is believed to be like the type within {' and '.join(within)} of geometry, median"
     if fleet.left_out:
-        yield f"held at zero, because not every machine's poses can tell them: {', '.join(fleet.left_out)}"
+        yield f"not listed, because not every machine's poses tell them from the others: {', '.join(fleet.left_out)}"
     if len(fleet.machines) < FEWEST:
         yield f"of fewer than {FEWEST} machines none can be said to stand out"
 
@@ -100,8 +109,8 @@ def _wrapped(text: str) -> str:
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
     """The page's text. drawings: inline SVG of the pictures by name."""
     return render(
-        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, doubts=list(doubts(fleet)),
-        enough=len(fleet.machines) >= FEWEST, drawings=drawings, pictures=list(pictures(fleet)), in_words=in_words,
+        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, record=list(record_of(fleet)),
+        enough=len(fleet.machines) >= FEWEST, drawings=drawings, pictures=list(pictures(fleet)), noise=NOISE,
     )  # fmt: skip
 
 
