@@ -103,7 +103,8 @@ def _step(fitting: Fitting, problem: Linearised, theta: Array, placement: Placem
     rows = np.vstack([prior, tool])[:, free]
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
-    system = np.vstack([problem.columns[:, free], rows]) / scale
+    system = np.vstack([problem.columns[:, free], rows])
+    system /= scale
     step = np.zeros(len(free))
     step[free] = solve(system, np.concatenate([problem.residual, pull, tool_pull])) / scale
     return step

@@ -21,6 +21,10 @@ from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 
 
+EFFECTS_AT_ONCE = 32
+"""Effects whose columns are made at once: of ten thousand poses about ten megabytes."""
+
+
 @dataclass(frozen=True)
 class Linearised:
     """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
@@ -86,18 +90,24 @@ def linearise(
     weights = np.isfinite(residual) * use[:, None].astype(float)
     weights[:, observed.turns] *= rotation_weight
     blocks, names = _placement_columns(poses, observed, placement)
-    blocks.append(effect_columns(model.effects, model, poses, observed))
-    columns = np.concatenate(blocks, axis=2)
-    count = columns.shape[2] - len(model.effects)
     if free_joints(model.mechanism):
+        blocks.append(effect_columns(model.effects, model, poses, observed))
+        columns = np.concatenate(blocks, axis=2)
         return _eliminated(model, placement, poses, observed, _Dense(columns, residual, weights, tuple(names)))
     rows = weights > 0
-    weighted = columns[rows] * weights[rows][:, None]
+    weight = weights[rows]
+    # one effect after the other in memory: columns of thousands of poses by hundreds of effects are there only once
+    weighted = np.empty((len(names) + len(model.effects), len(weight))).T
+    weighted[:, : len(names)] = np.concatenate(blocks, axis=2)[rows] * weight[:, None]
+    for at in range(0, len(model.effects), EFFECTS_AT_ONCE):
+        some = effect_columns(model.effects[at : at + EFFECTS_AT_ONCE], model, poses, observed)
+        first = len(names) + at
+        weighted[:, first : first + some.shape[2]] = some[rows] * weight[:, None]
     return Linearised(
         columns=weighted,
-        residual=residual[rows] * weights[rows],
+        residual=residual[rows] * weight,
         pose_of_row=np.nonzero(rows)[0],
-        placement=count,
+        placement=len(names),
         placement_names=tuple(names),
         observed=observed,
         poses=poses,
