@@ -20,7 +20,6 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_min
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 
-
 EFFECTS_AT_ONCE = 32
 """Effects whose columns are made at once: of ten thousand poses about ten megabytes."""
 
