@@ -2,6 +2,7 @@
 
 import math
 import re
+import textwrap
 from dataclasses import dataclass
 
 WIDTH = 80
@@ -11,6 +12,19 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"
+_TOGETHER = re.compile(r"(?<=\d) (?=%)|(?<=±) | (?=±)")
+"""Spaces at which no line is broken."""
+_HARD_SPACE = "\N{NO-BREAK SPACE}"
+
+
+def wrapped(text: str, indent: int = 0, first: str | None = None) -> str:
+    """Lines of WIDTH at most, indented; the first of them by a text of its own. Values keep their ± and their %."""
+    start, rest = " " * indent if first is None else first, " " * indent
+    kept = _TOGETHER.sub(_HARD_SPACE, text)
+    whole = textwrap.TextWrapper(
+        WIDTH, initial_indent=start, subsequent_indent=rest, break_on_hyphens=False, break_long_words=False
+    )
+    return whole.fill(kept).replace(_HARD_SPACE, " ")
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.model.error_model import prepare
 from gpmodel.model.geometric import standard_effects
 from gpmodel.table.dataset import Dataset
+from gpmodel.wording import wrapped
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,7 +53,7 @@ class CheckResult:
         return "\n".join(
             [
                 f"{self.dataset.source}: {len(self.dataset)} poses of {self.mechanism}",
-                *(f"  {f.severity:8} {f.text}" for f in self.findings),
+                *(wrapped(f.text, 11, f"  {f.severity:8} ") for f in self.findings),
                 f"{verdict}; {warned or 'no'} warning{'' if warned == 1 else 's'}",
             ]
         )

@@ -10,6 +10,7 @@ from gpmodel.api.display import notebook
 from gpmodel.application.exports.make import Exports
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.schema import ExportRecord
+from gpmodel.wording import wrapped
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,8 +50,8 @@ class ExportsResult:
         missing = dict.fromkeys(name for r in self.records for name in r.missing)
         if missing:
             holds = ", ".join(r.file for r in self.records if r.missing)
-            lines.append(f"not in {holds}: {'; '.join(missing)}")
-        lines += [f"{file}: none, {why}" for file, why in self.exports.refused.items()]
+            lines.append(wrapped(f"not in {holds}: {'; '.join(missing)}", 2, ""))
+        lines += [wrapped(f"{file}: none, {why}", 2, "") for file, why in self.exports.refused.items()]
         return "\n".join(lines)
 
     def report(self, folder: str | Path) -> None:

@@ -23,6 +23,7 @@ from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, 
 from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.table.write import joint_column, table_text
+from gpmodel.wording import wrapped
 
 Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "rivals", "observability"]
 ALIASES = {"observability": "d-optimal"}
@@ -55,7 +56,7 @@ class PosesResult:
     def summary(self) -> str:
         """How many, what for, and the curve of what is known against their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
-        lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", self.said]
+        lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said)]
         if not knows_its_shape(self.mechanism):
             lines.append("its geometry is not known here: look for collisions before you move")
         rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))

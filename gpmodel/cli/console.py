@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from gpmodel import wording
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
@@ -49,19 +50,23 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
 
 def what_next(folder: Path, record: Report) -> str:
     """The files of a calibration or a discovery, and the commands that use them."""
-    lines = [
-        f"report: {folder / 'report.html'}",
-        "next:",
-        f"  gpmodel predict {folder / 'model.json'} POSES       where the real tool will be",
-        f"  gpmodel compensate {folder / 'model.json'} TARGETS  joint values that make it go where it should",
-    ]
+    model = folder / "model.json"
+    then = [(f"gpmodel predict {model} POSES", "where the real tool will be"),
+            (f"gpmodel compensate {model} TARGETS", "joint values that make it go where it should")]  # fmt: skip
+    if record.effects:
+        then += [(f"gpmodel explain {folder} 1", "the first finding in words"),
+                 (f"gpmodel poses --after {folder} -n 12", "what to measure next to know it better")]  # fmt: skip
+    then += [(f"gpmodel certificate {folder}", "the accuracy as a page and a PDF")]
     if (folder / "exports").is_dir():
-        lines.append(f"  gpmodel export {folder}              URDF, DH rows, NumPy, C99, a grid of a box of yours")
+        then += [(f"gpmodel export {folder}", "URDF, DH rows, NumPy, C99, a grid of a box of yours")]
+    if record.kind == "calibrate":
+        then += [("gpmodel discover TABLE --mechanism M", "what the model is still missing")]
+    widest = max(len(command) for command, _ in then)
+    below = widest + max(len(what) for _, what in then) + 4 > wording.WIDTH
+    lines = [f"  {command}\n      {what}" if below else f"  {command:<{widest}}  {what}" for command, what in then]
     if record.noise_floor_mm is None:
         lines.append("  with --noise 0.03mm, or repeats in the table, the noise floor is known")
-    if record.kind == "calibrate":
-        lines.append("  gpmodel discover TABLE --mechanism M        what the model is still missing")
-    return "\n".join(lines)
+    return "\n".join([f"report: {folder / 'report.html'}", "next:", *lines])
 
 
 @contextlib.contextmanager

@@ -109,8 +109,8 @@ def verdict(found: Comparison) -> str:
     changed = [c.name for c in compared if c.significant]
     parts = [f"{len(changed)} of {len(compared)} quantities changed beyond chance"]
     parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
-    parts += [f"new: {', '.join(e.name for e in found.only_after)}"] if found.only_after else []
-    parts += [f"gone: {', '.join(e.name for e in found.only_before)}"] if found.only_before else []
+    parts += [f"new: {' and '.join(e.name for e in found.only_after)}"] if found.only_after else []
+    parts += [f"gone: {' and '.join(e.name for e in found.only_before)}"] if found.only_before else []
     parts += ["not the same parameters were fitted, so that none of them is compared"] if found.incomparable else []
     return "; ".join(parts) + "."
 

@@ -1,54 +1,72 @@
 """The Report of a calibration with the effects that were named."""
 
+import re
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby
 
 from gpmodel.calibration.result import resolved
+from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import explained
 from gpmodel.model.effect import Effect
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin, names_of, ranges
-from gpmodel.report.quantity import translate
+from gpmodel.report.quantity import indices, quantity, translate
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, TermRecord
 from gpmodel.report.workspace import over_the_workspace
 
+_PHASE = re.compile(r", (sin|cos)$")
+
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
     """Ladder, parameters and named effects, under the table's own names."""
-    effects = tuple(_effect(ladder, effect) for effect in ladder.named)
+    effects = tuple(_effect(ladder, group) for group in _together(ladder.named))
     report = replace(build("calibrate", ladder, origin), effects=effects)
     return replace(report, verdict=verdict.of_calibration(report))
 
 
-def _effect(ladder: Ladder, effect: Effect) -> EffectRecord:
-    final, names = ladder.final, names_of(ladder.poses.dataset)
-    i = [e.name for e in final.model.effects].index(effect.name)
-    kept = bool(final.kept[i])
+def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
+    """Each effect by itself, but for a sine and the cosine of the same, which are one finding as in a discovery."""
+    for name, group in groupby(named, key=lambda effect: _PHASE.sub("", effect.name)):
+        effects = tuple(group)
+        pair = Candidate(name, effects, effects[0].family, 0.0, found_by="named")
+        alone = (Candidate(e.name, (e,), e.family, 0.0, found_by="named") for e in effects)
+        yield from (pair,) if pair.kind == "harmonic" else alone
+
+
+def _effect(ladder: Ladder, candidate: Candidate) -> EffectRecord:
+    final, names, effects = ladder.final, names_of(ladder.poses.dataset), candidate.effects
     poses = resolved(final, ladder.poses)
-    moved = fitted.statistics_mm(fitted.tool_displacement(final, poses, [effect]))
-    anywhere = over_the_workspace(final, ladder.poses, [effect])
+    kept = bool(final.kept[indices(final, candidate)].all())
+    number = quantity(final, candidate, poses.states)
+    moved = fitted.statistics_mm(fitted.tool_displacement(final, poses, effects))
+    anywhere = over_the_workspace(final, ladder.poses, effects)
+    terms = tuple(term for effect in effects for term in effect.terms)
+    bases = "; ".join(dict.fromkeys(str(t.basis) for t in terms))
     return EffectRecord(
-        name=translate(effect.name, names),
-        slot=translate(", ".join(effect.slots), names),
-        axis=", ".join(dict.fromkeys(t.axis for t in effect.terms)),
-        basis=translate("; ".join(dict.fromkeys(str(t.basis) for t in effect.terms)), names),
-        inputs=tuple(names.get(x, x) for x in effect.inputs),
-        value=float(final.theta[i]),
-        stderr=fitted.optional(final.stderr[i]),
-        unit=effect.unit,
-        unique_share=float(final.unique_share[i]) if kept else None,
-        found_by="named",
-        catalogue=effect.family or None,
-        explanation=explained(effect.family),
+        name=translate(candidate.name, names),
+        slot=translate(", ".join(dict.fromkeys(t.slot for t in terms)), names),
+        axis=", ".join(dict.fromkeys(t.axis for t in terms)),
+        basis=translate(number.basis if candidate.kind == "harmonic" else bases, names),
+        kind=candidate.kind,
+        inputs=tuple(names.get(x, x) for x in candidate.inputs),
+        value=number.value,
+        stderr=fitted.optional(number.stderr) if kept else None,
+        unit=number.unit,
+        unique_share=number.unique_share if kept else None,
+        found_by=candidate.found_by,
+        catalogue=candidate.family or None,
+        explanation=explained(candidate.family),
         kept=kept,
         terms=tuple(
-            TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight) for t in effect.terms
+            TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight) for t in terms
         ),
-        correlated_with=fitted.correlations(final, [effect], names),
+        correlated_with=fitted.correlations(final, effects, names),
         tool_rms_mm=moved.rms_mm,
         tool_max_mm=moved.max_mm,
         workspace_rms_mm=anywhere.rms_mm,
         workspace_max_mm=anywhere.max_mm,
-        ranges=ranges(poses.states, effect.inputs, names),
+        ranges=ranges(poses.states, candidate.inputs, names),
     )

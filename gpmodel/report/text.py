@@ -1,7 +1,6 @@
 """A Report as text of 80 columns, in the manner of lmfit's fit_report: held-out errors first, then what was found."""
 
 from collections.abc import Iterator
-from textwrap import fill
 
 from gpmodel import wording
 from gpmodel.report import words
@@ -30,7 +29,7 @@ def summary(report: Report) -> str:
 
 
 def _wrapped(text: str, indent: int = 4) -> str:
-    return fill(text, WIDTH, initial_indent=" " * indent, subsequent_indent=" " * indent, break_on_hyphens=False)
+    return wording.wrapped(text, indent)
 
 
 def _ladder(report: Report) -> Iterator[str]:
