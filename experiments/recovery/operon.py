@@ -8,7 +8,6 @@ comparisons run. Sources: SRBench's methods/tuned/params/_operonregressor.py (20
 
 import argparse
 import json
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -69,7 +68,7 @@ PUBLISHED = {
 }
 """Settings compared; symbols and what is not named are those of the first."""
 
-OPERON = {"Operon": PUBLISHED["SRBench 2025: one step, error and length"]}
+OPERON = {"Operon": PUBLISHED["its example: ten steps, error and length"]}
 """What the other comparisons run."""
 
 
@@ -89,12 +88,12 @@ def main() -> None:
             print(name, rows[name][-1], flush=True)
         results = {
             "command": f"python -m experiments.recovery.operon --seconds {chosen.seconds:g} --every {chosen.every}",
-            "machine": machine(), "load": os.getloadavg()[0],
+            "machine": machine(),
             "settings": {
                 name: {"solved": sum(bool(row["solved"]) for row in found), "of": len(found), "runs": found}
                 for name, found in rows.items()
             },
-        }  # fmt: skip
+        }
         (chosen.out / "operon.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     table = [(name, f"{sum(bool(row['solved']) for row in found)} of {len(found)}") for name, found in rows.items()]
     write_table(chosen.out / "README.md", "Operon", ("Operon's settings", "tune laws solved"), table)
