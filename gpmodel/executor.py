@@ -8,10 +8,11 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from gpmodel.errors import InputError
@@ -163,20 +164,23 @@ def _as_finished(
     """(number, result) of tasks as they finish, no more than `ahead` of them handed out at a time."""
     waiting = iter(list(tasks.items()))
     running: dict[Future[Found], int] = {}
+    finished: SimpleQueue[Future[Found]] = SimpleQueue()
 
     def hand_out() -> None:
         number, task = next(waiting, (None, None))
         if number is not None:
-            running[pool.submit(function, task)] = number  # type: ignore[arg-type]
+            future = pool.submit(function, task)  # type: ignore[arg-type]
+            running[future] = number
+            future.add_done_callback(finished.put)
 
     try:
         for _ in range(ahead):
             hand_out()
         while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                number = running.pop(future)
-                hand_out()
-                yield number, future.result()
+            future = finished.get()
+            number = running.pop(future)
+            hand_out()
+            yield number, future.result()
     finally:
         for future in running:
             future.cancel()
