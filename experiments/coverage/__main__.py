@@ -85,6 +85,8 @@ def counted(rows: list[Row]) -> dict[str, Any]:
     if "false" in rows[0]:
         adding = [f"{row['case']} {row['seed']}: {'; '.join(row['found'])}" for row in rows if row["false"]]
         out["false additions"] = {"count": sum(row["false"] for row in rows), "robots": adding}
+        held = {f"{row['case']} {row['seed']}": row["stopped"] for row in rows if row.get("stopped")}
+        out["stopped by the tests of dependence alone"] = held
         out["unconfirmed"] = sum(not row["confirmed"] for row in rows)
         out["worse"] = [f"{row['case']} {row['seed']}" for row in rows if row["worse"]]
         out["better"] = sum(row["better"] for row in rows)

@@ -22,6 +22,19 @@ DECLARED = {f"{kind} {how}": name for kind, (_, _, name) in _EFFECTS.items() for
 """The catalogue's name of the one effect that a robot of the family `known` has."""
 
 
+_ROWS = (
+    Case("walk", "kuka_like", 120, 0.03, walk_mm=0.06),
+    Case("walk_in_order", "irb_like", 150, 0.03, walk_mm=0.06, columns=("time", "room"), order="walk"),
+)
+"""Innocent robots under a tracker that wanders at random: neighbouring rows err alike."""
+
+_CLUSTERED = (
+    Case("twelve_clusters", "irb_like", 120, 0.02, order="clusters", shared_mm=0.05),
+    Case("twenty_clusters", "ur_like", 200, 0.02, order="clusters", shared_mm=0.05),
+)
+"""Innocent robots measured in clusters of ten neighbouring poses that err alike, and no label says so."""
+
+
 def _named(names: str) -> dict[str, Case]:
     return {name: CASES[name] for name in names.split()}
 
@@ -43,6 +56,8 @@ FAMILIES: dict[str, dict[str, Case]] = {
         "elevation_index range_scale_seven azimuth_and_offset smooth_field_ten tracker_walk_ur tracker_walk_seven "
         "tracker_drift_ten"
     ),
+    "rows": {c.name: c for c in _ROWS},
+    "clustered": {c.name: c for c in _CLUSTERED},
     "single": {n: c for n, c in CASES.items() if c.family == "single" and c.effects},
     "several": {n: c for n, c in CASES.items() if c.family in ("several", "masses") and c.poses <= 200},
 }

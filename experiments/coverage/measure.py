@@ -26,6 +26,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.loop import discover
+from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.families.by_name import effects_named
 from gpmodel.mechanism.protocol import Mechanism
@@ -39,6 +40,8 @@ from robots import load_mechanism
 HELD_OUT = 0.3
 MATERIAL = 1.002
 """Two fits of one model from different starts differ by less."""
+DEPENDENCE = {"repeats", "rows", "space", "stretches"}
+"""Tests of the acceptance rule that ask whether poses depend on one another."""
 Row = dict[str, Any]
 
 
@@ -137,10 +140,17 @@ def found(case: Case, seed: int, search: Search) -> Row:
     return {
         **grade(said, {**truth_of(here.robot), "seed": seed}), "confirmed": loop.confirmed,
         "unconfirmed": [] if shipped else [effect.name for effect in report.effects],
-        "p": [effect.p_value for effect in report.effects],
+        "p": [effect.p_value for effect in report.effects], "stopped": stopped(loop),
         "standard_mm": _rms_mm(plain), "fresh_mm": _rms_mm(off), "worse": _above(off, plain),
         "better": _above(plain, off), "seconds": round(loop.seconds, 1), **ours,
     }  # fmt: skip
+
+
+def stopped(loop: Discovery) -> dict[str, list[str]]:
+    """What passed every test but those for poses that depend on one another, and which of these it failed."""
+    judged = {h.candidate.name: h for entry in loop.rounds for h in entry.hypotheses}
+    failed = {name: [t.name for t in h.verdict.tests if not t.passed] for name, h in judged.items()}
+    return {name: tests for name, tests in failed.items() if tests and set(tests) <= DEPENDENCE}
 
 
 def predicted(here: Bench, fitted: Calibration) -> Row:

@@ -9,7 +9,7 @@ from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.discovery.criteria import Criteria, Test, Verdict
 from gpmodel.discovery.cross_validation import Predicted, better_by, cross_validated, gained
-from gpmodel.discovery.dependence import inflation
+from gpmodel.discovery.dependence import inflation, order_matters
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
@@ -159,6 +159,9 @@ def tested(
         Test("nats", score.nats, criteria.minimum_nats, score.nats > criteria.minimum_nats),
         Test("cross-validation", cv_t, criteria.minimum_cv_t, cv_t > criteria.minimum_cv_t),
     ]
+    if order_matters(residual, candidate):
+        t = better_by(residual.in_stretches, candidate.effects)
+        tests.append(Test("stretches", t, criteria.minimum_cv_t, t > criteria.minimum_cv_t))
     for name, factor in inflated.items():
         if factor > 1.0:
             nats = score.nats - float(fit_nats(score.gain, residual.freedom)) * (1.0 - 1.0 / factor)

@@ -26,6 +26,7 @@ from gpmodel.evolution.chance import chance
 from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue, names
+from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 
@@ -124,7 +125,7 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
     criteria = choice.criteria
-    candidates = [as_candidate(kept) for kept in chosen.kept]
+    candidates = [as_candidate(kept, choice.train) for kept in chosen.kept]
     curves = [
         c
         for c, k in zip(candidates, chosen.kept, strict=True)
@@ -149,7 +150,7 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in chosen.kept}
-    offered = _in_detail(choice, {name: as_candidate(k) for name, k in kept.items()})
+    offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
     candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)
     judged: dict[str, Hypothesis] = {}
     while True:
@@ -177,12 +178,15 @@ def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, C
     return found, calibration
 
 
-def as_candidate(kept: Kept) -> Candidate:
-    """A kept group as a candidate: a curve with its learned priors, what has at most two numbers without."""
+def as_candidate(kept: Kept, poses: Poses) -> Candidate:
+    """A kept group as a candidate: a curve with its learned priors, what has at most two numbers without; the constants
+    of what it remembers are its own."""
     group = kept.group
     plain = len(group.effects) <= PLAIN
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
-    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, group.inner)
+    derived = plain and set(group.inputs).isdisjoint(poses.dataset.extras)
+    inner = group.inner or (remembered(group.name, effects, poses.states.unit_of_constant) if derived else None)
+    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, inner)
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:

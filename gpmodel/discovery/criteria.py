@@ -11,12 +11,12 @@ class Criteria:
     """Limits that a candidate has to pass before it becomes a finding, and how its chance is measured.
 
     significance: largest chance of its score on shuffled residuals, and of what laws evolved without some poses gain on
-    these. minimum_nats: description length saved beyond its
-    own cost, nats; selection under pure noise reaches 4.2 at most, five is a Bayes factor of 150 ("very strong", Kass
-    and Raftery 1995). minimum_cv_t: gain in cross-validation in standard deviations of its mean, pose by pose, the
-    usual two-sided 5 %. minimum_sigmas: largest coefficient in its standard deviations. minimum_share: unique share of
-    its column, below which 97 % of it is explained by the model already. scored_share: columns of a smaller unique
-    share are not scored at all, their coefficient would be rounding.
+    these. minimum_nats: description length saved beyond its own cost, nats; selection under pure noise reaches 4.2 at
+    most, five is a Bayes factor of 150 ("very strong", Kass and Raftery 1995). minimum_cv_t: gain in cross-validation
+    in standard deviations of its mean, pose by pose, the usual two-sided 5 %; over random folds, and over stretches of
+    rows where these are in order or read. minimum_sigmas: largest coefficient in its standard deviations.
+    minimum_share: unique share of its column, below which 97 % of it is explained by the model already. scored_share:
+    columns of a smaller unique share are not scored at all, their coefficient would be rounding.
 
     likeness: correlation of projected columns above which two candidates are one finding at several possible places.
     head_start: nats by which an expression nobody named has to be better than a named effect, the price of reading it.
@@ -84,6 +84,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "chance": lambda t: f"chance of it on shuffled residuals {wording.chance(t.value)}, limit {t.limit}",
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
+    "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
     "cross-fitting": lambda t: (
         f"chance of what laws evolved without some poses gain on these {wording.chance(t.value)}, limit {t.limit}"
     ),

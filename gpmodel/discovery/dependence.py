@@ -7,6 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.residual import Residual
 from gpmodel.families.candidate import Candidate
+from gpmodel.table.split import stretches
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
@@ -32,14 +33,19 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     return out
 
 
+def order_matters(residual: Residual, candidate: Candidate) -> bool:
+    """Whether rows share something that random folds would not part: they are in the order of measurement, or the
+    candidate reads the row."""
+    return residual.poses.states.past is not None or "row" in candidate.inputs
+
+
 def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
     """Names of what poses may share, and the block (N,) of each."""
     count, poses = residual.criteria.blocks, len(residual.poses)
     if residual.unit_of_pose.max() + 1 < poses:
         yield "repeats", residual.unit_of_pose
     if poses >= 3 * count:
-        place = np.argsort(np.argsort(residual.poses.states["row"], kind="stable"), kind="stable")
-        yield "rows", place * count // poses
+        yield "rows", stretches(residual.poses.states["row"], count)
         yield "space", _regions(np.column_stack([residual.poses.states[axis] for axis in "xyz"]), count)
 
 

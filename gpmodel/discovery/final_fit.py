@@ -1,6 +1,6 @@
 """What was found, fitted to all poses, the constants inside it as well."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from gpmodel.calibration.result import Calibration
@@ -28,27 +28,38 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     found = tuple(refined.values())
     changes = [inner_changes(c, settled, state.poses.states) for c in found]
-    further = tuple(change.effect for own in changes for change in own)
-    whole = settled
-    if further:
-        whole = state.to_all(ErrorModel(state.mechanism, (*settled.model.effects, *further)), settled)
-    events = [_events(left(settled), c) for c in found]
+    events = [_event(left(settled), c) for c in found]
+    told = tuple(_told(c, rows) for c, rows in zip(found, events, strict=True))
+    whole, further = settled, tuple(change.effect for own in changes for change in own)
+    if further or told != found:
+        whole = state.to_all(ErrorModel(state.mechanism, (*state.model(told).effects, *further)), settled)
     known = [(*_known(own, whole), *rows) for own, rows in zip(changes, events, strict=True)]
-    return FinalFit(whole, found, tuple(known))
+    return FinalFit(whole, told, tuple(known))
 
 
-def _known(changes: Sequence[InnerChange], fit: Calibration) -> list[Known]:
+def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[Known]:
     """The constants that a fit corrected, with their deviations."""
     at = {e.name: k for k, e in enumerate(fit.model.effects)}
-    out = []
     for change in changes:
         k, constant = at[change.effect.name], change.constant
-        out.append(Known(constant.name, constant.unit, constant.value + float(fit.theta[k]), float(fit.stderr[k])))
-    return out
+        deviation = float(fit.stderr[k]) if fit.kept[k] else None
+        yield Known(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
 
 
-def _events(left: Residual, candidate: Candidate) -> list[Known]:
-    """The row of an event and those that may be it."""
-    events = [c for c in candidate.inner.constants if c.whole] if candidate.inner else []
-    rows = profile(left.without(candidate.effects), candidate.inner) if candidate.inner and events else None
-    return [Known(c.name, c.unit, c.value, None, *rows.interval) for c in events if rows]
+def _event(left: Residual, candidate: Candidate) -> tuple[Known, ...]:
+    """The row of its event, if it has one, with those that may be it."""
+    event = next((c for c in candidate.inner.constants if c.whole), None) if candidate.inner else None
+    rows = profile(left.without(candidate.effects), candidate.inner) if candidate.inner and event else None
+    return (Known(event.name, event.unit, event.value, None, *rows.interval),) if event and rows else ()
+
+
+def _told(candidate: Candidate, events: Sequence[Known]) -> Candidate:
+    """The same, the rows that its event may be after in its name and in those of its effects."""
+    inner = candidate.inner
+    if inner is None or not any(known.high != known.low for known in events):
+        return candidate
+    for constant, known in zip((c for c in inner.constants if c.whole), events, strict=True):
+        rows = f"{constant.symbol} ({known.low} to {known.high})"
+        template = tuple(replace(e, name=e.name.replace(constant.symbol, rows)) for e in inner.template)
+        inner = replace(inner, name=inner.name.replace(constant.symbol, rows), template=template)
+    return candidate.at(inner)

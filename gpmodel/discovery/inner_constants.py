@@ -87,7 +87,6 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
             if not constant.whole:
                 below, above = (_texts(inner.at(_put(inner.values, k, v)).effects) for v in _beside(constant.value))
                 yield _Moved(constant, below, above)
-        return
     if candidate.family not in FITTED:
         return
     texts = _texts(candidate.effects)

@@ -18,7 +18,7 @@ from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored
 from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.table.split import folds
+from gpmodel.table.split import folds, stretches
 
 LARGEST = 1e100
 """A column of larger numbers is not scored: their squares would not be numbers."""
@@ -128,6 +128,14 @@ class Residual:
             self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
             names=tuple(n for n in self.names if n not in set(given)), sliced=products,
         )  # fmt: skip
+
+    @cached_property
+    def in_stretches(self) -> "Residual":
+        """The same with folds that are stretches of rows, as many: what neighbours share is then in no other fold."""
+        first = np.full(self.unit_of_pose.max() + 1, np.inf)
+        np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
+        stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
+        return replace(self, fold_of_row=stretch[self.problem.pose_of_row])
 
     @cached_property
     def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:

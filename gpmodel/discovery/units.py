@@ -6,6 +6,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.table.bundles import bundles, replicates
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.split import stretches
 
 
 def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
@@ -31,5 +32,4 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
     count = len(dataset)
     if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_bundles:
         return unit
-    place = np.argsort(np.argsort(dataset.row, kind="stable"), kind="stable")
-    return (place * criteria.fewest_bundles // count).astype(np.int64)
+    return stretches(dataset.row.astype(float), criteria.fewest_bundles)

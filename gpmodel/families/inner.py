@@ -1,13 +1,14 @@
 """Constants inside a candidate, a frequency, a time constant, a width, a row, and its template with their values."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.formula.expression import Expression
-from gpmodel.model.effect import Effect
-from gpmodel.model.memory import word
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.memory import constant_of, word
 
 DIGITS = 6
 """Of a constant as it is written: a millionth of it changes no basis by as much as its deviation does."""
@@ -62,10 +63,7 @@ class Inner:
     @property
     def said(self) -> str:
         """The candidate's name with the constants in it."""
-        text = self.name
-        for c in self.constants:
-            text = text.replace(c.symbol, f"{c.value:.{DIGITS}g}")
-        return text
+        return self._put(self.name)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -73,14 +71,15 @@ class Inner:
         return tuple(self._filled(effect) for effect in self.template)
 
     def _filled(self, effect: Effect) -> Effect:
-        terms = tuple(replace(t, basis=Expression(self._written(str(t.basis)))) for t in effect.terms)
-        return replace(effect, name=replace(self, name=effect.name).said, terms=terms)
+        terms = tuple(replace(t, basis=Expression(self._put(str(t.basis), between=True))) for t in effect.terms)
+        return replace(effect, name=self._put(effect.name), terms=terms)
 
-    def _written(self, basis: str) -> str:
+    def _put(self, text: str, between: bool = False) -> str:
+        """A text with the constants in it. between: rows of events are the middle to the next one."""
         for c in self.constants:
-            value = c.value + 0.5 if c.whole else c.value
-            basis = basis.replace(f"_{c.symbol}", f"_{word(value, DIGITS)}").replace(c.symbol, f"{value:.{DIGITS}g}")
-        return basis
+            value = c.value + 0.5 if c.whole and between else c.value
+            text = text.replace(f"_{c.symbol}", f"_{word(value, DIGITS)}").replace(c.symbol, f"{value:.{DIGITS}g}")
+        return text
 
 
 def symbol(number: int = 0) -> str:
@@ -93,3 +92,34 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
     ratio = (span[1] / span[0]) ** (1.0 / (count - 1))
     for value in np.geomspace(*span, count):
         yield Constant(name, unit, float(f"{value:.3g}"), float(value * (ratio - 1.0)))
+
+
+NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
+"""What the constant of a remembered column is."""
+
+
+def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> Inner | None:
+    """The constants in the names of the remembered columns that effects read, as `lag_temperature_40` does; None where
+    they read none.
+
+    name: of the candidate they make. unit: of such a constant, by what the column does and to which other.
+    """
+    read = dict.fromkeys(column for effect in effects for column in effect.inputs if constant_of(column))
+    constants, symbols = [], {}
+    for number, column in enumerate(read):
+        what, of, value = constant_of(column) or ("", "", 0.0)
+        constants.append(Constant(NAMES[what], unit(what, of), value, 0.5 * value, number=number))
+        symbols[column] = f"{what}_{of}_{symbol(number)}"
+    template = tuple(
+        replace(e, name=_said(e.name, symbols), terms=tuple(_term(t, symbols) for t in e.terms)) for e in effects
+    )
+    return Inner(_said(name, symbols), template, tuple(constants)) if constants else None
+
+
+def _term(term: Term, symbols: Mapping[str, str]) -> Term:
+    return replace(term, basis=Expression(_said(str(term.basis), symbols)))
+
+
+def _said(text: str, symbols: Mapping[str, str]) -> str:
+    """A text with whole words replaced."""
+    return re.sub(r"\w+", lambda match: symbols.get(match[0], match[0]), text)

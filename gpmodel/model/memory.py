@@ -40,6 +40,12 @@ def read_by(name: str) -> tuple[str, ...]:
     return (match["of"],) if match else ()
 
 
+def constant_of(name: str) -> tuple[str, str, float] | None:
+    """What a derived column does (`play`, `stop`, `lag`), to which column, and its constant; None without one."""
+    match = _WITH_CONSTANT.match(name)
+    return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
+
+
 @dataclass(frozen=True, eq=False)
 class Past:
     """The columns (N,) of a whole table whose rows were measured in the order of `clock`, and what follows from it.

@@ -95,6 +95,12 @@ class States:
         derived = (self.past, self.weights, self.seen, self.carried)
         return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
+    def unit_of_constant(self, what: str, of: str) -> str:
+        """The unit of the constant of a remembered column: of a lag that of the clock, else that of the column."""
+        if what != "lag" or self.past is None:
+            return self.unit(of)
+        return "rows" if self.past.clock == "row" else self.units[self.past.clock]
+
     def subset(self, rows: IntArray | Mask) -> "States":
         """The same columns at some poses only; what they remember is still that of the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
@@ -38,3 +38,9 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
     fold_of_bundle[rng.permutation(n)] = np.arange(n) % min(count, n)
     return fold_of_bundle[of_pose]
+
+
+def stretches(row: Array, count: int) -> IntArray:
+    """Code (N,) of the stretch that each value of `row` (N,) lies in, of `count` with nearly equally many."""
+    place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
+    return (place * count // len(row)).astype(np.int64)

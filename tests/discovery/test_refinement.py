@@ -9,14 +9,17 @@ from effect_cases import bare, measure, mechanism, sized
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.loop import discover
 from gpmodel.discovery.refinement import profile, refined, refined_fit
 from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates
+from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.inner import Inner
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.split import hold_out
 
 ARM = mechanism("irb6400r")
 TIME = np.cumsum(np.random.default_rng(4).uniform(1.0, 4.0, 120))
@@ -106,3 +109,16 @@ def test_the_interval_of_an_events_row_holds_it_as_often_as_it_says() -> None:
         assert rows is not None
         hit.append(rows.interval[0] <= 57 <= rows.interval[1])
     assert np.mean(hit) > 0.9
+
+
+def test_a_finding_says_after_which_rows_its_event_may_be() -> None:
+    step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
+    theta = sized("irb6400r", step.effects, session(), 0.08)
+    truth = measure("irb6400r", step.effects, theta, 5, dataset=session())
+    train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(1))
+    families = [f for f in catalogue if f.name == "set_up_step"]
+    found = discover(ARM, truth.poses, train, heldout, search=Search(runs=0), candidates=families)
+    (event,) = found.fitted.constants[0]
+    assert (event.low, event.high) == (57, 58)
+    assert f"after row {event.value} ({event.low} to {event.high})" in found.fitted.candidates[0].name
+    assert {e.name for e in found.fitted.candidates[0].effects} <= {e.name for e in found.found.model.effects}

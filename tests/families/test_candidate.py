@@ -5,6 +5,7 @@ import pytest
 from effect_cases import measure, mechanism
 
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import remembered
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect, effect_at
 
@@ -44,3 +45,17 @@ def test_the_gradient_of_the_amplitude_is_its_difference_quotient(candidate: Can
     steps = 1e-6 * np.eye(len(theta))
     apart = [candidate.amplitude(theta + s, states)[0] - candidate.amplitude(theta - s, states)[0] for s in steps]
     np.testing.assert_allclose(slope, np.array(apart) / 2e-6, atol=1e-6)
+
+
+def test_what_remembers_has_the_constants_of_its_columns_inside() -> None:
+    effects = (effect_at("a lag_T_30p5", "base", "Tx", Expression("lag_T_30p5*stop_J2_0p1 + lag_T_30p5")),)
+    inner = remembered("on lag_T_30p5", effects, lambda what, of: f"{what} of {of}")
+    assert inner is not None
+    assert [(c.name, c.unit, c.value) for c in inner.constants] == [
+        ("lag", "lag of T", 30.5), ("half-width", "stop of J2", 0.1),
+    ]  # fmt: skip
+    assert (inner.said, inner.effects) == ("on lag_T_30p5", effects)
+    moved = inner.at((41.25, 0.2))
+    assert moved.said == "on lag_T_41p25"
+    assert str(moved.effects[0].terms[0].basis) == "lag_T_41p25*stop_J2_0p2 + lag_T_41p25"
+    assert remembered("plain", (effect_at("plain", "base", "Tx", Expression("last_move_J2")),), str.__add__) is None
