@@ -18,7 +18,7 @@ from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
 from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 from gpmodel.numerics.rank import RankChoice
-from gpmodel.table.bundles import replicates
+from gpmodel.table.bundles import sharing
 
 ROTATION_WEIGHT = 0.3
 """Metres a radian of measured rotation counts at first: instruments resolve 0.01 mm and 0.03 mrad."""
@@ -75,13 +75,13 @@ def _calibrate(
     use = np.ones(len(poses), dtype=bool)
     before: dict[str, float] = {}
     if start is None:
-        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT, replicates(poses.dataset))
+        first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT, sharing(poses.dataset))
         placement = iterate(first, np.zeros(0), start_placement(poses), np.zeros(0, dtype=bool)).placement
         fitting = replace(first, model=model)
     else:
         if robust and len(start.error) == len(poses):
             use[start.outliers] = False
-        fitting = Fitting(model, poses, use, start.rotation_weight, replicates(poses.dataset), start.pose_ratio)
+        fitting = Fitting(model, poses, use, start.rotation_weight, sharing(poses.dataset), start.pose_ratio)
         placement = start.placement
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])

@@ -135,7 +135,7 @@ class Residual:
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
-        return replace(self, fold_of_row=stretch[self.problem.pose_of_row])
+        return replace(self, fold_of_row=stretch[self.problem.pose_of_row], sliced=None)
 
     @cached_property
     def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:

@@ -13,19 +13,30 @@ SAME_JOINT = 5e-4
 """Joint values, rad or m, up to which two rows are one pose: the last digits of a controller's display (0.01 deg)
 and what a servo at rest leaves (0.02 deg)."""
 
+NEAR = 5.0
+"""Distances to the nearest pose, in the median, within which all poses of a cluster lie; twice as far nothing does. Ten
+or twenty poses spread over a small box lie within three to five; poses spread over a workspace have no such gap."""
+
 FAR_JOINT = 10 * SAME_JOINT
 """Joint values, rad or m, beyond which rows labelled as repeats are not: 0.3 deg moves a tool by millimetres."""
+
+
+FEWEST_POSES = 20
+"""Poses below which a gap between their distances is chance."""
+
+SAMPLE = 50
+"""Poses that are looked at first, so that thousands without clusters are not compared with each other."""
 
 
 def bundles(dataset: Dataset) -> IntArray:
     """Bundle code (N,) of every row, 0 to B - 1: rows of one code share more than the model, so no split parts them.
 
     Together are rows with the same `group`, with the same `repeat`, and rows whose joint values all agree within
-    SAME_JOINT, whatever the set-up or payload. Codes are in the order of the joint values: the order of the rows
-    does not matter.
+    SAME_JOINT or lie in one cluster, whatever the set-up or payload. Codes are in the order of the joint values: the
+    order of the rows does not matter.
     """
     links = [_same_label(dataset, column) for column in ("group", "repeat")]
-    links.append(_same_joints(dataset.q))
+    links += [_same_joints(dataset.q), _clusters(dataset.q)]
     n = len(dataset)
     rows = np.concatenate([np.arange(n)] * len(links))
     graph = coo_array((np.ones(len(rows)), (rows, np.concatenate(links))), shape=(n, n))
@@ -46,6 +57,18 @@ def replicates(dataset: Dataset) -> IntArray:
     keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool"))])
     loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
     return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def sharing(dataset: Dataset) -> IntArray:
+    """Code (N,) of every row: rows of one code may share a deviation that no model explains.
+
+    Replicates; where poses lie in clusters, the neighbours in each with the same set-up and tool.
+    """
+    near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
+    if len(np.unique(near)) == len(dataset):
+        return replicates(dataset)
+    keys = np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool"))])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def noise_floor(dataset: Dataset) -> float | None:
@@ -102,6 +125,30 @@ def _same_joints(q: Array) -> IntArray:
             near = np.array(tree.query_ball_point(q[row], SAME_JOINT, p=np.inf))
             out[near[out[near] < 0]] = row
     return out
+
+
+def _clusters(q: Array) -> IntArray:
+    """First row (N,) of each cluster of neighbouring poses; every row alone where poses do not lie in clusters.
+
+    With joints over their ranges and r = NEAR times the median distance of a pose to the next: clusters are there where
+    all pairs of poses are either nearer than r or farther than 2 r. Repeats of a pose count as one.
+    """
+    own, first = np.arange(len(q)), _same_joints(q)
+    span = np.ptp(q, axis=0) if len(q) else np.zeros(0)
+    distinct = np.unique(first)
+    if len(distinct) < FEWEST_POSES or not (span > SAME_JOINT).any():
+        return own
+    places = (q[:, span > SAME_JOINT] / span[span > SAME_JOINT])[distinct]
+    tree = cKDTree(places)
+    near = NEAR * float(np.median(tree.query(places, k=2)[0][:, 1]))
+    for some in (places[:SAMPLE], places):
+        counts = [tree.query_ball_point(some, r, return_length=True) for r in (near, 2 * near)]
+        if (counts[0] != counts[1]).any():
+            return own
+    together = np.array([min(found) for found in tree.query_ball_point(places, near)])
+    if not together.any() or (np.bincount(together)[together] != counts[0]).any():
+        return own
+    return distinct[together][np.searchsorted(distinct, first)]
 
 
 def _copies(dataset: Dataset) -> Mask:

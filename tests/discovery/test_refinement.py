@@ -102,8 +102,7 @@ def test_the_interval_of_an_events_row_holds_it_as_often_as_it_says() -> None:
     shape = left.projected(step.effects)[0][:, 0]
     hit = []
     for seed in range(150):
-        noise = np.random.default_rng(seed).normal(size=len(left.values))
-        noise -= left.enabled @ (left.enabled.T @ noise)
+        noise = left.span.remove(np.random.default_rng(seed).normal(size=len(left.values)))
         here = replace(left, values=noise + 4.0 * shape / np.linalg.norm(shape) * np.sqrt(len(shape)) / 10)
         rows = profile(here, step)
         assert rows is not None

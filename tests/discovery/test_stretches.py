@@ -12,7 +12,6 @@ from gpmodel.discovery.dependence import order_matters
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
-from gpmodel.numerics.rank import remove
 from gpmodel.table.split import stretches
 
 
@@ -42,7 +41,7 @@ def test_what_happened_once_predicts_no_stretch_that_was_left_out() -> None:
     there = seen("nothing")
     target = there.target.copy()
     target[: there.measured] += 3e-4 * there.columns([once])[:, 0]
-    there = replace(there, target=target, values=remove(there.enabled, target))
+    there = replace(there, target=target, values=there.span.remove(target))
     assert order_matters(there, own)
     assert better_by(there, own.effects) > 2.0
     assert better_by(there.in_stretches, own.effects) < 2.0

@@ -25,7 +25,7 @@ from gpmodel.discovery.selection.waves import waves_left
 from gpmodel.discovery.units import exchangeable
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.table.bundles import replicates
+from gpmodel.table.bundles import sharing
 
 MOST_LOOKS = 3
 """Linearisations at most; the second usually finds nothing to change."""
@@ -69,7 +69,7 @@ def _select(
     calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, criteria: Criteria
 ) -> Selection:
     mechanism = calibration.model.mechanism
-    bundle = replicates(poses.dataset)
+    bundle = sharing(poses.dataset)
     sample = sample_of(bundle)
     shapes = Shapes(predicted_states(calibration, poses.subset(sample)))
     base = list(geometry_groups(calibration.model.effects))
