@@ -1,7 +1,7 @@
 """Twelve simulated machines of one type, one of them worn: are mean, spread and the worn one found, and with how many
 poses is a thirteenth known as well as with the fleet's prior?
 
-From the root of the repository: python -m experiments.fleet.run [--seeds 2] [--further 4]
+From the root of the repository: python -m experiments.fleet.run [--seeds 1] [--further 3]
 """
 
 import argparse
@@ -81,8 +81,8 @@ def study(seed: int, count: int) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--further", type=int, default=4)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--further", type=int, default=3)
     given = parser.parse_args()
     studies = [study(seed, given.further) for seed in range(given.seeds)]
     every = [run for s in studies for run in s["further"]]

@@ -148,17 +148,18 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
         raise InputError("is not said; expected a name or a file, here or in fleet.toml", "mechanism")
     arm = mechanism_of(mechanism)
     out: dict[str, tuple[Mechanism, Poses]] = {}
-    seen: dict[str, str] = {}
+    seen: dict[tuple[str, bytes], str] = {}
     for serial, table in tables.items():
         try:
             out[serial] = checked_poses(arm, table)
         except InputError as error:
             known = error.said if Path(str(table)).name in error.said else f"{serial}: {error.said}"
             raise InputError(known, error.argument) from None
-        digest = out[serial][1].dataset.sha256
-        if digest and digest in seen:
-            raise InputError(f"machines '{seen[digest]}' and '{serial}' have the same table; expected one for each")
-        seen[digest] = serial
+        dataset = out[serial][1].dataset
+        rows = dataset.sha256, dataset.row.tobytes()
+        if dataset.sha256 and rows in seen:
+            raise InputError(f"machines '{seen[rows]}' and '{serial}' have the same table; expected one for each")
+        seen[rows] = serial
     if len(out) < 2:
         raise InputError(f"{len(out)} machine; expected at least 2 of one type", "tables")
     return out
