@@ -171,11 +171,9 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
 
 
 def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:
-    """What was found, its fine curves with more harmonics as long as any asks for them, and the fit of it all."""
+    """What was found, its fine curves with twice their harmonics where they ask for them, and a fit to go on from."""
     calibration = choice.fit(tuple(found.values()), choice.standard)
-    while (finer := detailed(choice.residual(calibration), found)) != found:
-        found, calibration = finer, choice.fit(tuple(finer.values()), calibration)
-    return found, calibration
+    return detailed(choice.residual(calibration), found), calibration
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
