@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipk, elliprd
 
 from joints.limits import positive, require
@@ -145,12 +145,9 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
 
 def _axis_ratio(curvature_ratio: float) -> float:
     """k = b/a in (0, 1] with R_D(0, 1, k^2)/R_D(0, k^2, 1) = B/A."""
-    low, high = -30.0, 0.0
-    for _ in range(100):
-        middle = (low + high) / 2
-        k2 = np.exp(2 * middle)
-        if elliprd(0, 1, k2) / elliprd(0, k2, 1) > curvature_ratio:
-            low = middle
-        else:
-            high = middle
-    return float(np.exp((low + high) / 2))
+
+    def excess(log_k: float) -> float:
+        k2 = np.exp(2 * log_k)
+        return float(np.log(elliprd(0, 1, k2) / elliprd(0, k2, 1) / curvature_ratio))
+
+    return float(np.exp(brentq(excess, -30.0, 0.0, xtol=1e-14))) if curvature_ratio > 1 else 1.0

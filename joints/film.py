@@ -65,14 +65,25 @@ class FilmGeometry:
         return float(np.sqrt(4 * self.socket_angle / np.pi))
 
 
-def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """h = h0 + (d - h0) cos(alpha) [m], the gap at the socket's edge; d counts from the ball resting in the socket.
+def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
+    """h(t) = h0 + (d - h0) cos t [m] at polar angle t; d counts from the ball resting in the socket.
 
     Figs 4.10 and 4.12 print h0 + d cos(alpha), which is the same with d counted from the concentric ball;
-    Table 4.2 and Fig 4.17 count from contact.
+    Table 4.2 and Fig 4.17 count from contact. Raises InputError where the ball would touch the socket.
     """
-    lift = not_negative("displacement", displacement, "m")
-    return geometry.clearance + (lift - geometry.clearance) * np.cos(geometry.socket_angle)
+    gap = gap_along(geometry, not_negative("displacement", displacement, "m"), np.cos(np.asarray(angle, float)))
+    require(gap > 0, "film gap", gap, "above 0 m")
+    return gap
+
+
+def gap_along(geometry: FilmGeometry, lift: Array, cosine: Array) -> Array:
+    """`film_gap` of displacements and cos t already checked."""
+    return geometry.clearance + (lift - geometry.clearance) * cosine
+
+
+def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
+    """`film_gap` at the socket's edge, alpha."""
+    return film_gap(geometry, displacement, geometry.socket_angle)
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
-from joints.film import FilmGeometry, feed_factor
+from joints.film import FilmGeometry, feed_factor, film_gap, gap_along
 from joints.limits import not_negative, positive, require
 from joints.orifice import ATMOSPHERE, Orifice
 
@@ -30,14 +31,6 @@ class SphericalFilm:
     inlet_pressure: Array
     stiffness_constant_flow: Array
     stiffness_constant_inlet: Array
-
-
-def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
-    """h(t) = h0 + (d - h0) cos t [m]; raises InputError where the ball would touch the socket."""
-    lift = not_negative("displacement", displacement, "m")
-    gap = geometry.clearance + (lift - geometry.clearance) * np.cos(np.asarray(angle, float))
-    require(gap > 0, "film gap", gap, "above 0 m")
-    return gap
 
 
 def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
@@ -97,8 +90,7 @@ def spherical_pressure(
     socket = not_negative("socket pressure", socket_pressure, "Pa")
     if not compressible:
         return socket * share
-    squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
-    return np.sqrt(squared) - ATMOSPHERE
+    return _isothermal(socket, share)
 
 
 def compressible_film(geometry: FilmGeometry, load: float, displacement: float) -> tuple[float, float]:
@@ -113,14 +105,16 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
     strip = np.pi * r**2 * np.sin(2 * angle) * weights * (alpha - phi) / 2
     share = _share(geometry, displacement, angle)
 
-    low, high = 0.0, target / (np.pi * (r * np.sin(phi)) ** 2)
-    for _ in range(100):
-        socket = (low + high) / 2
-        squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
-        carried = np.pi * (r * np.sin(phi)) ** 2 * socket + strip @ (np.sqrt(squared) - ATMOSPHERE)
-        low, high = (socket, high) if carried < target else (low, socket)
+    inside = np.pi * (r * np.sin(phi)) ** 2
+    socket = float(brentq(lambda s: inside * s + strip @ _isothermal(s, share) - target, 0.0, target / inside))
     resistance = float(spherical_resistance(geometry, displacement))
     return socket * (1 + socket / (2 * ATMOSPHERE)) / (resistance * geometry.orifices), socket
+
+
+def _isothermal(socket: Array | float, share: Array) -> Array:
+    """Gauge pressure [Pa] of compressible air where the incompressible one would be that share of the socket's."""
+    squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
+    return np.asarray(np.sqrt(squared) - ATMOSPHERE)
 
 
 def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Array:
@@ -134,7 +128,7 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
     lift = np.asarray(displacement, float)
     total: Array | float = 0.0
     for cosine, weight in _rule(geometry, lower):
-        gap = geometry.clearance + (lift - geometry.clearance) * cosine
+        gap = gap_along(geometry, lift, cosine)
         total = total + weight / (gap * gap * gap)
     return np.asarray(total)
 
@@ -144,7 +138,7 @@ def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> 
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
     for cosine, weight in _rule(geometry, None):
-        gap = geometry.clearance + (lift - geometry.clearance) * cosine
+        gap = gap_along(geometry, lift, cosine)
         term = weight / (gap * gap * gap)
         total += term
         slope -= 3 * cosine * term / gap

@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_banded
 
-from joints.film import FilmGeometry
+from joints.film import FilmGeometry, film_gap
 from joints.limits import not_negative, positive
 from joints.orifice import ATMOSPHERE
-from joints.reynolds import film_gap
 
 Array = NDArray[np.float64]
 

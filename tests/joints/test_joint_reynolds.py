@@ -7,12 +7,11 @@ import pytest
 from scipy.integrate import quad, solve_bvp
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry, film_resistance, pad_load
+from joints.film import FilmGeometry, film_gap, film_resistance, pad_load
 from joints.film_design import design_film
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import (
     compressible_film,
-    film_gap,
     orifice_spreading_resistance,
     spherical_area,
     spherical_film,
