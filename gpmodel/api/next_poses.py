@@ -52,7 +52,8 @@ def next_questions(
     if criterion == "i-optimal":
         return point
     findings = findings_of(outlook, record)
-    pairs = {f"{f.name} or {name}": outlook.beside(f, effects) for f in findings for name, effects in f.rivals}
+    asked = [*findings, *constants_of(outlook, record)]
+    pairs = {f"{f.name} or {name}": outlook.beside(f, effects) for f in asked for name, effects in f.rivals}
     told = {said: asked for said, asked in pairs.items() if at_best(asked) < 1.0 / TOLD_APART}
     alike = "; ".join(said for said in pairs if said not in told)
     if told and criterion in (None, "rivals"):
@@ -89,6 +90,18 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
         if own:
             found.append(Questioned(effect.name, np.array(own), rivals))
     return found
+
+
+def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
+    """The constants of a report that something else could equally be, each with that."""
+    names = names_of(outlook.measured.dataset)
+    own = {translate(e.name, names): i for i, e in enumerate(outlook.saved.model.effects)}
+    rivals = {translate(name, names): effects for name, effects in outlook.candidates.items()} if record else {}
+    return [
+        Questioned(mimic.constant, np.array([own[mimic.constant]]), ((mimic.rival, rivals[mimic.rival]),))
+        for mimic in (record.mimics if record else ())
+        if mimic.constant in own and mimic.rival in rivals
+    ]
 
 
 def _is_of(name: str, effect: EffectRecord) -> bool:

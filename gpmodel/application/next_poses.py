@@ -13,6 +13,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import placement_columns
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe, prepare
@@ -99,11 +100,13 @@ class Outlook:
         return {candidate.name: candidate.effects for candidate in pool}
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Columns (N, 3, K) of registration, tool, every effect and `more`, over σ of a coordinate."""
+        """Columns (N, 3, K) of registration, tool, every effect and `more`, over σ of a coordinate, less what joints
+        that are not measured absorb."""
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)
         own = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
-        return np.concatenate([placement_columns(saved, poses, observed), own], axis=2) / saved.sigma
+        columns = np.concatenate([placement_columns(saved, poses, observed), own], axis=2) / saved.sigma
+        return what_is_left(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:

@@ -38,7 +38,7 @@ SHOWN = 4
 
 
 MOST = 6
-"""Sentences in a report."""
+"""In a report."""
 
 ROW = "row"
 """The input of what follows the rows."""
@@ -133,8 +133,8 @@ def rivals_of_constants(
     return tuple(sorted(rivals, key=lambda rival: rival.apart))
 
 
-def rivals_in_words(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
-    """What each significant constant could equally be, at most MOST sentences; none where nothing could.
+def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
+    """What each significant constant could equally be, one a constant and at most MOST; none where nothing could.
 
     Of all that the catalogue has of at most UNKNOWNS unknowns: for every constant the plausible one that moves the
     point least and that other measurements would tell from it; what nothing would is but another name for it. What
@@ -152,7 +152,7 @@ def rivals_in_words(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
     best: dict[str, Rival] = {}
     for rival in found:
         best.setdefault(rival.constant, rival)
-    return tuple(rival.words([joint.kind for joint in mechanism.joints]) for rival in list(best.values())[:MOST])
+    return tuple(best.values())[:MOST]
 
 
 @dataclass(frozen=True)

@@ -158,12 +158,17 @@ def solve_joints(
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.bool_], values: Array) -> Array:
-    """Observations (N, m), in metres, less what each pose's own free joints explain; unchanged without any."""
+    """Observations (N, m), in metres, or columns (N, m, K), less what each pose's own free joints explain.
+
+    Unchanged without any. m: all components that are observed, or the first few of them.
+    """
     if not free_joints(mechanism):
         return values
-    left = complement(joint_columns(mechanism, observed) * measured[:, :, None], measured)
-    turned = np.einsum("nij,nj->ni", left.turn, values * measured) * left.keep
-    return np.einsum("nij,ni->nj", left.turn, turned)
+    joints = joint_columns(mechanism, observed)[:, : values.shape[1]]
+    left = complement(joints * measured[:, :, None], measured)
+    seen = (values.T * measured.T).T
+    turned = (np.einsum("nij,nj...->ni...", left.turn, seen).T * left.keep.T).T
+    return np.einsum("nij,ni...->nj...", left.turn, turned)
 
 
 def check_points(dataset: Dataset) -> None:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.rivals import rivals_in_words
+from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, repeatability, versions
 from gpmodel.report.quantity import translate
-from gpmodel.report.schema import Kind, MechanismRecord, Report, StepRecord
+from gpmodel.report.schema import Kind, MechanismRecord, MimicRecord, Report, StepRecord
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     poses, final = ladder.poses, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
     floor, source = floor_mm(data, origin.noise)
+    rivals, kinds = hidden_rivals(final, poses), [joint.kind for joint in final.model.mechanism.joints]
     return Report(
         kind=kind,
         command=origin.command,
@@ -53,7 +54,8 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         noise_from=source,
         repeatability=repeatability(data),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
-        hidden=tuple(translate(text, names) for text in rivals_in_words(final, poses)),
+        hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
+        mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )
 

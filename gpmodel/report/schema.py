@@ -121,6 +121,14 @@ class ConfirmationRecord:
 
 
 @dataclass(frozen=True)
+class MimicRecord:
+    """A constant of the standard model, and the effect of the catalogue that it could equally be, by their names."""
+
+    constant: str
+    rival: str
+
+
+@dataclass(frozen=True)
 class Repeatability:
     """ISO 9283 pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses."""
 
@@ -151,8 +159,8 @@ class Report:
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
-    the standard model could equally be, and the poses that would tell. sigma_mm: of one component. model_sha256: seal
-    of the model.json that belongs to it.
+    the standard model could equally be, and the poses that would tell; mimics: the same by name. sigma_mm: of one
+    component. model_sha256: seal of the model.json that belongs to it.
     """
 
     command: str = ""
@@ -182,6 +190,7 @@ class Report:
     confirmation: ConfirmationRecord | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
+    mimics: tuple[MimicRecord, ...] = ()
     exports: tuple[ExportRecord, ...] = ()
     plots: PlotRecord = field(default_factory=PlotRecord)
     verdict: str = ""

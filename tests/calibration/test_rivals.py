@@ -10,7 +10,7 @@ import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.rivals import MOST, PLAUSIBLE, ROW, TOLD_APART, UNKNOWNS, rivals_in_words, rivals_of_constants
+from gpmodel.calibration.rivals import MOST, PLAUSIBLE, ROW, TOLD_APART, UNKNOWNS, hidden_rivals, rivals_of_constants
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism
@@ -69,7 +69,7 @@ def test_a_constant_in_the_noise_has_no_rivals_and_many_poses_leave_no_lobes() -
 
 
 def test_the_sentences_say_what_it_could_be_and_where_to_measure() -> None:
-    said = rivals_in_words(*fitted(31, 0))
+    said = [rival.words(["revolute"] * 3) for rival in hidden_rivals(*fitted(31, 0))]
     assert said
     assert all("could equally be " in text for text in said)
     assert any(text.startswith("J1 Tz of −24.4 µm") for text in said)
@@ -128,12 +128,12 @@ def eccentricities(arm: Mechanism, poses: Poses) -> list[Candidate]:
 
 def test_on_a_whole_workspace_nothing_of_an_arm_is_hidden() -> None:
     fit, poses, _ = measured_arm(1.0)
-    assert rivals_in_words(fit, poses) == ()
+    assert hidden_rivals(fit, poses) == ()
 
 
 def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_measured_where_told() -> None:
     fit, poses, arm = measured_arm(0.2)
-    assert 0 < len(rivals_in_words(fit, poses)) <= MOST
+    assert 0 < len(hidden_rivals(fit, poses)) <= MOST
     found = rivals_of_constants(fit, poses, eccentricities(arm, poses))
     rival = next(r for r in found if np.all(r.difference > 5 * fit.sigma))
     again, more, _ = measured_arm(0.2, np.repeat(rival.poses, 3, axis=0))

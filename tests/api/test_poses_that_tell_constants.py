@@ -1,0 +1,23 @@
+"""What a constant of the standard model could equally be, the next poses tell."""
+
+from pathlib import Path
+
+import numpy as np
+from spherical_cases import JOINT, OFFSETS
+
+import gpmodel as gp
+from gpmodel.report.saved import read_report
+from gpmodel.table.write import frame_of
+from joints.rig import Rig
+
+
+def test_ten_poses_after_a_calibration_tell_a_constant_from_what_it_could_be(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rig = Rig(JOINT, parameters=OFFSETS)
+    first = rig.poses(31, rng)
+    gp.calibrate("spherical-joint", frame_of(rig.measure(first, rng), JOINT)).report(tmp_path)
+    (mimic,) = read_report(tmp_path).mimics
+    chosen = gp.choose_poses(count=10, after=tmp_path, criterion="rivals")
+    assert f"{mimic.constant} or {mimic.rival}" in chosen.said
+    more = rig.measure(np.vstack([first, chosen.q]), np.random.default_rng(1))
+    assert mimic not in gp.calibrate("spherical-joint", frame_of(more, JOINT)).record.mimics
