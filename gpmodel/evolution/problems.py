@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -100,6 +101,10 @@ class CartesianProblem:
 
     def initial_norm(self) -> float:
         """The norm before any compensation."""
+        return self._initial
+
+    @cached_property
+    def _initial(self) -> float:
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
@@ -125,7 +130,7 @@ class CartesianProblem:
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
-            gain = 1.0 - fitness / self.initial_norm()
+            gain = 1.0 - fitness / self._initial
         return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
 
 

@@ -87,11 +87,15 @@ def reaching_instructions(
     """Where, in ``pairs``, the instructions begin that can reach the first ``outputs`` registers.
 
     Goes backwards with the bit set of registers that are still to be read (the highest bit is the
-    accumulator) and moves what is kept to the end of the first ``count``.
+    accumulator) and moves what is kept to the end of the first ``count``. What comes after the last store to an output
+    is passed over first.
     """
     needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
+    end = count
+    while end > 0 and (written_of[pairs[end - 1]] & needed) == 0:
+        end -= 1
     begin = count
-    for k in range(count - 1, -1, -1):
+    for k in range(end - 1, -1, -1):
         pair = pairs[k]
         written = written_of[pair]
         read = read_of[pair]
