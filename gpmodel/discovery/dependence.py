@@ -16,7 +16,8 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
 
     With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
     Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986); 1 where it is no further above 1 than
-    two standard deviations √(2/blocks) of it under independence.
+    two standard deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
+    within a block stays slow in any order of them (experiments/coverage).
     """
     span, _ = residual.projected(candidate.effects)
     contribution = span @ np.linalg.lstsq(span, residual.values, rcond=None)[0]
@@ -46,10 +47,10 @@ def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
         yield "repeats", residual.unit_of_pose
     if poses >= 3 * count:
         yield "rows", stretches(residual.poses.states["row"], count)
-        yield "space", _regions(np.column_stack([residual.poses.states[axis] for axis in "xyz"]), count)
+        yield "space", regions(np.column_stack([residual.poses.states[axis] for axis in "xyz"]), count)
 
 
-def _regions(points: Array, count: int) -> IntArray:
+def regions(points: Array, count: int) -> IntArray:
     """Region (N,) of each point (N, 3): halved at the median of their longest extent, the largest region first."""
     region = np.zeros(len(points), dtype=np.int64)
     for new in range(1, count):
