@@ -13,7 +13,7 @@ from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_validation import better_by, cross_validated
 from gpmodel.discovery.detail import detailed
-from gpmodel.discovery.refinement import refined_fit
+from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
@@ -152,6 +152,10 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     kept = {k.group.name: k for k in chosen.kept}
     offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
     candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)
+    apart = told_apart(choice.residual(calibration), candidates)
+    if apart != candidates:
+        fewer = choice.fit(tuple(apart.values()), calibration)
+        candidates, calibration = refined_fit(choice.fit, choice.residual, apart, fewer)
     judged: dict[str, Hypothesis] = {}
     while True:
         left = choice.residual(calibration)

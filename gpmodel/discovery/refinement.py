@@ -79,6 +79,25 @@ def refined_fit(
     return found, calibration
 
 
+def told_apart(residual: Residual, candidates: Mapping[str, Candidate]) -> dict[str, Candidate]:
+    """Candidates by name without those that their constants have made like one before: two steps towards one law.
+
+    residual: with all of them in the model. Alike are two whose projected columns correlate above the likeness.
+    """
+    kept: dict[str, Candidate] = {}
+    for name, candidate in candidates.items():
+        rivals = [other for other in kept.values() if _movable(candidate) and _movable(other)]
+        if not any(_alike(residual, candidate, other) for other in rivals):
+            kept[name] = candidate
+    return kept
+
+
+def _alike(residual: Residual, first: Candidate, second: Candidate) -> bool:
+    left = residual.without((*first.effects, *second.effects))
+    spans = [ident.orthonormal(left.projected(c.effects)[0]) for c in (first, second)]
+    return ident.canonical_correlation(*spans) > residual.criteria.likeness
+
+
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
     """A candidate with its constants where what it leaves of a residual without it is least.
 

@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.refinement import profile, refined, refined_fit
+from gpmodel.discovery.refinement import profile, refined, refined_fit, told_apart
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.search import Search
 from gpmodel.families.candidate import Candidate
@@ -81,6 +81,17 @@ def test_what_has_no_constant_to_move_is_not_fitted_again() -> None:
 
     found, _ = refined_fit(fit, lambda _: left, {"it": plain}, left.calibration)  # type: ignore[arg-type]
     assert (found, len(fits)) == ({"it": plain}, 0)
+
+
+def test_two_steps_towards_one_law_are_one() -> None:
+    lag = next(c for c in offered("growth of the arm (temperature") if c.inner)
+    assert lag.inner is not None
+    tilt = next(c for c in offered("tilt of J1 (temperature") if c.inner)
+    near, beside, other = (lag.at(lag.inner.at([tau])) for tau in (44.0, 46.0, 4.0))
+    residual = left_of(near.inner, 0.5) if near.inner else None
+    assert residual is not None
+    found = told_apart(residual, {"a": near, "b": tilt, "c": beside, "d": other})
+    assert list(found) == ["a", "b", "d"]
 
 
 @pytest.mark.parametrize(("millimetres", "widest"), [(1.0, 0), (0.05, 20)])
