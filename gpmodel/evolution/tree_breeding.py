@@ -1,7 +1,7 @@
 """How trees start and vary (thesis section 5.2.2, Fig 5.6), by DEAP.
 
-DEAP draws from Python's global generator: every call here seeds it from the NumPy generator it is given and
-puts its state back.
+DEAP draws from Python's generator, and so may any other thread: every call here puts one of its own in the place where
+DEAP looks for it, seeded from the NumPy generator it is given.
 """
 
 import random
@@ -21,19 +21,18 @@ from gpmodel.evolution.representation import Population
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
 
 _ONE_AT_A_TIME = threading.Lock()
-"""Python's generator is one for all threads."""
+"""DEAP looks in one place for all threads."""
 
 
 @contextmanager
 def _deap_random(rng: np.random.Generator) -> Iterator[None]:
-    seed = int(rng.integers(2**63))
+    own = random.Random(int(rng.integers(2**63)))
     with _ONE_AT_A_TIME:
-        state = random.getstate()
-        random.seed(seed)
+        of_all, gp.random = gp.random, own
         try:
             yield
         finally:
-            random.setstate(state)
+            gp.random = of_all
 
 
 @dataclass(frozen=True)
@@ -106,17 +105,17 @@ class TreeBreeding:
         return Trees(tuple(children))
 
     def _child(self, mother: Individual, father: Individual) -> Individual:
-        place = random.randrange(len(mother.trees))
+        place = gp.random.randrange(len(mother.trees))
         own = gp.PrimitiveTree(mother.trees[place])
-        other = father.trees[random.randrange(len(father.trees))]
+        other = father.trees[gp.random.randrange(len(father.trees))]
         toolbox = self.toolbox
-        if random.random() < self.crossover:
+        if gp.random.random() < self.crossover:
             child = toolbox.mate(own, gp.PrimitiveTree(other))[0]
         elif self.style == "thesis":
             child = (
-                toolbox.mutate_structure(own, other)[0] if random.random() < 0.5 else toolbox.mutate_operator(own)[0]
+                toolbox.mutate_structure(own, other)[0] if gp.random.random() < 0.5 else toolbox.mutate_operator(own)[0]
             )
-        elif random.random() < 0.5:
+        elif gp.random.random() < 0.5:
             child = toolbox.mutate_structure(own)[0]
         else:
             child = toolbox.mutate_operator(own)[0]
@@ -137,7 +136,7 @@ def _complete(
     while missing > 0:
         node = next(supply, None)
         if node is None:
-            node = random.choice(primitives.terminals[object])
+            node = gp.random.choice(primitives.terminals[object])
             node = node() if type(node) is gp.MetaEphemeral else node
         nodes.append(node)
         missing += node.arity - 1
@@ -152,7 +151,7 @@ def depth_first_crossover(
     The father's nodes are used until the child is whole; where they run out, or he is shorter than the
     point, the open places become random leaves.
     """
-    point = random.randrange(len(mother))
+    point = gp.random.randrange(len(mother))
     return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)
 
 
@@ -160,6 +159,6 @@ def structure_mutation(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
 ) -> tuple[gp.PrimitiveTree]:
     """The same with a crossover point of its own in the father, so that sequences are reused elsewhere."""
-    point = random.randrange(len(mother))
-    other = random.randrange(len(father))
+    point = gp.random.randrange(len(mother))
+    other = gp.random.randrange(len(father))
     return (_complete(mother[: point + 1], iter(father[other:]), primitives),)

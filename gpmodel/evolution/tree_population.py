@@ -1,6 +1,5 @@
 """Trees as DEAP holds them, with the codes that the kernels read; never compiled by DEAP."""
 
-import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -41,7 +40,7 @@ class ElementNode(gp.Terminal):
 
 
 def _standard_normal() -> float:
-    return random.gauss(0.0, 1.0)
+    return float(gp.random.gauss(0.0, 1.0))
 
 
 ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)

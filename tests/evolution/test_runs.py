@@ -1,5 +1,9 @@
 """Runs side by side: the same bits wherever they ran, in what order, and however often they were begun again."""
 
+import pickle
+import random
+import sys
+import threading
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -75,3 +79,28 @@ def test_what_is_kept_is_not_done_again() -> None:
     assert len(dict(run_all(PLAN.tasks(problem), Threads(1), kept, counts.append))) == 8
     assert counts == [3, 4, 5, 6, 7, 8]
     assert numbers(problem, Elsewhere(), kept) == numbers(problem, Threads(2))
+
+
+def test_what_others_draw_from_pythons_generator_changes_nothing() -> None:
+    """A scheduler's threads do, in the process of a worker."""
+    tasks = {number: task for number, task in PLAN.tasks(PROBLEMS["slot"]).items() if number[0] == 1}
+
+    def found() -> list[str]:
+        own = pickle.loads(pickle.dumps(tasks))
+        return [str(run.best.program) for _, run in run_all(own, Threads(1), NothingKept(), lambda done: None)]
+
+    alone, over = found(), threading.Event()
+
+    def draw() -> None:
+        while not over.is_set():
+            random.random()
+
+    before, other = sys.getswitchinterval(), threading.Thread(target=draw)
+    sys.setswitchinterval(1e-5)
+    other.start()
+    try:
+        assert found() == alone
+    finally:
+        over.set()
+        other.join()
+        sys.setswitchinterval(before)
