@@ -39,9 +39,9 @@ def poses(
 
     spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
     observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
-    the point over the workspace. --after RESULT, beside the poses measured: rivals: what tells findings from what they
-    could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not meet itself
-    where its URDF has geometry.
+    the point over the workspace. --after RESULT, beside the poses measured: rivals: what tells findings, and constants,
+    from what they could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not
+    meet itself where its URDF has geometry.
     """
     chosen = choose_poses(
         mechanism, count, criterion=criterion, after=after, above=above, box=box, instrument=instrument, normal=normal,
