@@ -3,9 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from gpmodel.calibration.result import Calibration
+import numpy as np
+
+from gpmodel.arrays import Mask
+from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.inner_constants import InnerChange, inner_changes
-from gpmodel.discovery.refinement import profile, refined_fit
+from gpmodel.discovery.refinement import WINDOW, profile, refined_fit
 from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.result import FinalFit, Known
 from gpmodel.discovery.state import State
@@ -20,10 +23,13 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     """
 
     def to_all(found: Sequence[Candidate], start: Calibration) -> Calibration:
-        return state.to_all(state.model(found), replace(start, condition_limit=fit.condition_limit))
+        again = replace(without_outlier_marks(start), condition_limit=fit.condition_limit)
+        return state.to_all(state.model(found), again)
 
     def left(there: Calibration) -> Residual:
-        return residual_of(there, state.poses, state.criteria, state.seed)
+        return residual_of(there, state.poses, state.criteria, state.seed, beside)
+
+    beside = _beside_events(state)
 
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     found = tuple(refined.values())
@@ -35,6 +41,14 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
         whole = state.to_all(ErrorModel(state.mechanism, (*state.model(told).effects, *further)), settled)
     known = [(*_known(own, whole), *rows) for own, rows in zip(changes, events, strict=True)]
     return FinalFit(whole, told, tuple(known))
+
+
+def _beside_events(state: State) -> Mask:
+    """The poses (N,) near an event: on the wrong side of it a good one looks like an outlier."""
+    rows = state.poses.states["row"]
+    inner = [c.inner for c in state.found if c.inner]
+    events = [c.value for own in inner for c in own.constants if c.whole]
+    return np.any([np.abs(rows - event) <= WINDOW for event in events], axis=0) if events else np.zeros(len(rows), bool)
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[Known]:

@@ -132,3 +132,15 @@ def test_a_finding_says_after_which_rows_its_event_may_be() -> None:
     assert (event.low, event.high) == (57, 58)
     assert f"after row {event.value} ({event.low} to {event.high})" in found.fitted.candidates[0].name
     assert {e.name for e in found.fitted.candidates[0].effects} <= {e.name for e in found.found.model.effects}
+
+
+def test_a_step_whose_row_was_held_out_is_put_right_by_the_final_fit() -> None:
+    step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
+    truth = measure("irb6400r", step.effects, sized("irb6400r", step.effects, session(), 1.0), 5, dataset=session())
+    heldout = np.sort(np.concatenate([[56, 57], np.arange(2, 120, 5)]))
+    train = np.setdiff1d(np.arange(120), heldout)
+    families = [f for f in catalogue if f.name == "set_up_step"]
+    found = discover(ARM, truth.poses, train, heldout, search=Search(runs=0), candidates=families)
+    (event,) = found.fitted.constants[0]
+    assert (event.value, event.low, event.high) == (57, 57, 57)
+    assert not len(found.found.outliers)
