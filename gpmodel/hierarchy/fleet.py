@@ -40,7 +40,7 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[
     """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of what they
     share learned from that, then each estimated again with it as its prior.
 
-    Priors of the effects themselves are set aside: the type's take their place. A machine that stands out in an
+    Priors of the effects themselves are of the type's means, not of the machines. A machine that stands out in an
     effect keeps its own number there and teaches nothing of the type, unless fewer than two are left. Source: Efron and
     Morris (1975). Raises InputError where the poses of a machine are too few for the effects.
     """
@@ -58,7 +58,7 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[
     shared = tuple(between(values[inside, k], stderr[inside, k] ** 2) for k, inside in enumerate(found.inside.T))
     typical = np.flatnonzero(found.inside[:, :-1].all(axis=1)).tolist()
     taught = typical if len(typical) > 1 else range(len(machines))
-    whole = tuple(effect for effect, k in zip(free, held, strict=True) if k or effect.constant)
+    whole = tuple(effect for effect, k in zip(effects, held, strict=True) if k or effect.constant)
     prior = learned([machines[i] for i in taught], [own[i] for i in taught], whole)
     shrunken = tuple(
         with_prior(fit, poses, prior, {e.name for e, k in zip(common, inside[:-1], strict=True) if not k})

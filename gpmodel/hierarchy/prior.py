@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
@@ -42,17 +42,18 @@ def learned(
     """The effects with the mean and the prior deviation √(τ² + var μ) of the type.
 
     own: fits of the machines by themselves, whose noise weighs their poses, with at least the varying ones of the
-    effects. Constant effects of one unit have one τ, every other its own. Source: Laird and Ware (1982), by the EM
-    algorithm.
+    effects. Constant effects of one unit have one τ, every other its own. Means are believed to be within WIDE of zero,
+    within an effect's own prior, or of the size it has alone. Source: Laird and Ware (1982), by the EM algorithm.
     """
-    size = np.array([WIDE if e.constant else _size(own, e.name) for e in effects])
+    constant = np.array([e.constant for e in effects])
+    size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
     wide = tuple(replace(e, mean=0.0, prior=float(s)) for e, s in zip(effects, size, strict=True))
     fits = [
         calibrate(ErrorModel(mechanism, wide, fit.sigma), poses, condition_limit=LARGEST_LIMIT)
         for (mechanism, poses), fit in zip(machines, own, strict=True)
     ]
     kinds = np.unique([e.unit if e.constant else e.name for e in effects], return_inverse=True)[1]
-    mean, deviation = _expectation_maximisation(_information(fits, size), kinds)
+    mean, deviation = _expectation_maximisation(_information(fits, size), kinds, constant)
     return tuple(
         replace(e, mean=float(m * s), prior=float(d * s))
         for e, m, d, s in zip(effects, mean, deviation, size, strict=True)
@@ -74,21 +75,24 @@ def _information(fits: Sequence[Calibration], size: Array) -> Information:
     return Information(inverse - np.eye(len(size)), np.einsum("mij,mj->mi", inverse, theta))
 
 
-def _expectation_maximisation(told: Information, kinds: IntArray) -> tuple[Array, Array]:
+def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask) -> tuple[Array, Array]:
     """μ (E,) and the deviations (E,) of a further machine; effects of one kind (E,) have one τ.
 
-    Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ their mean, τ² that of
-    (b_i - μ)² + diag C_i. The variance of μ is 1 / diag Σ (T⁻¹ - T⁻¹ C_i T⁻¹).
+    Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ their mean beside μ ~ N(0, 1), τ² that of
+    (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (T⁻¹ - T⁻¹ C_i T⁻¹); its variance diag P⁻¹, and 1 / diag P of
+    what is `constant` (E,): of parameters that stand for one another each is as well known as beside the others.
     """
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))
     for _ in range(STEPS):
         covariance = np.linalg.inv(told.matrix + np.diag(1.0 / variance))
         values = np.einsum("mij,mj->mi", covariance, told.vector + mean / variance)
-        mean, before = values.mean(axis=0), variance
+        mean, before = values.sum(axis=0) / (len(values) + variance), variance
         single = np.mean((values - mean) ** 2 + np.diagonal(covariance, axis1=1, axis2=2), axis=0)
         variance = (np.bincount(kinds, single) / count)[kinds]
         if np.all(np.abs(variance - before) < SETTLED * before):
             break
-    weight = np.sum(1.0 / variance - np.diagonal(covariance, axis1=1, axis2=2) / variance**2, axis=0)
-    return mean, np.sqrt(variance + 1.0 / np.maximum(weight, 1.0))
+    told_of_mean = np.sum(np.diag(1.0 / variance) - covariance / np.outer(variance, variance), axis=0)
+    precision = np.eye(len(mean)) + told_of_mean
+    known = np.where(constant, 1.0 / np.diag(precision), np.diag(np.linalg.inv(precision)))
+    return mean, np.sqrt(variance + known)
