@@ -5,10 +5,12 @@ the same noise, and a fit to all. Compared is what then happens, not what the de
 fitted effect misses the truth and the ± it states; the RMS miss of the predicted point on fresh poses; by how many
 sigma the fit with a rival in the effect's place is worse. Beside it what no choice could do better than, by the design
 alone; and the same for the geometry before anything is measured (before.py).
-From the root of the repository: python -m experiments.next_poses.run [--seeds 6]
+From the root of the repository: python -m experiments.next_poses.run [--seeds 6] [--only before|limits|cases]
 """
 
 import argparse
+import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -100,9 +102,8 @@ def robot(case: tuple[str, str, str, str], seed: int) -> tuple[Robot, Array]:
     return Robot(truth, effects_named(effect, mechanism, states), effects_named(rival, mechanism, states)), q
 
 
-def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Array, dict[str, list[float]]]:
-    """Chosen poses by what they are for, in their order; the pool they are from; and how many random ones tell as much
-    as any 5, 10, 20 could, by the design."""
+def asked(made: Robot, first: Array, seed: int) -> tuple[dict[str, Question], Array]:
+    """What the poses are for, and the pool they are from."""
     mechanism, rng = made.truth.model.mechanism, np.random.default_rng([seed, 3])
     poses = made.measured(first, np.random.default_rng([seed, 1]))
     outlook = Outlook.over(
@@ -110,20 +111,28 @@ def designs(made: Robot, first: Array, seed: int) -> tuple[dict[str, Array], Arr
     )
     count = len(made.asked)
     finding = Questioned("asked", np.arange(len(outlook.saved.theta))[-count:])
-    questions: dict[str, Question] = {
+    questions = {
         "effect": outlook.of_finding(finding),
         "point": outlook.of_the_point(),
         "rivals": outlook.beside(finding, made.rival),
     }
-    chosen = {name: pool[choose_for_all((asked,), max(CHOSEN))] for name, asked in questions.items()}
-    return chosen, pool, {name: limits(asked, len(pool), rng) for name, asked in questions.items()}
+    return questions, pool
 
 
-def limits(asked: Question, pool: int, rng: np.random.Generator) -> list[float]:
-    """Random poses that tell as much as the best conceivable ones, of each number in CHOSEN."""
-    draws = [deviations((asked,), rng.choice(pool, max(RANDOM), replace=False)) for _ in range(DRAWS)]
-    random = [float(value) for value in np.mean(draws, axis=0)[list(RANDOM)]]
-    return [needed(random, least_deviation((asked,), n)) for n in CHOSEN]
+def limits(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
+    """By what the poses are for, how many random ones tell as much, by the design, as the best conceivable ones."""
+    best: dict[str, list[list[float]]] = {name: [] for name in MEASURES}
+    for seed in range(seeds):
+        questions, pool = asked(*robot(case, seed), seed)
+        rng = np.random.default_rng([seed, 5])
+        for name, question in questions.items():
+            draws = [deviations((question,), rng.choice(len(pool), max(RANDOM), replace=False)) for _ in range(DRAWS)]
+            random = [float(value) for value in np.mean(draws, axis=0)[list(RANDOM)]]
+            best[name].append([needed(random, least_deviation((question,), n)) for n in CHOSEN])
+    medians = {name: np.median(rows, axis=0).round(1).tolist() for name, rows in best.items()}
+    out = {name: dict(zip(CHOSEN, row, strict=True)) for name, row in medians.items()}
+    print(case[0], case[1], "limit", out, flush=True)
+    return {"arm": case[0], "effect": case[1], "limit": out}
 
 
 def needed(numbers: list[float], wanted: float) -> float:
@@ -150,12 +159,11 @@ def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
     """One robot over the seeds."""
     chosen: dict[str, dict[int, list[dict[str, float]]]] = {name: {n: [] for n in CHOSEN} for name in MEASURES}
     random: dict[int, list[dict[str, float]]] = {n: [] for n in RANDOM}
-    best: dict[str, list[list[float]]] = {name: [] for name in MEASURES}
     for seed in range(seeds):
         made, first = robot(case, seed)
-        found, pool, most = designs(made, first, seed)
-        for name, q in found.items():
-            best[name].append(most[name])
+        questions, pool = asked(made, first, seed)
+        for name, question in questions.items():
+            q = pool[choose_for_all((question,), max(CHOSEN))]
             for n in CHOSEN:
                 chosen[name][n].append(made.certainty(np.vstack([first, q[:n]]), seed))
         draw = pool[np.random.default_rng([seed, 4]).permutation(len(pool))]
@@ -166,20 +174,29 @@ def study(case: tuple[str, str, str, str], seeds: int) -> dict[str, Any]:
     for name, measure in MEASURES.items():
         told = {n: rms(rows) for n, rows in chosen[name].items()}
         as_good = {n: round(needed([by_chance[m][measure] for m in RANDOM], told[n][measure]), 1) for n in CHOSEN}
-        most_of = dict(zip(CHOSEN, np.median(best[name], axis=0).round(1).tolist(), strict=True))
-        out["chosen"][name] = {"after": told, "random_poses_as_good": as_good, "limit": most_of}
-        print(case[0], case[1], name, as_good, most_of, flush=True)
+        out["chosen"][name] = {"after": told, "random_poses_as_good": as_good}
+        print(case[0], case[1], name, as_good, flush=True)
     return out
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument(
+        "--only", choices=("before", "limits", "cases"), default=None, help="the others stay as they are"
+    )
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("results.json"))
     given = parser.parse_args(arguments)
-    command = f"python -m experiments.next_poses.run --seeds {given.seeds}"
-    results = {"command": command, "before": [before.study(arm) for arm in before.ARMS], "first_poses": FIRST,
-               "cases": [study(case, given.seeds) for case in CASES]}  # fmt: skip
+    makers: dict[str, Callable[[], list[dict[str, Any]]]] = {
+        "before": lambda: [before.study(arm) for arm in before.ARMS],
+        "limits": lambda: [limits(case, given.seeds) for case in CASES],
+        "cases": lambda: [study(case, given.seeds) for case in CASES],
+    }
+    results = json.loads(given.out.read_text()) if given.only and given.out.is_file() else {}
+    for part, make in makers.items():
+        if given.only in (None, part):
+            command = f"python -m experiments.next_poses.run --only {part} --seeds {given.seeds}"
+            results[part] = {"command": command, "first_poses": FIRST, "studies": make()}
     write_text(given.out, to_json(results))
     return results
 

@@ -22,6 +22,7 @@ from gpmodel.report.schema_search import (
     CandidateRecord,
     ConstantRecord,
     EffectRecord,
+    HistogramRecord,
     RivalRecord,
     RoundRecord,
     TermRecord,
@@ -43,7 +44,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     report = replace(
         common,
         effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
-        histograms=tuple(histogram_record(r.exploration.histogram, names) for r in discovery.rounds),
+        histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
         rank_curve=fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
@@ -59,6 +60,12 @@ def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:
     """Whether what was added predicts held-out poses better than the standard model; None where nothing was added."""
     found = discovery.confirmation
     return None if found is None else ConfirmationRecord(found.t, found.p, found.limit, found.units, found.confirmed)
+
+
+def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[HistogramRecord, ...]:
+    """One a round; none where nothing was evolved in any."""
+    counted = [r.exploration.histogram for r in discovery.rounds]
+    return tuple(histogram_record(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
 def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:

@@ -1,0 +1,67 @@
+"""How far is each export from `gpmodel predict`?
+
+Simulated arms with two effects beside their geometry, 80 poses, a calibration with the effects named, every export read
+back on fresh poses. The rows of results.json are those of the page; this command also writes the table of README.md.
+From the root of the repository: python -m experiments.exports.run
+"""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import gpmodel as gp
+from gpmodel.files import to_json, write_text
+
+CASES = {
+    "irb6400r": {"joint_compliance J2": "2e-7", "gear_harmonic J4": "60 arcsec"},
+    "ur5": {"base_compliance": "2e-6", "gear_harmonic elbow_joint": "60 arcsec"},
+    "panda": {"joint_compliance panda_joint4": "4e-6", "gear_harmonic panda_joint1": "60 arcsec"},
+}
+"""Arms, and the effects that are true."""
+POSES, NOISE, GEOMETRY = 80, "0.03 mm", "0.3 mm"
+
+
+def study(arm: str, effects: dict[str, str]) -> list[dict[str, Any]]:
+    """A row an export."""
+    made = gp.simulate(
+        arm, [f"{n}={v}" for n, v in effects.items()], poses=POSES, noise=NOISE, geometry_sigma=GEOMETRY, seed=0
+    )
+    exports = gp.calibrate(arm, made.to_dataframe(), list(effects)).model.export()
+    print(arm, exports.summary(), sep="\n", flush=True)
+    return exports.to_dataframe().replace({np.nan: None}).to_dict("records")
+
+
+def cell(row: dict[str, Any]) -> str:
+    """RMS (largest), mm."""
+    rms, most = (None if row[k] is None else f"{row[k]:.3f}" if row[k] > 1e-3 else f"{row[k]:.0e}"
+                 for k in ("RMS [mm]", "max [mm]"))  # fmt: skip
+    return f"{rms} ({most})" if rms else f"({most})" if most else "–"
+
+
+def table(studies: dict[str, list[dict[str, Any]]]) -> str:
+    """The same as Markdown."""
+    files = [row["file"] for row in next(iter(studies.values()))]
+    lines = [f"| mm, RMS (largest) | {' | '.join(studies)} |", "|---" * (1 + len(studies)) + "|"]
+    for k, file in enumerate(files):
+        lines.append(f"| `{file}` | {' | '.join(cell(rows[k]) for rows in studies.values())} |")
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    given = parser.parse_args(arguments)
+    studies = {arm: study(arm, effects) for arm, effects in CASES.items()}
+    results = {"command": "python -m experiments.exports.run", "effects": CASES, "studies": studies}
+    write_text(given.out / "results.json", to_json(results))
+    readme = given.out / "README.md"
+    if readme.is_file():
+        head = readme.read_text(encoding="utf-8").partition("| mm, RMS")[0]
+        write_text(readme, f"{head}{table(studies)}\n")
+    return results
+
+
+if __name__ == "__main__":
+    main()
