@@ -79,7 +79,7 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
     """μ (E,) and the deviations (E,) of a further machine; effects of one kind (E,) have one τ.
 
     Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ their mean beside μ ~ N(0, 1), τ² that of
-    (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (T⁻¹ - T⁻¹ C_i T⁻¹); its variance diag P⁻¹, and 1 / diag P of
+    (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i; its variance diag P⁻¹, and 1 / diag P of
     what is `constant` (E,): of parameters that stand for one another each is as well known as beside the others.
     """
     count = np.bincount(kinds)
@@ -92,7 +92,8 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
         variance = (np.bincount(kinds, single) / count)[kinds]
         if np.all(np.abs(variance - before) < SETTLED * before):
             break
-    told_of_mean = np.sum(np.diag(1.0 / variance) - covariance / np.outer(variance, variance), axis=0)
-    precision = np.eye(len(mean)) + told_of_mean
+    alone = np.eye(len(mean))
+    precision = alone + np.linalg.solve(alone + told.matrix * variance, told.matrix).sum(axis=0)
+    precision = 0.5 * (precision + precision.T)
     known = np.where(constant, 1.0 / np.diag(precision), np.diag(np.linalg.inv(precision)))
     return mean, np.sqrt(variance + known)
