@@ -91,7 +91,7 @@ def test_the_same_asked_again_goes_on_and_something_else_is_refused(cut: Path, e
     assert "unfinished search is of something else: --seed is 5, was 0" in line
     again = run("discover", *arguments)
     assert again.exit_code == 0
-    assert "going on from 0 finished rounds and 4 finished runs" in again.stderr
+    assert "going on from 0 finished rounds and 5 finished runs" in again.stderr
     assert (cut / "model.json").read_text() == expected
 
 
