@@ -72,7 +72,8 @@ def test_slot_programs_hold_on_poses_not_seen_where_a_cartesian_one_does_not(tmp
     errors = extrapolation.main([*sizes, "--slot_generations", "15", "--rounds", "2", "--out", str(tmp_path)])
     of_robot = errors["robots"][0]["mm"]
     assert of_robot["Cartesian"][TAUGHT] < 0.95 * of_robot["standard"][TAUGHT]
-    assert of_robot["Cartesian"][MAXIMUM] > of_robot["standard"][MAXIMUM]
+    assert of_robot["Cartesian"][MEAN] > of_robot["standard"][MEAN]
+    assert of_robot["Cartesian"][MAXIMUM] >= of_robot["standard"][MAXIMUM]
     assert of_robot["slot"][MEAN] < 0.9 * of_robot["standard"][MEAN]
     assert of_robot["slot"][MAXIMUM] < of_robot["standard"][MAXIMUM]
     assert saved(tmp_path, "extrapolation")
