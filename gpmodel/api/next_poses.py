@@ -1,6 +1,5 @@
 """What the next poses after a result are for."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.families.candidate import without_phase
 from gpmodel.planning.design import Question, at_best
 from gpmodel.planning.questions import Asked
 from gpmodel.report.origin import names_of
@@ -20,7 +20,6 @@ from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
 
-_PHASE = re.compile(r", (sin|cos)$")
 TOLD_APART = 2.0
 """Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
 MOST_RIVALS = 3
@@ -78,7 +77,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
     if record is None or record.kind != "discover" or not record.effects:
         stems: dict[str, list[int]] = {}
         for i in (i for i, e in enumerate(effects) if not e.constant and saved.theta[i]):
-            stems.setdefault(_PHASE.sub("", effects[i].name), []).append(i)
+            stems.setdefault(without_phase(effects[i].name), []).append(i)
         return [Questioned(name, np.array(own)) for name, own in stems.items()]
     names = names_of(outlook.measured.dataset)
     by_mechanism = {translate(c, names): c for c in outlook.candidates}

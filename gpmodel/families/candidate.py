@@ -19,6 +19,11 @@ NO_LOAD = 1e-6
 Kind = Literal["single", "harmonic", "vector", "curve"]
 
 
+def without_phase(name: str) -> str:
+    """The name that the sine and the cosine of one error share: `gear error, J4` of `gear error, J4, sin`."""
+    return name.removesuffix(", sin").removesuffix(", cos")
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.

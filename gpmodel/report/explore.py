@@ -38,7 +38,9 @@ def html(report: Report) -> str:
 
 def _titles(report: Report) -> tuple[str, str]:
     before, after = (report.step(name) for name in report.before_and_after())
-    return (report.title(before) if before else "before", report.title(after) if after else "after")
+    found = len(report.effects) if after and after.beyond_standard else 0
+    with_all = f"with all {found} findings" if found > 1 else report.title(after) if after else "after"
+    return (report.title(before) if before else "before", with_all)
 
 
 def figure_of(report: Report) -> tuple[dict[str, object], float]:

@@ -1,12 +1,11 @@
 """The Report of a calibration with the effects that were named."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import groupby
 
 from gpmodel.calibration.result import resolved
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, without_phase
 from gpmodel.families.catalogue import explained
 from gpmodel.model.effect import Effect
 from gpmodel.report import fitted, verdict
@@ -16,8 +15,6 @@ from gpmodel.report.quantity import indices, quantity, translate
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, TermRecord
 from gpmodel.report.workspace import over_the_workspace
-
-_PHASE = re.compile(r", (sin|cos)$")
 
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
@@ -29,7 +26,7 @@ def from_calibration(ladder: Ladder, origin: Origin) -> Report:
 
 def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
     """Each effect by itself, but for a sine and the cosine of the same, which are one finding as in a discovery."""
-    for name, group in groupby(named, key=lambda effect: _PHASE.sub("", effect.name)):
+    for name, group in groupby(named, key=lambda effect: without_phase(effect.name)):
         effects = tuple(group)
         pair = Candidate(name, effects, effects[0].family, 0.0, found_by="named")
         alone = (Candidate(e.name, (e,), e.family, 0.0, found_by="named") for e in effects)
