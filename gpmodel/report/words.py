@@ -100,6 +100,9 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
     """For the inputs that programs refer to most: both tests, and which of them failed."""
     if not histogram.count_p or not histogram.runs:
         return
+    if not histogram.shuffled_runs:
+        yield "nothing evolved saves what a finding has to, so that nothing was evolved on shuffled residuals beside it"
+        return
     limit = Criteria().input_significance
     use = [a + b for a, b in zip(histogram.linear, histogram.tree, strict=True)]
     for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
