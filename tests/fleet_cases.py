@@ -31,6 +31,21 @@ def machines(seed: int, count: int, poses: int = 40, outlier: int | None = None)
     return out
 
 
+@cache
+def curved(count: int, outlier: int, poses: int = 60) -> dict[str, Dataset]:
+    """Tables by serial of machines whose joint 1 errs along a curve of its angle, 15 % more or less of one amplitude.
+    outlier: the machine with a curve of its own."""
+    mechanism, rng = MechanismChoice(MECHANISM).load(), np.random.default_rng(6)
+    slot, axis, _ = next(joint for joint in mechanism.joints if joint.name == "J1").drive[0]
+    out = {}
+    for k in range(count):
+        effects = [f"{slot}:{axis}:sin(2*J1)={1e-4 * (1.0 + SPREAD * rng.normal())} rad"]
+        effects += [f"{slot}:{axis}:cos(3*J1)=0.0004 rad"] if k == outlier else []
+        q = random_poses(mechanism, poses, rng)
+        out[f"C-{k + 1}"] = simulate(mechanism, q, effects, rng, noise=NOISE, geometry_sigma=GEOMETRY).dataset
+    return out
+
+
 def written(folder: Path, tables: dict[str, Dataset]) -> Path:
     """The tables as files of a folder."""
     folder.mkdir(exist_ok=True)

@@ -14,7 +14,8 @@ from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_schema import TermPart
-from gpmodel.calibration.comparison import step_of
+from gpmodel.calibration.comparison import Models, climb, growing, step_of
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
@@ -25,15 +26,17 @@ from gpmodel.hierarchy.record import (
     NAME,
     NOISE,
     SCHEMA,
+    BlockPart,
     FleetPart,
     MachinePart,
+    Part,
     PriorPart,
     SharedPart,
     fleet_text,
 )
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import fleet as pages
@@ -55,21 +58,15 @@ class FleetResult:
         return pages.verdict(self.record)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a machine and parameter, SI: serial, parameter, own value and its stderr, of effects that vary the
-        shrunken value and its stderr, mean and spread of the type, z, chance, outlier. Of the noise the values are
-        logarithms of metres."""
+        """One row a machine and parameter or block, SI: serial, parameter, own value and its stderr, of effects that
+        vary the shrunken value and its stderr, mean and spread of the type, z, chance, outlier. Of the noise the values
+        are logarithms of metres; a block has none, its spread is a share of what its priors expect."""
         return pd.DataFrame(
             [
-                {
-                    "serial": machine.serial, "parameter": part.name, "unit": part.unit,
-                    "value": part.values[k], "stderr": part.stderrs[k],
-                    "shrunken": part.shrunken[k] if part.shrunken else np.nan,
-                    "shrunken_stderr": part.shrunken_stderrs[k] if part.shrunken else np.nan,
-                    "mean": part.mean, "spread": part.spread, "z": part.z[k], "chance": part.chances[k],
-                    "outlier": k in part.outliers,
-                }
+                {"serial": machine.serial, "parameter": part.name, **_numbers(part, k), "spread": part.spread,
+                 "z": part.z[k], "chance": part.chances[k], "outlier": k in part.outliers}
                 for k, machine in enumerate(self.record.machines)
-                for part in self.record.parameters
+                for part in self.record.parts
             ]
         )  # fmt: skip
 
@@ -94,6 +91,17 @@ class FleetResult:
         return notebook(self.summary(), self.to_dataframe())
 
 
+def _numbers(part: Part, machine: int) -> dict[str, str | float]:
+    """What a parameter is at a machine and of the type; of a block, which is no number, that it is none."""
+    if isinstance(part, BlockPart):
+        return {"unit": "1"} | dict.fromkeys(("value", "stderr", "shrunken", "shrunken_stderr", "mean"), np.nan)
+    both = (part.shrunken[machine], part.shrunken_stderrs[machine]) if part.shrunken else (np.nan, np.nan)
+    return {
+        "unit": part.unit, "value": part.values[machine], "stderr": part.stderrs[machine],
+        "shrunken": both[0], "shrunken_stderr": both[1], "mean": part.mean,
+    }  # fmt: skip
+
+
 def fleet(
     mechanism: MechanismLike | None,
     tables: str | Path | Mapping[str, TableLike],
@@ -110,7 +118,8 @@ def fleet(
     mechanism: of all of them; None where fleet.toml in the folder says it. tables: a folder with a table for each, or
     tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that `discover` with the
     catalogue alone finds on more than half of the machines. holdout: share of each machine's poses by which its errors
-    are judged, 0 for none; the numbers of the type are of all poses.
+    are judged, 0 for none; the numbers of the type are of all poses. By itself a machine is what `calibrate` makes of
+    its table; effects that come with priors, as a curve's harmonics, are judged between machines as one.
     Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
     effect, a fit that diverges.
     """
@@ -122,21 +131,28 @@ def fleet(
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
     named, chosen = _effects(given, arms, rows, seed, say)
-    all_effects = (*geometric_effects(arms[0][0]), *named)
+    models = growing(geometric_effects(arms[0][0]), named)
     say("every machine by its own poses, then with what it shares with the others")
-    seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(arms, rows, strict=True)]
-    judged = calibrate_fleet(seen, all_effects, seed)
-    final = judged if fraction == 0.0 else calibrate_fleet(arms, all_effects, seed)
-    for serial, *fits in zip(machines, final.own, final.shrunken, strict=True):
+    final = calibrate_fleet(arms, [calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed) for arm, poses in arms])
+    judged = final if fraction == 0.0 else _judged(arms, rows, models, seed)
+    for serial, *fits in zip(machines, final.alone, final.own, final.shrunken, strict=True):
         if diverged := [fit.reason for fit in fits if fit.status == "diverged"]:
             raise InputError(f"{serial}: the fit diverged: {diverged[0]}")
     arm = arms[0][0]
     return FleetResult(
         FleetPart(
             KIND, SCHEMA, __version__, command, seed, arm.name, tuple(j.name for j in arm.joints), chosen,
-            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final), _prior_parts(final),
+            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final), _block_parts(final),
+            _prior_parts(final.prior),
         )
     )  # fmt: skip
+
+
+def _judged(machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Models, seed: int) -> Fleet:
+    """The fleet of the training poses, each machine by itself as `calibrate` climbs to it."""
+    seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
+    alone = [climb(arm, models, poses, poses, seed=seed)[-1].calibration for arm, poses in seen]
+    return calibrate_fleet(seen, alone)
 
 
 def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
@@ -168,16 +184,17 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
 def _effects(
     given: tuple[object, ...] | None, machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], seed: int,
     say: Teller,
-) -> tuple[tuple[Effect, ...], str]:  # fmt: skip
-    """Effects beside the geometry, and in words where they are from."""
+) -> tuple[Models, str]:  # fmt: skip
+    """Groups of effects beside the geometry, and in words where they are from."""
     if given is None and not all(len(held) for _, held in rows):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
     if given is not None:
         groups = [named_group(effect, *machines[0]) for effect in given]
-        return tuple(e for _, group in groups for e in group), f"named: {', '.join(n for n, _ in groups) or 'none'}"
+        return groups, f"named: {', '.join(n for n, _ in groups) or 'none'}"
     effects, counts = found_on_most(machines, rows, seed, say.say)
     listed_counts = ", ".join(f"{name} on {count}" for name, count in counts.items()) or "nothing on any"
-    return effects, f"found on more than half of {len(machines)} machines, by the catalogue alone: {listed_counts}"
+    chosen = f"found on more than half of {len(machines)} machines, by the catalogue alone: {listed_counts}"
+    return [("found", effects)], chosen
 
 
 def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, final: Fleet) -> tuple[MachinePart, ...]:
@@ -185,7 +202,7 @@ def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, fina
     out = []
     for k, (serial, (_, poses)) in enumerate(machines.items()):
         train, held = (poses.subset(part) for part in rows[k])
-        own, both = (step_of("", fit[k], train, held).heldout_error for fit in (judged.own, judged.shrunken))
+        own, both = (step_of("", fit[k], train, held).heldout_error for fit in (judged.alone, judged.shrunken))
         out.append(
             MachinePart(
                 serial=serial, file=poses.dataset.source, sha256=poses.dataset.sha256, poses=len(poses),
@@ -197,10 +214,10 @@ def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, fina
 
 
 def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
-    """Every effect that all machines' poses tell and, last, the noise."""
+    """Every effect without a prior of its own that all machines' poses tell and, last, the noise."""
     noise = Effect(NOISE, (), "1")
     out = []
-    for k, (effect, of) in enumerate(zip((*final.own[0].model.effects, noise), final.shared, strict=True)):
+    for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
         z, chances = final.standing.z[:, k], final.standing.chance[:, k]
         outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
         at = (
@@ -221,12 +238,27 @@ def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
     return tuple(out)
 
 
-def _prior_parts(final: Fleet) -> tuple[PriorPart, ...]:
-    """What is believed of a further machine."""
+def _block_parts(final: Fleet) -> tuple[BlockPart, ...]:
+    """Every block of effects with priors of their own."""
+    out = []
+    for k, block in enumerate(final.blocks, len(final.shared)):
+        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
+        out.append(
+            BlockPart(
+                block.name, _prior_parts(block.effects), block.spread, block.low, block.high,
+                tuple(z.tolist()), tuple(chances.tolist()), tuple(outside.tolist()),
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def _prior_parts(effects: Sequence[Effect]) -> tuple[PriorPart, ...]:
+    """Effects with what is believed of them."""
     return tuple(
         PriorPart(
             e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
             e.mean, e.prior,
         )
-        for e in final.prior
+        for e in effects
     )  # fmt: skip

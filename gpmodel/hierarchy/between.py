@@ -3,6 +3,7 @@
 y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,10 @@ class Shared:
     def prior(self) -> float:
         """Standard deviation of what is believed of a machine before it is measured: √(τ² + stderr²)."""
         return float(np.hypot(self.spread, self.stderr))
+
+
+Judge = Callable[[Mask], tuple[Array, Array]]
+"""z (m,) of each machine by those inside (m,) but itself, and their chances (m,)."""
 
 
 @dataclass(frozen=True)
@@ -81,39 +86,48 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
     return float(root) * most
 
 
-def standing(values: Array, variances: Array) -> Standing:
-    """Of every machine and parameter, estimates and variances (m, K).
+def standing(judges: Sequence[Judge], machines: int) -> Standing:
+    """Of every machine in everything that it is judged by.
 
-    z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²) with μ, τ of the other machines: a deleted residual, with Student's t of
-    m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009), corrected for
-    all machines and parameters (Holm). The farthest is set outside first where its chance is below SIGNIFICANCE, so
-    that it hides no other; then all are judged anew. With fewer than FEWEST machines nothing is outside.
+    A judge's residuals are each against the other machines, its chances are corrected for all machines and judges
+    (Holm). The farthest is set outside first where its chance is below SIGNIFICANCE, so that it hides no other; then
+    all are judged anew. With fewer than FEWEST machines nothing is outside.
     """
-    inside = np.ones(values.shape, dtype=bool)
-    z, chance = np.zeros(values.shape), np.ones(values.shape)
-    if len(values) < FEWEST:
+    inside = np.ones((machines, len(judges)), dtype=bool)
+    z, chance = np.zeros(inside.shape), np.ones(inside.shape)
+    if machines < FEWEST:
         return Standing(z, chance, inside)
-    stale = np.arange(values.shape[1])
+    stale = list(range(len(judges)))
     while True:
         for k in stale:
-            z[:, k], chance[:, k] = _deleted(values[:, k], variances[:, k], inside[:, k])
+            z[:, k], chance[:, k] = judges[k](inside[:, k])
         corrected = holm(chance)
         open_ones = np.where(inside & (inside.sum(axis=0) >= FEWEST), corrected, np.inf)
-        i, k = np.unravel_index(int(np.argmin(open_ones)), chance.shape)
+        i, k = (int(j) for j in np.unravel_index(int(np.argmin(open_ones)), chance.shape))
         if open_ones[i, k] >= SIGNIFICANCE:
             return Standing(z, corrected, inside)
         inside[i, k] = False
-        stale = np.array([k])
+        stale = [k]
 
 
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
     """z of a further machine by mean and prior deviation of `machines` others, and its chance, two-sided."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
-    return z, 2.0 * float(stats.t.sf(abs(z), machines - 1))
+    return z, chance_of(z, machines)
 
 
-def _deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Residuals (m,) and their chances, each against those inside but itself."""
+def chance_of(z: float, machines: int) -> float:
+    """Of a deviation from the mean of `machines` others in their spread, two-sided: Student's t of as many but one
+    degrees of freedom."""
+    return 2.0 * float(stats.t.sf(abs(z), machines - 1))
+
+
+def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
+    """Of estimates and variances (m,), residuals z (m,) and their chances, each against those inside but itself.
+
+    z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²) with μ, τ of the other machines: a deleted residual, with Student's t of
+    m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009).
+    """
     z, chance = np.empty(len(values)), np.empty(len(values))
     for i in range(len(values)):
         others = inside & (np.arange(len(values)) != i)

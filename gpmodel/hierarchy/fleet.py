@@ -1,7 +1,8 @@
 """Many machines of one type calibrated together: own numbers, what the type has in common, and both together."""
 
 from collections.abc import Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
-from gpmodel.hierarchy.between import Shared, Standing, between, standing
+from gpmodel.hierarchy import block
+from gpmodel.hierarchy.between import Shared, Standing, between, deleted, standing
 from gpmodel.hierarchy.prior import learned
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -18,59 +20,88 @@ from gpmodel.model.error_model import ErrorModel, Poses
 
 
 @dataclass(frozen=True)
-class Fleet:
-    """Machines calibrated together. own: each by its poses alone, all with the same effects. shrunken: with the type's
-    `prior` beside its poses, geometry complete.
+class SharedBlock:
+    """Effects with priors of their own that are judged together: spread between machines, low to high its interval, as
+    a share of what these priors expect."""
 
-    values, stderr: (m, K + 1) of the own effects and, last, the logarithm of the noise. shared: of each of these.
-    standing: of each machine in each. left_out: effects that not every machine's poses can tell.
+    name: str
+    effects: tuple[Effect, ...]
+    spread: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Machines calibrated together. alone: each calibrated by itself. own: each by its poses alone, all with the same
+    effects. shrunken: with the type's `prior` beside its poses, geometry complete.
+
+    values, stderr: (m, K + 1) of the `effects` without priors of their own and, last, the logarithm of the noise.
+    shared: of each of these. blocks: of all other effects. standing: of each machine in each of both. left_out: effects
+    that not every machine's poses can tell.
     """
 
+    alone: tuple[Calibration, ...]
     own: tuple[Calibration, ...]
     shrunken: tuple[Calibration, ...]
     prior: tuple[Effect, ...]
+    effects: tuple[Effect, ...]
     values: Array
     stderr: Array
     shared: tuple[Shared, ...]
+    blocks: tuple[SharedBlock, ...]
     standing: Standing
     left_out: tuple[str, ...]
 
 
-def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], effects: tuple[Effect, ...], seed: int = 0) -> Fleet:
+def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence[Calibration]) -> Fleet:
     """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of what they
     share learned from that, then each estimated again with it as its prior.
 
-    Priors of the effects themselves are of the type's means, not of the machines. A machine that stands out in an
-    effect keeps its own number there and teaches nothing of the type, unless fewer than two are left. Source: Efron and
-    Morris (1975). Raises InputError where the poses of a machine are too few for the effects.
+    alone: each machine calibrated by itself, with all effects. An effect's own prior holds for a machine by itself and
+    for the mean of the type. A machine that stands out in an effect, or in a block of effects with priors, keeps its
+    own numbers there and teaches nothing of the type, unless fewer than two are left. Source: Efron and Morris (1975).
+    Raises InputError where the poses of a machine are too few for the effects.
     """
-    free = tuple(replace(effect, prior=np.inf) for effect in effects)
-    alone = [calibrate(ErrorModel(mechanism, free), poses, seed=seed) for mechanism, poses in machines]
+    effects = alone[0].model.effects
     held = np.all([fit.kept for fit in alone], axis=0)
-    common = tuple(effect for effect, k in zip(free, held, strict=True) if k)
+    common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)
     own = tuple(
-        calibrate(ErrorModel(mechanism, common), poses, condition_limit=LARGEST_LIMIT, seed=seed)
-        for mechanism, poses in machines
+        calibrate(ErrorModel(mechanism, common, fit.sigma), poses, condition_limit=LARGEST_LIMIT)
+        for (mechanism, poses), fit in zip(machines, alone, strict=True)
     )
-    values = np.array([[*fit.theta, np.log(fit.sigma)] for fit in own])
-    stderr = np.array([[*fit.stderr, _of_logarithm(fit, poses)] for fit, (_, poses) in zip(own, machines, strict=True)])
-    found = standing(values, stderr**2)
-    shared = tuple(between(values[inside, k], stderr[inside, k] ** 2) for k, inside in enumerate(found.inside.T))
-    typical = np.flatnonzero(found.inside[:, :-1].all(axis=1)).tolist()
+    bare = np.array([np.isinf(effect.prior) for effect in common], dtype=bool)
+    values = np.array([[*fit.theta[bare], np.log(fit.sigma)] for fit in own])
+    stderr = np.array(
+        [[*fit.stderr[bare], _of_logarithm(fit, poses)] for fit, (_, poses) in zip(own, machines, strict=True)]
+    )
+    groups = block.blocks(common)
+    told = [block.told(own, group) for _, group in groups]
+    alike = [partial(deleted, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
+    found = standing([*alike, *(partial(block.deleted, of) for of in told)], len(machines))
+    shared = tuple(between(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False))
+    spread = tuple(
+        SharedBlock(name, group, *block.shared(of.of(inside)))
+        for (name, group), of, inside in zip(groups, told, found.inside.T[len(shared) :], strict=True)
+    )
+    plain = tuple(effect for effect, k in zip(common, bare, strict=True) if k)
+    names = [*({e.name} for e in plain), set(), *({e.name for e in of.effects} for of in spread)]
+    outlying = [set().union(*(n for n, k in zip(names, i, strict=True) if not k)) for i in found.inside]
+    typical = [k for k, outside in enumerate(outlying) if not outside]
     taught = typical if len(typical) > 1 else range(len(machines))
     whole = tuple(effect for effect, k in zip(effects, held, strict=True) if k or effect.constant)
     prior = learned([machines[i] for i in taught], [own[i] for i in taught], whole)
     shrunken = tuple(
-        with_prior(fit, poses, prior, {e.name for e, k in zip(common, inside[:-1], strict=True) if not k})
-        for fit, (_, poses), inside in zip(own, machines, found.inside, strict=True)
+        with_prior(fit, poses, prior, outside) for fit, (_, poses), outside in zip(own, machines, outlying, strict=True)
     )
-    left_out = tuple(effect.name for effect, k in zip(free, held, strict=True) if not k)
-    return Fleet(own, shrunken, prior, values, stderr, shared, found, left_out)
+    left_out = tuple(effect.name for effect, k in zip(effects, held, strict=True) if not k)
+    return Fleet(tuple(alone), own, shrunken, prior, plain, values, stderr, shared, spread, found, left_out)
 
 
 def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlying: Set[str]) -> Calibration:
     """The same poses fitted with a prior of all but the `outlying`, weighed by the noise that the machine has."""
-    effects = tuple(replace(e, prior=np.inf) if e.name in outlying else e for e in prior)
+    untaught = {e.name: e for e in own.model.effects if e.name in outlying}
+    effects = tuple(untaught.get(e.name, e) for e in prior)
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
 
 

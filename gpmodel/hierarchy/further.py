@@ -12,8 +12,10 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.hierarchy.between import residual
-from gpmodel.hierarchy.record import FleetPart, prior_model
+from gpmodel.hierarchy.block import further_distance
+from gpmodel.hierarchy.record import FleetPart, Part, prior_model
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.wording import length
@@ -53,41 +55,60 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     InputError where the fleet is of another mechanism.
     """
     prior = prior_model(fleet, mechanism)
-    told = {part.name for part in fleet.effects}
-    bare = tuple(replace(effect, mean=0.0, prior=np.inf) for effect in prior.effects if effect.name in told)
+    own = effects_alone(fleet, prior)
+    bare = tuple(own.values())
     try:
         steps = climb(mechanism, growing(bare, ()), seen, unseen, seed=seed)
     except InputError:
         steps = climb(mechanism, growing((), ()), seen, unseen, seed=seed)
     last = steps[-1].calibration
     alone = last if len(steps) > 1 and last.kept.all() else None
-    outlying = () if alone is None else _outlying(fleet, alone, prior)
-    fit = fitted_with_prior(prior, seen, alone, outlying)
+    outlying = () if alone is None else _outlying(fleet, alone, prior, seen)
+    fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
     return Further((*steps, step_of(PRIOR, fit, seen, unseen)), fit, alone, outlying)
 
 
+def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:
+    """The effects that every machine's poses told, by name, as a machine by itself has them: with their own priors."""
+    own = {part.name: part.effect for block in fleet.blocks for part in block.effects}
+    told = own.keys() | {part.name for part in fleet.effects}
+    return {e.name: own.get(e.name, replace(e, mean=0.0, prior=np.inf)) for e in prior.effects if e.name in told}
+
+
 def fitted_with_prior(
-    prior: ErrorModel, poses: Poses, alone: Calibration | None = None, outlying: tuple[str, ...] = ()
+    fleet: FleetPart, prior: ErrorModel, poses: Poses, alone: Calibration | None = None, outlying: tuple[str, ...] = ()
 ) -> Calibration:
     """Poses fitted with what is believed of the type but of the `outlying`, weighed by the larger of its noise and of
     that which the machine's poses `alone` leave."""
-    effects = tuple(replace(e, prior=np.inf) if e.name in outlying else e for e in prior.effects)
-    noise = max(prior.noise or 0.0, 0.0 if alone is None else alone.sigma)
-    return calibrate(replace(prior, effects=effects, noise=noise), poses, condition_limit=LARGEST_LIMIT)
+    names = set(outlying) | {e.name for block in fleet.blocks if block.name in outlying for e in block.effects}
+    untaught = {name: effect for name, effect in effects_alone(fleet, prior).items() if name in names}
+    effects = tuple(untaught.get(e.name, e) for e in prior.effects)
+    return calibrate(replace(prior, effects=effects, noise=_noise(prior, alone)), poses, condition_limit=LARGEST_LIMIT)
 
 
-def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel) -> tuple[str, ...]:
-    """Effects that the poses of the machine alone put beyond chance for its type."""
-    stderr = alone.stderr * max(1.0, (prior.noise or 0.0) / alone.sigma)
-    chances = np.array(
-        [
-            residual(value, error**2, part.mean, part.prior, len(fleet.machines) - len(part.outliers))[1]
-            if kept
-            else 1.0
-            for value, error, kept, part in zip(alone.theta, stderr, alone.kept, fleet.effects, strict=True)
-        ]
-    )
-    return tuple(part.name for part, p in zip(fleet.effects, holm(chances), strict=True) if p < SIGNIFICANCE)
+def _noise(prior: ErrorModel, alone: Calibration | None) -> float:
+    return max(prior.noise or 0.0, 0.0 if alone is None else alone.sigma)
+
+
+def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Poses) -> tuple[str, ...]:
+    """Effects and blocks that the poses of the machine alone put beyond chance for its type."""
+    noise = _noise(prior, alone)
+    at = {e.name: k for k, e in enumerate(alone.model.effects)}
+    parts: tuple[Part, ...] = (*fleet.effects, *fleet.blocks)
+    others = [len(fleet.machines) - len(part.outliers) for part in parts]
+    chances = [
+        residual(
+            alone.theta[at[p.name]], (alone.stderr[at[p.name]] * noise / alone.sigma) ** 2, p.mean, p.prior, count
+        )[1]
+        for p, count in zip(fleet.effects, others, strict=False)
+    ]
+    if fleet.blocks:
+        fit = calibrate(replace(alone.model, noise=noise), poses, condition_limit=LARGEST_LIMIT)
+        believed = {effect.name: effect for effect in prior.effects}
+        for part, count in zip(fleet.blocks, others[len(fleet.effects) :], strict=True):
+            own = tuple(p.effect for p in part.effects)
+            chances.append(further_distance(fit, own, tuple(believed[e.name] for e in own), count)[1])
+    return tuple(part.name for part, p in zip(parts, holm(np.array(chances)), strict=True) if p < SIGNIFICANCE)
 
 
 def _known(fit: Calibration, poses: Poses) -> float:

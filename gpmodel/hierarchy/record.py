@@ -98,9 +98,29 @@ class PriorPart(msgspec.Struct, frozen=True):
         return Effect(self.name, terms, self.unit, self.family, self.deviation, self.mean)
 
 
+class BlockPart(msgspec.Struct, frozen=True):
+    """Effects with priors of their own, as a curve's harmonics, judged together: the spread between machines (low to
+    high, its 95 % interval) is a share of what these priors expect; z: root mean square distance of each machine from
+    the others over what its poses tell, and the chance of it anywhere in an innocent fleet; outliers: as of
+    SharedPart. effects: with their own priors."""
+
+    name: Label
+    effects: Annotated[tuple[PriorPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
+    spread: Deviation
+    low: Deviation
+    high: Deviation
+    z: PerMachine
+    chances: PerMachine
+    outliers: tuple[Annotated[int, msgspec.Meta(ge=0)], ...]
+
+
+Part = SharedPart | BlockPart
+
+
 class FleetPart(msgspec.Struct, frozen=True):
     """The whole of fleet.json but its seal. chosen: where the effects are from. left_out: what not every machine's
-    poses could tell. prior: of a further machine, its geometry complete."""
+    poses could tell. parameters: geometry, effects without priors of their own, and the noise. prior: of a further
+    machine, its geometry complete."""
 
     kind: str
     schema: int
@@ -113,22 +133,32 @@ class FleetPart(msgspec.Struct, frozen=True):
     left_out: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     machines: Annotated[tuple[MachinePart, ...], msgspec.Meta(min_length=2, max_length=MOST_MACHINES)]
     parameters: Annotated[tuple[SharedPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
+    blocks: Annotated[tuple[BlockPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     prior: Annotated[tuple[PriorPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
 
     def __post_init__(self) -> None:
-        for part in self.parameters:
-            lengths = {len(values) for values in (part.values, part.stderrs, part.z, part.chances)}
-            lengths |= {len(values) for values in (part.shrunken, part.shrunken_stderrs) if values}
+        for part in self.parts:
+            lengths = {len(part.z), len(part.chances)}
+            if isinstance(part, SharedPart):
+                lengths |= {len(part.values), len(part.stderrs)}
+                lengths |= {len(values) for values in (part.shrunken, part.shrunken_stderrs) if values}
             if lengths != {len(self.machines)}:
                 raise ValueError(f"expected {len(self.machines)} values, one a machine - at `$.{part.name}`")
             if any(k >= len(self.machines) for k in part.outliers):
                 raise ValueError(f"expected numbers of machines - at `$.{part.name}.outliers`")
         if self.parameters[-1].name != NOISE:
             raise ValueError(f"expected '{NOISE}' last - at `$.parameters`")
+        if unknown := {e.name for block in self.blocks for e in block.effects} - {part.name for part in self.prior}:
+            raise ValueError(f"expected effects of the prior, not '{min(unknown)}' - at `$.blocks`")
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All in which a machine is judged by the others: the parameters, then the blocks."""
+        return (*self.parameters, *self.blocks)
 
     @property
     def effects(self) -> tuple[SharedPart, ...]:
-        """Every parameter but the noise."""
+        """Every parameter but the noise: the effects without priors of their own."""
         return self.parameters[:-1]
 
     @property
@@ -136,18 +166,18 @@ class FleetPart(msgspec.Struct, frozen=True):
         """σ of one component, m, of a machine of the type."""
         return math.exp(self.parameters[-1].mean)
 
-    def outliers(self) -> list[tuple[int, SharedPart]]:
-        """Machine and parameter of all that stand out, the least probable first."""
-        found = [(k, part) for part in self.parameters for k in part.outliers]
+    def outliers(self) -> list[tuple[int, Part]]:
+        """Machine and parameter or block of all that stand out, the least probable first."""
+        found = [(k, part) for part in self.parts for k in part.outliers]
         return sorted(found, key=lambda one: one[1].chances[one[0]])
 
     def worst_first(self) -> list[int]:
-        """The machines, in order of their least chance in any parameter, then of the largest |z|."""
+        """The machines, in order of their least chance in anything, then of the largest |z|."""
         return sorted(range(len(self.machines)), key=lambda k: (self.worst(k).chances[k], -abs(self.worst(k).z[k])))
 
-    def worst(self, machine: int) -> SharedPart:
-        """The parameter in which a machine is farthest from the others."""
-        return min(self.parameters, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
+    def worst(self, machine: int) -> Part:
+        """The parameter or block in which a machine is farthest from the others."""
+        return min(self.parts, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
 
 
 FILE = Sealed(KIND, SCHEMA, FleetPart, "fleet", f"the {NAME} of gpmodel fleet")

@@ -26,8 +26,8 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
     count = len(fleet.machines)
     if count <= MOST_MACHINES:
         yield Picture(
-            "standing", "Every machine in every parameter", 9.8, 0.9 + 0.2 * len(fleet.parameters),
-            f"Distance of each of {count} machines from the others in each of {len(fleet.parameters)} parameters.",
+            "standing", "Every machine in every parameter", 9.8, 0.9 + 0.2 * len(fleet.parts),
+            f"Distance of each of {count} machines from the others in each of {len(fleet.parts)} parameters.",
             "Area: how far a machine is from the others, in their spread and its own ±; hollow below the mean, full "
             "above. Coloured: beyond chance. Machines in the order of the table.",
             partial(_map, fleet=fleet),
@@ -89,13 +89,13 @@ def _drawn(part: SharedPart, values: Sequence[float], stderrs: Sequence[float], 
 def _map(figure: Figure, fleet: FleetPart) -> None:
     axes = figure.subplots()
     order = fleet.worst_first()
-    for row, part in enumerate(fleet.parameters):
+    for row, part in enumerate(fleet.parts):
         for column, k in enumerate(order):
             z = part.z[k]
             colour = NULL if k in part.outliers else AFTER_LIGHT if z > 0 else BEFORE
             axes.plot(column, row, "o", ms=min(1.5 + 2.0 * abs(z), 11.0), mec=colour, mew=1.1, alpha=0.9,
                       mfc=colour if z > 0 else PAPER)  # fmt: skip
-    axes.set_yticks(range(len(fleet.parameters)), [wording.shortened(p.name, 34) for p in fleet.parameters])
+    axes.set_yticks(range(len(fleet.parts)), [wording.shortened(p.name, 34) for p in fleet.parts])
     serials = [wording.shortened(fleet.machines[k].serial, 14) for k in order]
     axes.set_xticks(
         range(len(order)), serials, rotation=45 if len(order) > 8 else 0, ha="left" if len(order) > 8 else "center"
@@ -103,7 +103,7 @@ def _map(figure: Figure, fleet: FleetPart) -> None:
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     axes.tick_params(axis="y", labelcolor=INK)
-    axes.set_ylim(len(fleet.parameters) - 0.4, -0.6)
+    axes.set_ylim(len(fleet.parts) - 0.4, -0.6)
     axes.set_xlim(-0.6, len(order) - 0.4)
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)

@@ -10,7 +10,7 @@ from gpmodel import wording
 from gpmodel.files import write_text
 from gpmodel.formula.expression import ONE
 from gpmodel.hierarchy.between import FEWEST
-from gpmodel.hierarchy.record import NOISE, FleetPart, SharedPart
+from gpmodel.hierarchy.record import NOISE, BlockPart, FleetPart, Part, SharedPart
 from gpmodel.report.charts_fleet import in_words, pictures
 from gpmodel.report.page import render
 from gpmodel.report.picture import numbers, rms
@@ -25,8 +25,10 @@ zero from where a mean is one that spreads are shares of."""
 
 def verdict(fleet: FleetPart) -> str:
     """What the machines share, what the prior of the type gains on held-out poses, and who stands out."""
-    effects = [p for p in fleet.effects if not p.constant]
-    named = "; ".join(f"{p.name} {said(p)}, spread {spread(p)}" for p in effects[:MOST_SAID])
+    effects: list[Part] = [*(p for p in fleet.effects if not p.constant), *fleet.blocks]
+    named = "; ".join(
+        f"{p.name}{'' if isinstance(p, BlockPart) else f' {said(p)}'}, spread {spread(p)}" for p in effects[:MOST_SAID]
+    )
     more = f"; {len(effects) - MOST_SAID} more" if len(effects) > MOST_SAID else ""
     parts = [f"{len(fleet.machines)} machines share {named}{more}" if named else f"{len(fleet.machines)} machines"]
     own, both = (rms(numbers([getattr(m, k) for m in fleet.machines])) for k in ("own_mm", "fleet_mm"))
@@ -46,13 +48,31 @@ def said(part: SharedPart) -> wording.Stated:
     return wording.measured(*in_words(part, part.mean, part.stderr))
 
 
-def spread(part: SharedPart) -> str:
-    """The spread between machines, in its own unit, or as a share of the mean where that is well known."""
+def spread(part: Part) -> str:
+    """The spread between machines: of an effect as a share of the mean where that is well known, else in its own unit;
+    of a block as a share of what its priors expect."""
+    if isinstance(part, BlockPart):
+        return f"{wording.percent(part.spread)} of prior"
+    size = _size(part)
+    return str(wording.measured(part.spread, None, part.unit)) if size is None else wording.percent(part.spread / size)
+
+
+def band(part: Part) -> str:
+    """The 95 % interval of the spread, in the unit that `spread` has it in."""
+    if isinstance(part, BlockPart):
+        return f"{wording.percent(part.low)} to {wording.percent(part.high)}"
+    if (size := _size(part)) is not None:
+        return f"{wording.percent(part.low / size)} to {wording.percent(part.high / size)}"
+    factor, unit = wording.prefix(part.spread or part.high, part.unit)
+    low, high = (wording.significant(factor * value, 3) for value in (part.low, part.high))
+    return f"{low} to {high} {unit}"
+
+
+def _size(part: SharedPart) -> float | None:
+    """What a spread is said as a share of; None where it is said in its own unit."""
     if part.name == NOISE:
-        return wording.percent(part.spread)
-    if abs(part.mean) > WELL_KNOWN * part.prior:
-        return wording.percent(part.spread / abs(part.mean))
-    return str(wording.measured(part.spread, None, part.unit))
+        return 1.0
+    return abs(part.mean) if not part.constant and abs(part.mean) > WELL_KNOWN * part.prior else None
 
 
 def summary(fleet: FleetPart) -> str:
@@ -61,6 +81,7 @@ def summary(fleet: FleetPart) -> str:
         ("Verdict", [_wrapped(verdict(fleet))]),
         ("Machines, the farthest from the others first", list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
+        ("Effects with priors of their own", list(_blocks(fleet))),
         ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
         ("Record", [_wrapped(text) for text in record_of(fleet)]),
     )
@@ -102,6 +123,11 @@ def _parameters(parts: list[SharedPart]) -> Iterator[str]:
         yield f"    {wording.shortened(part.name, NAME - 1):<{NAME}}{cells} spread {spread(part)}"
 
 
+def _blocks(fleet: FleetPart) -> Iterator[str]:
+    for part in fleet.blocks:
+        yield f"    {wording.shortened(part.name, 34):<35}{len(part.effects):>3} spread {spread(part)}, {band(part)}"
+
+
 def _wrapped(text: str) -> str:
     return fill(text, wording.WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
@@ -109,8 +135,9 @@ def _wrapped(text: str) -> str:
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
     """The page's text. drawings: inline SVG of the pictures by name."""
     return render(
-        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, record=list(record_of(fleet)),
-        enough=len(fleet.machines) >= FEWEST, drawings=drawings, pictures=list(pictures(fleet)), noise=NOISE,
+        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, band=band,
+        record=list(record_of(fleet)), enough=len(fleet.machines) >= FEWEST, drawings=drawings,
+        pictures=list(pictures(fleet)),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
+from gpmodel.report.fleet import band, spread
 from gpmodel.texts import SEAL, seal
 
 COUNT = 9
@@ -60,6 +61,12 @@ def test_together_the_machines_are_predicted_better(found: FleetResult) -> None:
     alone, together = (np.array([getattr(m, k) for m in found.record.machines]) for k in ("own_mm", "fleet_mm"))
     assert np.mean(together**2) < np.mean(alone**2)
     assert np.sum(together < alone) > COUNT / 2
+
+
+def test_spread_and_its_interval_are_said_in_one_unit(found: FleetResult) -> None:
+    for part in found.record.parameters:
+        unit = "%" if spread(part).endswith("%") else spread(part).split()[-1]
+        assert band(part).endswith(unit)
 
 
 def test_an_innocent_fleet_has_no_outlier() -> None:

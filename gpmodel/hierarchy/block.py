@@ -1,0 +1,152 @@
+"""Random effects of a block: effects that come with priors and act in one place, as the harmonics of an error curve.
+
+    b_i ~ N(μ, τ² P),  P = diag(prior²)                    b_i: the effects of machine i; P: what their priors expect
+
+Poses tell such effects together, hardly one by one. Everything here is in units of the priors, where P is 1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+
+import numpy as np
+from scipy import optimize, stats
+
+from gpmodel.arrays import Array, Mask
+from gpmodel.calibration.result import Calibration
+from gpmodel.hierarchy.between import INTERVAL, chance_of
+from gpmodel.model.effect import Effect
+
+TOLD = 1.0
+"""Information on a direction, in that of the prior, from where the poses say more of it than the prior does; others
+would only dilute what is asked of a machine."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What poses say of a block: values (m, E) with unit variance about root (m, E, E) times the block's effects, zero
+    in directions that the poses do not tell; count (m,) of those they do."""
+
+    values: Array
+    root: Array
+    count: Array
+
+    def of(self, machines: Mask) -> "Told":
+        """The same of some machines (m,)."""
+        return Told(self.values[machines], self.root[machines], self.count[machines])
+
+
+@dataclass(frozen=True)
+class Common:
+    """Mean (E,) of the machines, its covariance (E, E), and τ."""
+
+    mean: Array
+    covariance: Array
+    spread: float
+
+
+def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
+    """Effects with priors in blocks, each with its name: of one family at the same slots, what has no family alone."""
+    groups: dict[object, list[Effect]] = {}
+    for effect in effects:
+        if np.isfinite(effect.prior):
+            groups.setdefault((effect.family, effect.slots) if effect.family else effect.name, []).append(effect)
+    return [(_alike([e.name for e in group]), tuple(group)) for group in groups.values()]
+
+
+def _alike(names: list[str]) -> str:
+    """What names begin with, up to a comma; the first of them where that is nothing."""
+    parts = [name.split(", ") for name in names]
+    same = takewhile(lambda at: len(set(at)) == 1, zip(*parts, strict=False))
+    return ", ".join(at[0] for at in same) or names[0]
+
+
+def told(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> Told:
+    """Of a block in fits with its priors and with known noise: Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ of each, Λ = Rᵀ R."""
+    values, roots = [], []
+    prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))
+    for fit in fits:
+        names = [e.name for e in fit.model.effects]
+        at = np.array([names.index(e.name) for e in effects])
+        place = len(fit.covariance.placement) + at
+        inverse = np.linalg.inv(fit.covariance.values[np.ix_(place, place)] / np.outer(prior, prior))
+        information, directions = np.linalg.eigh(0.5 * (inverse + inverse.T) - np.eye(len(at)))
+        size = np.sqrt(np.where(information > TOLD, information, 0.0))
+        seen = directions.T @ inverse @ ((fit.theta[at] - mean) / prior)
+        values.append(np.divide(seen, size, out=np.zeros(len(at)), where=size > 0))
+        roots.append(size[:, None] * directions.T)
+    root = np.array(roots)
+    return Told(np.array(values), root, np.sum(root.any(axis=2), axis=1))
+
+
+def shared(of: Told) -> tuple[float, float, float]:
+    """τ and its interval of INTERVAL coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
+    those of χ² with m - 1 degrees of freedom, as if all effects of a machine differed in one proportion."""
+    tail, free = (1.0 - INTERVAL) / 2.0, len(of.values) - 1
+    low, high = (_common(of, float(stats.chi2.ppf(q, free)) / free).spread for q in (1.0 - tail, tail))
+    return _common(of).spread, low, high
+
+
+def deleted(of: Told, inside: Mask) -> tuple[Array, Array]:
+    """Distance (m,) of each machine from the others `inside`, and its chance."""
+    distances, chance = np.empty(len(inside)), np.empty(len(inside))
+    for i in range(len(inside)):
+        others = inside & (np.arange(len(inside)) != i)
+        type_ = _common(of.of(others))
+        spread = type_.covariance + type_.spread**2 * np.eye(len(type_.mean))
+        distances[i], chance[i] = distance(of, i, type_.mean, spread, int(others.sum()))
+    return distances, chance
+
+
+def distance(of: Told, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
+    """√(χ² / n) of a machine's n told directions about a mean (E,) with a covariance (E, E) known from `machines`
+    others, and its chance.
+
+    Σ w_k χ²_k with Σ w_k = 1 is large no more often than one χ² is (Székely and Bakirov 2003): the chance is that of
+    one effect so far out, whatever effects of a block differ between machines.
+    """
+    root = of.root[machine]
+    left = of.values[machine] - root @ mean
+    square = float(left @ np.linalg.solve(np.eye(len(left)) + root @ covariance @ root.T, left))
+    z = float(np.sqrt(square / max(int(of.count[machine]), 1)))
+    return z, chance_of(z, machines)
+
+
+def further_distance(
+    fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
+) -> tuple[float, float]:
+    """The same of a machine fitted by itself about what is `believed` of its type, the same effects with the prior of
+    `machines` of it."""
+    own, mean, deviation = (
+        np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
+    )
+    centre = (mean - np.array([e.mean for e in effects])) / own
+    return distance(told([fit], effects), 0, centre, np.diag((deviation / own) ** 2), machines)
+
+
+def _common(of: Told, share: float = 1.0) -> Common:
+    """What machines have in common, τ² being where Q = Σ r² / (1 + τ² λ) is `share` of its expectation; zero where it
+    is below that without any."""
+
+    def excess(variance: float) -> float:
+        _, _, square, expected = _weighed(of, variance)
+        return square - share * expected
+
+    variance, upper = 0.0, 1.0
+    if excess(0.0) > 0.0:
+        while excess(upper) > 0.0:
+            upper *= 4.0
+        variance = float(optimize.brentq(excess, 0.0, upper))
+    mean, covariance, _, _ = _weighed(of, variance)
+    return Common(mean, covariance, float(np.sqrt(variance)))
+
+
+def _weighed(of: Told, variance: float) -> tuple[Array, Array, float, float]:
+    """Mean beside μ ~ N(0, 1), its covariance, Q, and Q's expectation: told directions less those the mean takes."""
+    weight = 1.0 / (1.0 + variance * np.sum(of.root**2, axis=2))
+    weighed = weight[:, :, None] * of.root
+    matrix = np.einsum("mki,mkj->ij", weighed, of.root)
+    covariance = np.linalg.inv(np.eye(len(matrix)) + matrix)
+    mean = covariance @ np.einsum("mki,mk->i", weighed, of.values)
+    square = float(np.sum(weight * (of.values - of.root @ mean) ** 2))
+    return mean, covariance, square, float(of.count.sum() - np.sum(covariance * matrix))
