@@ -13,7 +13,6 @@ from gpmodel.api.calibrate import checked_poses, named_group, split
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike
-from gpmodel.application.model_schema import TermPart
 from gpmodel.calibration.comparison import Models, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
@@ -30,9 +29,9 @@ from gpmodel.hierarchy.record import (
     FleetPart,
     MachinePart,
     Part,
-    PriorPart,
     SharedPart,
     fleet_text,
+    prior_parts,
 )
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -143,7 +142,7 @@ def fleet(
         FleetPart(
             KIND, SCHEMA, __version__, command, seed, arm.name, tuple(j.name for j in arm.joints), chosen,
             final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final), _block_parts(final),
-            _prior_parts(final.prior),
+            prior_parts(final.prior),
         )
     )  # fmt: skip
 
@@ -243,22 +242,6 @@ def _block_parts(final: Fleet) -> tuple[BlockPart, ...]:
     out = []
     for k, block in enumerate(final.blocks, len(final.shared)):
         outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
-        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
-        out.append(
-            BlockPart(
-                block.name, _prior_parts(block.effects), block.spread, block.low, block.high,
-                tuple(z.tolist()), tuple(chances.tolist()), tuple(outside.tolist()),
-            )
-        )  # fmt: skip
+        of = (tuple(a.tolist()) for a in (final.standing.z[:, k], final.standing.chance[:, k], outside))
+        out.append(BlockPart(block.name, prior_parts(block.effects), block.spread, block.low, block.high, *of))
     return tuple(out)
-
-
-def _prior_parts(effects: Sequence[Effect]) -> tuple[PriorPart, ...]:
-    """Effects with what is believed of them."""
-    return tuple(
-        PriorPart(
-            e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
-            e.mean, e.prior,
-        )
-        for e in effects
-    )  # fmt: skip

@@ -197,6 +197,17 @@ def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
     return ErrorModel(mechanism, tuple(part.effect for part in fleet.prior), noise=fleet.noise)
 
 
+def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
+    """Effects with what is believed of them."""
+    return tuple(
+        PriorPart(
+            e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
+            e.mean, e.prior,
+        )
+        for e in effects
+    )  # fmt: skip
+
+
 def fleet_text(fleet: FleetPart) -> str:
     """The text of fleet.json, sealed."""
     content = msgspec.to_builtins(fleet)
