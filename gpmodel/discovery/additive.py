@@ -1,6 +1,6 @@
 """The additive part of what is missing: groups chosen together, each then held to the criteria like any finding."""
 
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,7 +148,12 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
 
 def _accepted(choice: Choice, chosen: Selection) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
-    what is a line of a curve is no finding."""
+    what is a line of a curve is no finding.
+
+    All that fail are left out at once; of those that failed one test only, beside much that stands no longer, the
+    strongest comes back once where it stands beside what is left (a step back, as in the floating search of Pudil et
+    al. 1994).
+    """
     kept = {k.group.name: k for k in chosen.kept}
     offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
     candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)
@@ -157,21 +162,39 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
         fewer = choice.fit(tuple(apart.values()), calibration)
         candidates, calibration = refined_fit(choice.fit, choice.residual, apart, fewer)
     judged: dict[str, Hypothesis] = {}
+    refused: dict[str, Candidate] = {}
+    returned: set[str] = set()
     while True:
-        left = choice.residual(calibration)
-
-        def verdict(name: str, left: Residual = left) -> tuple[str, Hypothesis]:
-            return name, _judged(left.without(candidates[name].effects), candidates[name], kept[name], chosen)
-
-        verdicts = dict(found for _, found in Threads(choice.search.workers)(verdict, tuple(candidates)))
-        now = {name: verdicts[name] for name in candidates}
+        now = _verdicts(choice, calibration, candidates, kept, chosen)
         judged |= now
-        failed = [n for n, h in now.items() if not h.accepted]
-        if not failed:
+        failed = {name: candidates.pop(name) for name, h in now.items() if not h.accepted}
+        if failed:
+            refused |= {name: c for name, c in failed.items() if name not in returned}
+            calibration = choice.fit(tuple(candidates.values()), calibration)
+            continue
+        again = {name: c for name, c in refused.items() if judged[name].verdict.nearly}
+        verdicts = _verdicts(choice, calibration, again, kept, chosen)
+        refused = {name: again[name] for name, h in verdicts.items() if h.accepted}
+        if not refused:
             return Additive(tuple(judged.values()), calibration, chosen.by_chance)
-        for name in failed:
-            del candidates[name]
+        best = max(refused, key=lambda name: verdicts[name].score.nats)
+        candidates[best] = refused.pop(best)
+        returned.add(best)
         calibration = choice.fit(tuple(candidates.values()), calibration)
+
+
+def _verdicts(
+    choice: Choice, calibration: Calibration, candidates: Mapping[str, Candidate], kept: Mapping[str, Kept],
+    chosen: Selection,
+) -> dict[str, Hypothesis]:  # fmt: skip
+    """The verdict on each candidate beside what a calibration has of all the others."""
+    left = choice.residual(calibration)
+
+    def verdict(name: str) -> Hypothesis:
+        return _judged(left.without(candidates[name].effects), candidates[name], kept[name], chosen)
+
+    found = dict(Threads(choice.search.workers)(verdict, tuple(candidates)))
+    return {name: found[number] for number, name in enumerate(candidates)}
 
 
 def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:

@@ -114,6 +114,11 @@ class Verdict:
         """What failed, in words; empty where nothing did."""
         return "; ".join(_WORDS[test.name](test) for test in self.tests if not test.passed)
 
+    @property
+    def nearly(self) -> bool:
+        """Whether every test but one is passed."""
+        return sum(not test.passed for test in self.tests) == 1
+
     def passed(self, name: str) -> bool:
         """Whether the test of that name passed, or was not asked of this candidate."""
         return all(test.passed for test in self.tests if test.name == name)
