@@ -57,8 +57,12 @@ class Inner:
     def without(self, k: int) -> "Inner":
         """The same without a constant and the effects that read it."""
         symbol = self.constants[k].symbol
-        left = tuple(e for e in self.template if not any(symbol in str(t.basis) for t in e.terms))
-        return replace(self, template=left, constants=(*self.constants[:k], *self.constants[k + 1 :]))
+        left = tuple(
+            replace(e, name=_less(e.name, symbol))
+            for e in self.template
+            if not any(symbol in str(t.basis) for t in e.terms)
+        )
+        return Inner(_less(self.name, symbol), left, (*self.constants[:k], *self.constants[k + 1 :]))
 
     @property
     def said(self) -> str:
@@ -92,6 +96,12 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
     ratio = (span[1] / span[0]) ** (1.0 / (count - 1))
     for value in np.geomspace(*span, count):
         yield Constant(name, unit, float(f"{value:.3g}"), float(value * (ratio - 1.0)))
+
+
+def _less(name: str, symbol: str) -> str:
+    """The name of a law, `f and g on slot axis`, without the terms that hold a symbol; any other as it is."""
+    terms, on, place = name.rpartition(" on ")
+    return f"{' and '.join(t for t in terms.split(' and ') if symbol not in t)}{on}{place}"
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}

@@ -59,3 +59,14 @@ def test_what_remembers_has_the_constants_of_its_columns_inside() -> None:
     assert moved.said == "on lag_T_41p25"
     assert str(moved.effects[0].terms[0].basis) == "lag_T_41p25*stop_J2_0p2 + lag_T_41p25"
     assert remembered("plain", (effect_at("plain", "base", "Tx", Expression("last_move_J2")),), str.__add__) is None
+
+
+def test_a_law_that_loses_a_term_loses_it_from_its_names() -> None:
+    name = "lag_t_30 and lag_t_40 on J1.moving Tx"
+    bases = [Expression("lag_t_30"), Expression("lag_t_40")]
+    effects = tuple(effect_at(f"{name} [{k}]", "J1.moving", "Tx", basis) for k, basis in enumerate(bases, 1))
+    inner = remembered(name, effects, lambda what, of: "min")
+    assert inner is not None
+    fewer = inner.without(0)
+    assert fewer.said == "lag_t_40 on J1.moving Tx"
+    assert [e.name for e in fewer.effects] == ["lag_t_40 on J1.moving Tx [2]"]
