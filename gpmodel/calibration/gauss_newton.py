@@ -16,7 +16,7 @@ from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
-from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
+from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
 from gpmodel.numerics.rank import RankChoice
 from gpmodel.table.bundles import sharing
 
@@ -151,7 +151,10 @@ def _better(
 def _without_outliers(fitting: Fitting, problem: Linearised) -> Mask:
     """The poses that count (N,), less those whose error stands far out; the worst first, OUTLIER_SHARE in all."""
     error = pose_error(problem.observed, fitting.poses.dataset)
-    far = fitting.use & (error > outlier_limit(error[fitting.use]))
+    far = error > outlier_limit(error[fitting.use])
+    far &= fitting.use & ~in_company(
+        far, fitting.poses.dataset.q, measured_minus(problem.observed, fitting.poses.dataset)
+    )
     most = max(1, int(OUTLIER_SHARE * len(error))) - int((~fitting.use).sum())
     far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][:most])
     return fitting.use & ~far
