@@ -150,11 +150,10 @@ def _better(
 
 def _without_outliers(fitting: Fitting, problem: Linearised) -> Mask:
     """The poses that count (N,), less those whose error stands far out; the worst first, OUTLIER_SHARE in all."""
-    error = pose_error(problem.observed, fitting.poses.dataset)
+    dataset = fitting.poses.dataset
+    error = pose_error(problem.observed, dataset)
     far = error > outlier_limit(error[fitting.use])
-    far &= fitting.use & ~in_company(
-        far, fitting.poses.dataset.q, measured_minus(problem.observed, fitting.poses.dataset)
-    )
+    far &= fitting.use & ~in_company(far, dataset.q, measured_minus(problem.observed, dataset))
     most = max(1, int(OUTLIER_SHARE * len(error))) - int((~fitting.use).sum())
     far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][:most])
     return fitting.use & ~far

@@ -165,7 +165,8 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     refused: dict[str, Candidate] = {}
     returned: set[str] = set()
     while True:
-        now = _verdicts(choice, calibration, candidates, kept, chosen)
+        left = choice.residual(calibration)
+        now = _verdicts(choice, left, candidates, kept, chosen)
         judged |= now
         failed = {name: candidates.pop(name) for name, h in now.items() if not h.accepted}
         if failed:
@@ -173,7 +174,7 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
             calibration = choice.fit(tuple(candidates.values()), calibration)
             continue
         again = {name: c for name, c in refused.items() if judged[name].verdict.nearly}
-        verdicts = _verdicts(choice, calibration, again, kept, chosen)
+        verdicts = _verdicts(choice, left, again, kept, chosen)
         refused = {name: again[name] for name, h in verdicts.items() if h.accepted}
         if not refused:
             return Additive(tuple(judged.values()), calibration, chosen.by_chance)
@@ -184,11 +185,9 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
 
 
 def _verdicts(
-    choice: Choice, calibration: Calibration, candidates: Mapping[str, Candidate], kept: Mapping[str, Kept],
-    chosen: Selection,
-) -> dict[str, Hypothesis]:  # fmt: skip
-    """The verdict on each candidate beside what a calibration has of all the others."""
-    left = choice.residual(calibration)
+    choice: Choice, left: Residual, candidates: Mapping[str, Candidate], kept: Mapping[str, Kept], chosen: Selection
+) -> dict[str, Hypothesis]:
+    """The verdict on each candidate beside what a model that leaves `left` has of all the others."""
 
     def verdict(name: str) -> Hypothesis:
         return _judged(left.without(candidates[name].effects), candidates[name], kept[name], chosen)
