@@ -62,27 +62,34 @@ def against_chance(real: IntArray, null: IntArray, runs: int) -> dict[str, Any]:
     return {"real": real, "shuffled": null, "p": np.round(p, 5), "outside": outside}
 
 
-def options(text: str | None, folder: str, arguments: list[str] | None, **defaults: int) -> argparse.Namespace:
-    """Whole-number options with defaults, and --out; `command` is the line that gives these results again."""
-    parser = argparse.ArgumentParser(prog=f"python -m experiments.{folder}.run", description=text)
+def options(
+    text: str | None, folder: str, arguments: list[str] | None, script: str = "run", **defaults: int
+) -> argparse.Namespace:
+    """Whole-number options with defaults, and --out; `sizes` are their names, `prog` the command without them."""
+    parser = argparse.ArgumentParser(prog=f"python -m experiments.{folder}.{script}", description=text)
     for name, value in defaults.items():
         parser.add_argument(f"--{name}", type=int, default=value)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / folder)
     chosen = parser.parse_args(arguments)
-    sizes = [f"--{name} {getattr(chosen, name)}" for name in defaults]
-    chosen.command = " ".join([parser.prog, *sizes])
+    chosen.prog, chosen.sizes = parser.prog, tuple(defaults)
+    chosen.results = "results.json" if script == "run" else f"{script}.json"
     return chosen
 
 
-def save(chosen: argparse.Namespace, results: dict[str, Any], figures: dict[str, Figure]) -> None:
-    """results.json and figures/NAME.png under --out."""
-    (chosen.out / "figures").mkdir(parents=True, exist_ok=True)
+def save(chosen: argparse.Namespace, results: dict[str, Any], figures: dict[str, Figure], **done: int) -> None:
+    """results.json, or under the script's own name, and figures/NAME.png, into --out.
+
+    The command in it is the one that gives these results again. done: options as far as the results go, where they are
+    saved before the last robot.
+    """
+    (chosen.out / "figures" if figures else chosen.out).mkdir(parents=True, exist_ok=True)
+    sizes = [f"--{name} {done.get(name, getattr(chosen, name))}" for name in chosen.sizes]
     text = json.dumps(
-        {"command": chosen.command, "versions": versions(), **results},
+        {"command": " ".join([chosen.prog, *sizes]), "versions": versions(), **results},
         indent=1,
         default=lambda v: np.asarray(v).tolist(),
     )
-    (chosen.out / "results.json").write_text(text + "\n")
+    (chosen.out / chosen.results).write_text(text + "\n")
     for name, figure in figures.items():
         figure.savefig(chosen.out / "figures" / f"{name}.png", dpi=110)
 

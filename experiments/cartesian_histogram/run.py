@@ -129,7 +129,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         for seed in range(chosen.robots):
             rows += one_robot(seed, poses, chosen)
         results = {"inputs": THESIS_INPUTS, "summary": summary(rows), "robots": rows}
-        save(chosen, results, {"cartesian_histogram": draw(rows)})
+        save(chosen, results, {"cartesian_histogram": draw(rows)}, most_poses=poses)
     return results
 
 

@@ -19,6 +19,7 @@ from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.evolution.linear import Linear
 from gpmodel.executor import Processes
+from gpmodel.report.origin import versions
 
 HERE = Path(__file__).parent
 HAND_MADE = ("base_compliance", "joint_compliance J5")
@@ -101,7 +102,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     for number, robot in Processes(chosen.processes)(_one, jobs):
         found[number] = robot
         robots = [found[n] for n in sorted(found)]
-        text = json.dumps({"command": command, **summary(robots)}, indent=1)
+        text = json.dumps({"command": command, "versions": versions(), **summary(robots)}, indent=1)
         (chosen.out / "results.json").write_text(f"{text}\n", encoding="utf-8")
         print(robot["seed"], robot["planted"], robot["named"], robot["loop"][-1]["mean_mm"], flush=True)
     return summary([found[n] for n in sorted(found)])

@@ -33,6 +33,8 @@ from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import sites_of
 
+COLUMNS = ("train mean", "train max", "held-out mean", "held-out max")
+
 
 def in_cartesian_space(case: Case, model: Calibration, chosen: Namespace, rng: np.random.Generator) -> list[Array]:
     """Errors, m, on training and held-out poses of the best compensator of the training poses."""
@@ -72,6 +74,20 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     return [model.error, errors_on(model, case.poses.subset(case.heldout))], texts
 
 
+def one_robot(case: Case, chosen: Namespace, rng: np.random.Generator) -> tuple[dict[str, list[Array]], list[str]]:
+    """Errors, m, on training and held-out poses by what compensates, and the programs at the slots."""
+    model = fit(case)
+    before = [model.error, errors_on(model, case.poses.subset(case.heldout))]
+    tip = in_cartesian_space(case, model, chosen, rng)
+    slot, texts = in_slot_space(case, model, chosen, rng)
+    return {"standard": before, "Cartesian": tip, "slot": slot}, texts
+
+
+def columns_of(errors: dict[str, list[Array]]) -> dict[str, Any]:
+    """COLUMNS of every model, mm."""
+    return {k: rounded([v[0].mean(), v[0].max(), v[1].mean(), v[1].max()]) for k, v in errors.items()}
+
+
 def draw(before: list[Array], tip: list[Array], slot: list[Array]) -> Figure:
     figure = Figure(figsize=(9, 4), layout="constrained")
     titles = ("40 training poses", "50 held-out poses")
@@ -91,18 +107,12 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     pictures: dict[str, Figure] = {}
     results: dict[str, Any] = {}
     for seed in range(chosen.seeds):
-        case, rng = measured_robot(seed), np.random.default_rng([58, seed])
-        model = fit(case)
-        before = [model.error, errors_on(model, case.poses.subset(case.heldout))]
-        tip = in_cartesian_space(case, model, chosen, rng)
-        slot, texts = in_slot_space(case, model, chosen, rng)
-        named = {"standard": before, "Cartesian": tip, "slot": slot}
-        table = {k: rounded([v[0].mean(), v[0].max(), v[1].mean(), v[1].max()]) for k, v in named.items()}
-        robots.append({"robot": seed, "mm": table, "slot programs": texts})
+        errors, texts = one_robot(measured_robot(seed), chosen, np.random.default_rng([58, seed]))
+        robots.append({"robot": seed, "mm": columns_of(errors), "slot programs": texts})
         print(robots[-1], flush=True)
-        pictures = pictures or {"extrapolation": draw(before, tip, slot)}
-        results = {"columns": ["train mean", "train max", "held-out mean", "held-out max"], "robots": robots}
-        save(chosen, results, pictures)
+        pictures = pictures or {"extrapolation": draw(*errors.values())}
+        results = {"columns": COLUMNS, "robots": robots}
+        save(chosen, results, pictures, seeds=seed + 1)
     return results
 
 

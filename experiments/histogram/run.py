@@ -109,7 +109,8 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
             rows += [{"robot": seed, **count(search, case, model, chosen, rng)} for model in MODELS]
         print(seed, [(r["search"], r["model"], r["outside"]) for r in rows if r["robot"] == seed], flush=True)
         results = {"inputs": THESIS_INPUTS, "pooled": pooled(rows), "robots": rows}
-        save(chosen, results, {"histogram": draw(results["pooled"])})
+        done = {"seeds": seed + 1, "cartesian": min(seed + 1, chosen.cartesian)}
+        save(chosen, results, {"histogram": draw(results["pooled"])}, **done)
     return results
 
 

@@ -1,4 +1,7 @@
-"""Tables 3.1, 4.1 and 4.2 of the thesis cell by cell, and its flat air film against the spherical one."""
+"""Tables 3.1, 4.1 and 4.2 of the thesis cell by cell, and its flat air film against the spherical one.
+
+From the root of the repository: python -m experiments.joint_design.run
+"""
 
 import json
 import time
@@ -11,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from gpmodel.report.origin import versions
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
@@ -74,6 +78,8 @@ def main(out: Path = HERE) -> None:
         matches = round(computed, figure["digits"]) == figure["printed"]
         figures.append({**figure, "computed": computed, "matches": matches})
     results = {
+        "command": "python -m experiments.joint_design.run",
+        "versions": versions(),
         "table_3_1_and_4_1": compare(published["table_3_1"], designs),
         "best_of_any_angle": preload["continuous_optimum"][0],
         "table_4_2": compare(published["table_4_2"], guide),

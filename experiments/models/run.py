@@ -93,7 +93,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         medians = rounded(np.median([[r["mm"][s] for s in STEPS] for r in robots], axis=0), 1.0)
         results = {"columns": COLUMNS, "conclusions": conclusions(robots)}
         results["median_mm"] = dict(zip(STEPS, medians, strict=True))
-        save(chosen, {**results, "robots": robots}, draw(robots))
+        save(chosen, {**results, "robots": robots}, draw(robots), seeds=len(robots))
     return {**results, "robots": robots}
 
 

@@ -1,4 +1,7 @@
-"""The spherical joint on simulated rigs: Tables 3.4, 3.5, Figures 3.18, 3.19, 3.29 (4.30), 5.13, 5.14, 5.16."""
+"""The spherical joint on simulated rigs: Tables 3.4, 3.5, Figures 3.18, 3.19, 3.29 (4.30), 5.13, 5.14, 5.16.
+
+From the root of the repository: python -m experiments.spherical_joint.run
+"""
 
 import json
 import time
@@ -9,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rig_tables import JOINT, RIG, model, reduction, summary, tables
 
+from experiments.spherical_joint.rig_tables import JOINT, RIG, model, reduction, summary, tables
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
@@ -19,7 +22,7 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.report.from_discovery import from_discovery
-from gpmodel.report.origin import Origin
+from gpmodel.report.origin import Origin, versions
 from gpmodel.report.saved import as_dict
 from gpmodel.table.split import hold_out
 from joints import sphere_charts
@@ -29,6 +32,7 @@ from joints.leapfrog import leap_frog
 from joints.varpro import variable_projection
 
 HERE = Path(__file__).parent
+COMMAND = "python -m experiments.spherical_joint.run"
 PUBLISHED_BUDGET = {"systematic": 10e-6, "stochastic": 0.1e-6}
 
 
@@ -72,7 +76,7 @@ def improvement() -> dict[str, Any]:
     data = rig.measure(rig.poses(90, rng), rng, disturbance=lambda q, extras: {14: 20e-6 * np.sin(q[:, 0])})
     poses, (train, heldout) = prepare(JOINT, data), hold_out(data, 0.3, np.random.default_rng(0))
     found = discover(JOINT, poses, train, heldout)
-    report = as_dict(from_discovery(found, Origin("python experiments/spherical_joint/run.py", 0, found.seconds)))
+    report = as_dict(from_discovery(found, Origin(COMMAND, 0, found.seconds)))
     told = effect_at("told", "J1.moving", "Ty", Expression("sin(J1)"))
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), told)), poses.subset(train))
     rungs = {"sphere fit": found.steps[0], "standard model": found.steps[1], "with what was found": found.steps[-1]}
@@ -92,6 +96,8 @@ if __name__ == "__main__":
     (HERE / "figures").mkdir(exist_ok=True)
     draw("contact_types", sphere_charts.contact_chart, contact_types())
     results = {
+        "command": COMMAND,
+        "versions": versions(),
         "tables": tables(20),
         "reduction": reduction(),
         "solvers": solvers(),

@@ -9,11 +9,15 @@ import pytest
 
 import gpmodel as gp
 from experiments.chapter5_outside import elastic_arm as arm
+from experiments.chapter5_outside import extrapolation
 from experiments.chapter5_outside import run as outside
 from gpmodel.numerics.se3 import chain
 
 FAST = replace(outside.SEARCH, max_effects=3)
 """Three findings are what the order of the springs is told from."""
+
+SMALL = ["--population", "1024", "--generations", "20", "--slot_population", "128", "--slot_generations", "15"]
+"""Programs enough to learn forty poses by heart."""
 
 COMMITTED = Path(outside.__file__).parent / "results.json"
 
@@ -93,6 +97,19 @@ def test_the_committed_conclusions_are_those_of_the_committed_robots() -> None:
         assert held >= 0.9 * of, name
     medians = results["median_heldout_mean_mm"]
     assert medians["loop"] < medians["hand-made"] < medians["standard"]
+
+
+def test_a_program_of_the_tip_fails_on_poses_not_seen_and_programs_of_the_slots_do_not(tmp_path: Path) -> None:
+    found = extrapolation.main([*SMALL, "--rounds", "2", "--seeds", "1", "--first", "2", "--out", str(tmp_path)])
+    assert set(found["conclusions"].values()) == {"1 of 1"}
+    assert (tmp_path / "extrapolation.json").exists()
+
+
+@pytest.mark.slow
+def test_extrapolation_fails_and_holds_on_robots_nobody_has_looked_at(tmp_path: Path) -> None:
+    found = extrapolation.main(["--seeds", "4", "--first", "100", "--out", str(tmp_path)])
+    for name, count in found["conclusions"].items():
+        assert int(count.split(" of ")[0]) >= 3, name
 
 
 @pytest.mark.slow
