@@ -85,5 +85,16 @@ UNDECLARED = (
         {"gravity_x": "1", "gravity_y": "1"},
     ),
 )
+THREE = Undeclared(
+    "pitch axis, three lobes and a warm shaft",
+    lambda q, extras: {
+        3: 12e-6 * np.cos(3 * q[:, 1] + 0.4),
+        14: 20e-6 * np.sin(q[:, 0]),
+        27: 2e-6 * (extras["temperature"] - 20.0),
+    },
+    (),
+    frozenset({"J1", "J2", "temperature"}),
+    {"temperature": "degC"},
+)
 HIDDEN = Undeclared("angle error of the rig", lambda q, extras: {10: 3e-4 * np.sin(q[:, 0])}, (), frozenset())
 NOTHING = Undeclared("nothing", lambda q, extras: {}, (), frozenset())

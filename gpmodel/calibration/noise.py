@@ -84,17 +84,19 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     """The ratio (variance of what the rows of a bundle share over that of one measurement) that the residual of a
     problem says that was whitened by `ratio`, after a fit of the placement and so many effects.
 
-    bundle: (N,) code of every pose. As it is where nothing was measured twice, or where free joints leave no
-    components to compare.
+    bundle: (N,) code of every pose. As it is where nothing was measured twice.
     """
-    if problem.left is not None or len(np.unique(bundle)) == len(bundle):
-        return ratio
     noise = replace(blocks_of(problem, bundle), ratio=ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
 def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:
-    """The blocks of a linearised problem, one a bundle (N,) and component, of noise that is independent so far."""
+    """The blocks of a linearised problem, one a bundle (N,) and component, of noise that is independent so far.
+
+    What free joints leave has no components that repeats of a pose could share: there every row is a block of its own.
+    """
+    if problem.left is not None:
+        return Whitening(np.arange(len(problem.residual)))
     component = np.nonzero(problem.weights > 0)[1]
     key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component
     return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64))

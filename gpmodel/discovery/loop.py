@@ -11,7 +11,6 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.confirmation import confirmation
@@ -20,16 +19,13 @@ from gpmodel.discovery.cross_fitting import cross_fitted
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Forgetful, Journal
-from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.result import Discovery, Finding, Round
-from gpmodel.discovery.score import best_nats
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
@@ -153,8 +149,6 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
     exploration, judged = _explored(loop, calibration, train, rng)
-    if free_joints(loop.mechanism):
-        return _one_more(loop, standard_fit, calibration, exploration, judged)
     passed = tuple(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
     new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
     pointed = _pointed(loop, exploration)
@@ -199,22 +193,6 @@ def _new_finding(hypothesis: Hypothesis, number: int, exploration: Exploration) 
     return Finding(hypothesis, number, bool(pointed))
 
 
-def _one_more(
-    loop: State, standard_fit: Calibration, calibration: Calibration, exploration: Exploration,
-    judged: tuple[Hypothesis, ...],
-) -> Calibration:  # fmt: skip
-    """Where joints are not measured a pose says too little to choose groups by: the best candidate alone is added."""
-    number = len(loop.rounds) + 1
-    best = next((h for h in judged if h.accepted), None)
-    if best is not None:
-        loop.findings = [*loop.findings, _new_finding(best, number, exploration)]
-        calibration = loop.fit(loop.model(loop.found), standard_fit)
-        loop.say(f"round {number}: added {best.candidate.name}")
-    new = () if best is None else (best.candidate,)
-    loop.rounds.append(Round(number, judged, exploration, new, exploration.null_nats))
-    return calibration
-
-
 def _explored(
     loop: State, calibration: Calibration, train: Poses, rng: np.random.Generator
 ) -> tuple[Exploration, tuple[Hypothesis, ...]]:
@@ -238,9 +216,5 @@ def _explored(
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
-    if free_joints(loop.mechanism):
-        named = instances_of(loop.mechanism, residual.poses.states, loop.offers)
-        pool = [*(c for c in named if c.name not in known), *pool]
-        nulls["catalogue"] = best_nats(residual, named, shuffled(residual, rng, loop.criteria.shuffles))
     judged = judge(residual, pool_of(residual, pool, nulls), loop.search)
     return exploration, cross_fitted(residual, judged, sites, loop.search, rng, turn)

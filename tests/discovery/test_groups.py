@@ -13,7 +13,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.noise import Whitening
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.gain import best, gain
+from gpmodel.discovery.selection.gain import best, gain, with_own_noise
 from gpmodel.discovery.selection.refit import whitened
 from gpmodel.discovery.selection.result import Selection
 from gpmodel.discovery.selection.scan import Replacements, scan
@@ -63,6 +63,12 @@ def dense(active: Active, target: np.ndarray) -> float:
     return float(density.logpdf(free @ target)) - sum(active.pool.cost[g] for g in active.variances)
 
 
+def scaled(active: Active, factor: float) -> Active:
+    """The same with the noise and all variances times a factor."""
+    variances = {g: factor * a for g, a in active.variances.items()}
+    return replace(active, variances=variances, sigma2=factor * active.sigma2)
+
+
 def test_the_evidence_is_the_density_of_the_target() -> None:
     active, target = problem()
     assert active.evidence == pytest.approx(dense(active, target), abs=1e-3)
@@ -70,14 +76,24 @@ def test_the_evidence_is_the_density_of_the_target() -> None:
 
 def test_the_gain_of_a_group_is_what_the_density_gains_with_it() -> None:
     active, target = problem()
-    gains, variances = scan(active)
+    gains, variances, _ = scan(active)
     some = [g for g in range(2, len(gains)) if g not in active.variances][::7]
     for g in some:
         there = active.added(g, float(variances[g]))
         assert gains[g] - active.pool.cost[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)
-    short, _ = scan(active, np.array(some))
+    short, *_ = scan(active, np.array(some))
     np.testing.assert_allclose(short[some], gains[some], atol=1e-6)
     assert np.isneginf(np.delete(short, some)).all()
+
+
+def test_at_its_own_noise_a_group_gains_what_the_density_does_once_everything_is_scaled_to_what_is_left() -> None:
+    active, target = problem()
+    active = scaled(active, active.mismatch / active.pool.rows.freedom)
+    gains, variances, fit = scan(active)
+    gains = with_own_noise(gains, fit, active.mismatch) - active.pool.cost
+    for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
+        there = scaled(active.added(g, float(variances[g])), 1.0 - fit[g] / active.mismatch)
+        assert gains[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)
 
 
 def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> None:

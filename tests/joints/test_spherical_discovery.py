@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from spherical_cases import HIDDEN, JOINT, NOTHING, UNDECLARED, Undeclared
+from spherical_cases import HIDDEN, JOINT, NOTHING, THREE, UNDECLARED, Undeclared
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
@@ -42,6 +42,15 @@ def test_an_undeclared_effect_is_found_and_the_error_falls_to_the_oracles(case: 
     assert after.max() < before.max()
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), *case.truth)), poses.subset(found.train))
     assert rms(after) < 1.25 * rms(errors_on(oracle, poses.subset(found.heldout)))
+
+
+def test_three_effects_at_once_are_chosen_together() -> None:
+    data = THREE.table(0)
+    poses, (train, heldout) = prepare(JOINT, data), hold_out(data, 0.3, np.random.default_rng(SEED))
+    found = discover(JOINT, poses, train, heldout, search=Search(runs=0, workers=1), seed=SEED)
+    assert [f.round for f in found.findings] == [1, 1, 1]
+    assert {i for f in found.findings for i in f.candidate.inputs} == THREE.inputs
+    assert rms(found.steps[-1].heldout_error) < 0.25 * rms(found.steps[1].heldout_error)
 
 
 @pytest.mark.parametrize("case", [HIDDEN, pytest.param(NOTHING, marks=pytest.mark.slow)], ids=lambda c: c.name)

@@ -116,13 +116,19 @@ class Active:
         return len(self.mean) - self.sigma2 * float(np.sum(self.inverse**2))
 
     @cached_property
+    def mismatch(self) -> float:
+        """yᵀC⁻¹y of the cleaned target."""
+        y2 = float(self.pool.rows.target @ self.pool.rows.target)
+        return (y2 - float(np.sum((self.inverse @ self.pull) ** 2))) / self.sigma2
+
+    @cached_property
     def evidence(self) -> float:
         """Log marginal likelihood of the cleaned target, nats, less what the groups cost to name."""
         freedom, count = self.pool.rows.freedom, len(self.pull)
-        y2 = float(self.pool.rows.target @ self.pool.rows.target)
-        mismatch = (y2 - float(np.sum((self.inverse @ self.pull) ** 2))) / self.sigma2
         volume = (freedom - count) * np.log(self.sigma2) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
-        return -0.5 * (volume + mismatch + freedom * np.log(2 * np.pi)) - sum(self.pool.cost[g] for g in self.variances)
+        return -0.5 * (volume + self.mismatch + freedom * np.log(2 * np.pi)) - sum(
+            self.pool.cost[g] for g in self.variances
+        )
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
         """s and q (1, K) of an active group, or of some of its columns, with itself taken out.

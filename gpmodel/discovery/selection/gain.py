@@ -25,6 +25,20 @@ def gain(variance: Array, s: Array, q: Array) -> Array:
     return 0.5 * np.sum(variance[:, :, None] * q[:, None, :] ** 2 / (1.0 + load) - np.log1p(load), axis=2)
 
 
+def fitted(variance: Array, s: Array, q: Array) -> Array:
+    """Σ_i a q_i² / (1 + a s_i) (G,), what each of G groups takes off yᵀC⁻¹y at its variance (G,)."""
+    return np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1)
+
+
+def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
+    """Gains (G,) where the noise is estimated again with each group in it, Q (G,) what it takes off E = yᵀC⁻¹y.
+
+    With all variances in proportion to the noise:  gain - Q/2 - E/2 ln(1 - Q/E). Of few poses the noise before is too
+    large by what is missing, and the gains too small.
+    """
+    return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
+
+
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
     """Largest gain (G,) over variances up to cap² (G,), and where: a grid in log a, then golden section."""
     s = np.maximum(s, 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.gain import with_own_noise
 from gpmodel.discovery.selection.scan import Replacements, scan
 
 SETTLED = 0.05
@@ -79,15 +80,18 @@ def _without_idle_parts(active: Active) -> Active:
 def grown(active: Active) -> Active:
     """Add the best group while it saves the least nats beyond its cost; re-estimate and prune after each.
 
+    Where none does at the present noise, one that does at its own comes in.
     After a full scan only its best hundred are looked at again, until none of them is worth adding.
     """
     active = reestimated(active)
     refused: set[int] = set()
     among: IntArray | None = None
     for _ in range(MOST_MOVES):
-        gains, variances = scan(active, among)
+        gains, variances, fit = scan(active, among)
         gains = gains - active.pool.cost
         gains[[*active.variances, *refused]] = -np.inf
+        if gains.max() < active.criteria.minimum_nats:
+            gains = with_own_noise(gains, fit, active.mismatch)
         g = int(np.argmax(gains))
         if gains[g] < active.criteria.minimum_nats:
             if among is None:

@@ -8,17 +8,21 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.gain import best, rotated
+from gpmodel.discovery.selection.gain import best, fitted, rotated
 from gpmodel.discovery.selection.pool import SizeClass
 
 MEMORY = 4_000_000
 """Numbers held at once, 32 MB."""
 
 
-def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array]:
-    """Gain (G,) and best variance (G,) of every group beside the model, -∞ for those not asked for."""
+def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, Array]:
+    """Gain (G,), -∞ for groups not asked for, best variance (G,) and fit (G,) of every group beside the model.
+
+    Fit: what each takes off yᵀC⁻¹y.
+    """
     pool = active.pool
     gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
+    fit = np.zeros(len(pool.groups))
     rows = None if among is None else np.unique(np.concatenate([pool.index[g] for g in among]))
     table, right = reduced(active, rows)
     place = np.arange(len(pool.effects))
@@ -28,8 +32,10 @@ def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array]:
         at = np.arange(len(c.ids)) if among is None else np.flatnonzero(np.isin(c.ids, among))
         if len(at):
             s, q = rotated(*beside(active, c.part(at), table, right, place))
-            gains[c.ids[at]], variances[c.ids[at]] = best(s, q, pool.cap[c.ids[at]])
-    return gains, variances
+            ids = c.ids[at]
+            gains[ids], variances[ids] = best(s, q, pool.cap[ids])
+            fit[ids] = fitted(variances[ids], s, q)
+    return gains, variances, fit
 
 
 def reduced(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
