@@ -26,6 +26,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
@@ -60,19 +61,21 @@ def discover(
     the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
     condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
     tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked the same it goes on
-    to the same numbers. Raises InputError where no held-out pose is of a
-    set-up and tool trained on.
+    to the same numbers. Raises InputError where no held-out pose is of a set-up and tool trained on, and for two
+    different candidates of one name.
     """
     started = time.monotonic()
     search, journal = search or Search(), journal or Forgetful()
     given, say = len(poses), Teller(progress)
     poses, train, heldout = _of_known_places(poses, train, heldout)
+    offers = distinct(candidates)
+    instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched
     findings, rounds = journal.begin()
     if len(poses) < given:
         say(f"{given - len(poses)} held-out poses are of a set-up or tool that no training pose is of: left out")
     loop = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        distinct(candidates), search, criteria or Criteria(), condition_limit, seed, say, journal,
+        offers, search, criteria or Criteria(), condition_limit, seed, say, journal,
         math.inf if search.stop_after is None else started + search.stop_after, findings, rounds,
     )  # fmt: skip
     loop.say("standard model")

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import chain
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
 from gpmodel.families.comb import Comb, comb
 from gpmodel.families.inner import symbol
@@ -19,8 +21,9 @@ CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
 """Radians, the standard deviation of a curve's sum of harmonics; and the harmonic at which they fall off."""
 
-SMOOTH, SMOOTH_CORNER = 10, 3.0
-"""Harmonics of a smooth curve, and the one above which they fall."""
+SMOOTH = (10, 3.0)
+"""Harmonics of a smooth curve, and the one at which its prior falls off: eccentric and bent gears make the first
+few."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
@@ -64,34 +67,37 @@ def ripple_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
             yield found
 
 
-def _harmonics(name: str, site: Site, angle: str, family: str, spectrum: tuple[int, float, float]) -> Curve:
-    """sin and cos of 1 to `count` times an angle at a place, deviations falling as 1 / (1 + (k / corner)^1.5).
+@cache
+def wave(function: str, number: int, angle: str) -> Expression:
+    """sin(3*J2), parsed once."""
+    return Expression(f"{function}({angle})" if number == 1 else f"{function}({number}*{angle})")
 
-    spectrum: count, the root of the sum of squares of all deviations, corner.
-    """
-    count, size, corner = spectrum
-    k = np.arange(1, count + 1)
-    shape = 1.0 / (1.0 + (k / corner) ** 1.5)
-    deviation = size * shape / np.sqrt(np.sum(shape**2))
+
+def spectrum(count: int, corner: float) -> Array:
+    """Deviations (count,) of harmonics 1 to count, 1 / (1 + (k / corner)^1.5), their squares summing to one."""
+    shape = 1.0 / (1.0 + (np.arange(1, count + 1) / corner) ** 1.5)
+    return np.asarray(shape / np.sqrt(np.sum(shape**2)))
+
+
+def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
+    """sin and cos of 1 to K times an angle at a place, with the deviations (K,), rad or m, of their unknowns."""
     plain = [
-        (site.effect(f"{name}, {f} {n}", Expression(f"{f}({n}*{angle})"), "", family), float(s))
-        for n, s in zip(k, deviation, strict=True)
+        (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
+        for k, s in enumerate(deviations, 1)
         for f in ("sin", "cos")
     ]
     return tuple(replace(e, unit=axis_unit(e.terms[0].axis), prior=s) for e, s in plain)
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The curve of each joint, in two sizes; and smooth curves of all joints as one, where each alone is too weak."""
+    """The curve of each joint; and smooth curves of all joints as one, where each alone is too weak."""
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
-    for size in (CURVE_SPREAD, CURVE_SPREAD / 4):
-        for j in revolute(mechanism):
-            name = f"error curve of the angle, {j.name}"
-            effects = _harmonics(name, Site(j.drive), j.name, "joint_curve", (highest, size, CURVE_CORNER))
-            yield Candidate(name, effects, "joint_curve", 6.0)
-    name, smooth = "error curve of the angle", (SMOOTH, CURVE_SPREAD / 4, SMOOTH_CORNER)
-    joints = revolute(mechanism)
-    block = [_harmonics(f"smooth {name}, {j.name}", Site(j.drive), j.name, "joint_curve", smooth) for j in joints]
+    fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)
+    joints, name = revolute(mechanism), "error curve of the angle"
+    for j in joints:
+        effects = harmonics(f"{name}, {j.name}", Site(j.drive), j.name, "joint_curve", fine)
+        yield Candidate(f"{name}, {j.name}", effects, "joint_curve", 6.0)
+    block = [harmonics(f"smooth {name}, {j.name}", Site(j.drive), j.name, "joint_curve", smooth) for j in joints]
     if len(block) > 2:
         yield Candidate(f"{name}, every joint", tuple(chain(*block)), "joint_curve", 7.0)
 
@@ -104,7 +110,7 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 what, size = ("run-out", RUN_OUT) if axis[0] == "T" else ("wobble", WOBBLE)
                 name = f"{what} curve, {j.name} {axis}"
                 site = Site(((f"{j.name}.moving", axis, 1.0),))
-                effects = _harmonics(name, site, j.name, "axis_motion", (SMOOTH, size, SMOOTH_CORNER))
+                effects = harmonics(name, site, j.name, "axis_motion", size * spectrum(*SMOOTH))
                 yield Candidate(name, effects, "axis_motion", 6.0)
 
 

@@ -73,9 +73,18 @@ catalogue: tuple[Family, ...] = (*_OWN, *installed())
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
     """Every instance of every offer that these poses and columns allow.
 
-    offers: families, candidates and single effects. Raises InputError for one of another kind, or two of one name.
+    offers: families, candidates and single effects. Raises InputError for one of another kind, or two of one name,
+    offers as well as what they come to.
     """
-    return tuple(c for offer in distinct(offers) for c in instances(offer, mechanism, states))
+    found = tuple(c for offer in distinct(offers) for c in instances(offer, mechanism, states))
+    first: dict[str, Candidate] = {}
+    for c in found:
+        if [e.terms for e in first.setdefault(c.name, c).effects] != [e.terms for e in c.effects]:
+            families = " and ".join(dict.fromkeys((first[c.name].family, c.family)))
+            raise InputError(
+                f"family {families}: two effects are called '{c.name}'; expected names that tell them apart"
+            )
+    return found
 
 
 def names() -> tuple[str, ...]:

@@ -93,13 +93,16 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
+    """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ, said in the name."""
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" else f"({clock} - {start:.6g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
-    zeros = [drive_effect(f"warm-up of the zero, {j.name}", j, basis, family="warm_up") for j in mechanism.joints]
-    places = [effect_at(f"warm-up of the set-up, {axis}", "base", axis, basis, family="warm_up") for axis in AXES]
-    links = link_growth("warm-up of the link before {slot}", mechanism, basis, "1", "warm_up")
+    within = f"within {symbol()} {unit}"
+    zeros = [
+        drive_effect(f"warm-up of the zero {within}, {j.name}", j, basis, family="warm_up") for j in mechanism.joints
+    ]
+    places = [effect_at(f"warm-up of the set-up {within}, {a}", "base", a, basis, family="warm_up") for a in AXES]
+    links = link_growth(f"warm-up of the link before {{slot}} {within}", mechanism, basis, "1", "warm_up")
     for effect in (*zeros, *places, *links):
         for share in (0.05, 0.1, 0.2, 0.4):
             tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span)
@@ -112,7 +115,7 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     if states.past is None:
         return
     basis = Expression(f"1 - exp(-max({clock} - {symbol(0)}, 0)/{symbol(1)})")
-    after = f"after {clock} {symbol(0)} within {symbol(1)}"
+    after = f"after {clock} {symbol(0)} within {symbol(1)} {unit}"
     pause = span / (EVENTS + 1)
     for k in range(1, EVENTS + 1):
         moment = Constant("moment of the event", unit, float(f"{start + k * pause:.4g}"), pause)

@@ -11,8 +11,9 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.selection.curves import continued, curves, wave
+from gpmodel.discovery.selection.curves import continued, curves
 from gpmodel.discovery.selection.group import Shapes
+from gpmodel.families.angle import wave
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare

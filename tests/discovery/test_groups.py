@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from effect_cases import NOISE, Truth, bare, measure, mechanism, sized
+from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
 from group_cases import ARM, STANDING, problem
 from scipy import linalg, stats
 
@@ -14,11 +14,12 @@ from gpmodel.calibration.noise import Whitening
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.gain import best, gain, with_own_noise
+from gpmodel.discovery.selection.group import Shapes
 from gpmodel.discovery.selection.refit import whitened
 from gpmodel.discovery.selection.result import Selection
 from gpmodel.discovery.selection.scan import Replacements, scan
 from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import PAIRS, Offering
+from gpmodel.discovery.selection.standing import PAIRS, Offering, offered
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
@@ -154,6 +155,15 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, seen)))
     assert selection.kept == ()
     assert selection.pose_noise == pytest.approx(4e-5, rel=0.3)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: str) -> None:
+    arm = mechanism(name)
+    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    names = [group.name for group in groups]
+    assert len(set(names)) == len(names)
+    assert f"warm-up of the zero within 11.9 rows, {arm.joints[0].name}" in names
 
 
 def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:

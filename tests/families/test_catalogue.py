@@ -44,7 +44,7 @@ def test_candidates_are_distinct_finite_and_of_known_families_and_slots(name: st
     arm = mechanism(name)
     states = prepare(arm, bare(name, 30, in_order=True)).states
     pool = catalogue.candidates(arm, states)
-    assert len(set(pool)) == len(pool)
+    assert len(set(pool)) == len({c.name for c in pool}) == len(pool)
     for candidate in pool:
         assert catalogue.family(candidate.family) is not None
         assert candidate.cost > 0

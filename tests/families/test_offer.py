@@ -49,6 +49,11 @@ def test_a_single_effect_or_candidate_is_offered_as_it_is() -> None:
     assert candidates(ARM, STATES, ()) == ()
 
 
+def called_alike(mechanism: Mechanism, states: States) -> Iterator[Effect]:
+    for n in (2, 3):
+        yield drive_effect("cable drag", mechanism.joints[0], Expression(f"tanh({n}*J1)"))
+
+
 def of_another_family(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     yield CANDIDATE
 
@@ -62,6 +67,10 @@ def of_another_family(mechanism: Mechanism, states: States) -> Iterator[Candidat
         (
             (Family("other", "yields another's", "nobody", of_another_family),),
             "'stick and slip' says it is of",
+        ),
+        (
+            (Family("alike", "yields two of one name", "nobody", called_alike),),
+            "alike: two effects are called 'cable drag'",
         ),
     ],
 )

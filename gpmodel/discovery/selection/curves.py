@@ -2,44 +2,19 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from gpmodel.discovery.selection.group import Group, Shapes, group_of
+from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
 from gpmodel.families.candidate import Candidate, revolute
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.sites import Site, sites_of
 
-SMOOTH = (10, 3.0)
-"""Harmonics of a smooth curve a joint, and the one at which its prior falls off: eccentric and bent gears make the
-first few."""
 FOLLOWING = (3, 1.5)
-"""Likewise of a curve that follows a load or a temperature, which is smoother."""
-
-
-@cache
-def wave(function: str, number: int, angle: str) -> Expression:
-    """sin(3*J2), parsed once."""
-    return Expression(f"{function}({angle})" if number == 1 else f"{function}({number}*{angle})")
-
-
-def spectrum(count: int, corner: float) -> tuple[float, ...]:
-    """Deviations of harmonics 1 to count, 1 / (1 + (k / corner)^1.5), their squares summing to one."""
-    k = np.arange(1, count + 1)
-    shape = 1.0 / (1.0 + (k / corner) ** 1.5)
-    return tuple(shape / np.sqrt(np.sum(shape**2)))
-
-
-def _curve(name: str, site: Site, angle: str, family: str, count: int, corner: float) -> tuple[Effect, ...]:
-    out = []
-    for k, deviation in enumerate(spectrum(count, corner), 1):
-        for f in ("sin", "cos"):
-            plain = site.effect(f"{name}, {f} {k}", wave(f, k, angle), "rad", family)
-            out.append(Effect(plain.name, plain.terms, plain.unit, family, float(deviation)))
-    return tuple(out)
+"""Harmonics of a curve that follows another joint, and the one at which its prior falls off: smoother than gears."""
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:
@@ -65,21 +40,15 @@ def richest(count: int) -> tuple[int, float] | None:
 
 
 def curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-    """Error curve of the own angle, smooth and fine on the drive, smooth on the other axes (wobble, run-out)."""
+    """Error curve of the own angle on the drive, smooth and fine."""
     fine = richest(len(shapes.states))
     for j in revolute(mechanism):
         drive = Site(j.drive)
         name = f"error curve of the angle, {j.name}"
-        yield group_of(name, _curve(name, drive, j.name, "joint_curve", *SMOOTH), 4.0, shapes)
+        yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*SMOOTH)), 4.0, shapes)
         if fine is not None:
             name = f"fine error curve of the angle, {j.name}"
-            yield group_of(name, _curve(name, drive, j.name, "joint_curve", *fine), 5.0, shapes)
-        for axis in AXES:
-            if axis != j.drive[0][1]:
-                kind = "run-out" if axis[0] == "T" else "wobble"
-                name = f"{kind} curve, {j.name} {axis}"
-                site = Site(((f"{j.name}.moving", axis, 1.0),))
-                yield group_of(name, _curve(name, site, j.name, f"axis_{kind}", *SMOOTH), 6.0, shapes)
+            yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*fine)), 5.0, shapes)
 
 
 def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -89,7 +58,7 @@ def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for j in joints:
             if not _own(site, j):
                 name = f"{site.name} following {j.name}"
-                yield group_of(name, _curve(name, site, j.name, "following", *FOLLOWING), 7.0, shapes)
+                yield group_of(name, harmonics(name, site, j.name, "following", spectrum(*FOLLOWING)), 7.0, shapes)
 
 
 def _own(site: Site, joint: Joint) -> bool:

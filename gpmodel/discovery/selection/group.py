@@ -75,22 +75,10 @@ class Group:
         """State columns any of its effects reads."""
         return tuple(dict.fromkeys(i for e in self.effects for i in e.inputs))
 
-    def numbered(self, number: int) -> "Group":
-        """The same under names that say it is one of several."""
-        inner = self.inner and replace(
-            self.inner, name=f"{self.inner.name} ({number})", template=_numbered(self.inner.template, number)
-        )
-        effects = _numbered(self.effects, number)
-        return replace(self, name=f"{self.name} ({number})", effects=effects, inner=inner)
-
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
         """Its effects with the standard deviations √a spread_k as their priors."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
-
-
-def _numbered(effects: Sequence[Effect], number: int) -> tuple[Effect, ...]:
-    return tuple(replace(e, name=f"{e.name} ({number})") for e in effects)
 
 
 def place_of(effect: Effect) -> str:

@@ -4,7 +4,7 @@ A builder takes a mechanism and shapes and yields groups; adding one is one row 
 catalogue needs no row: each of its candidates is a group, and those of one kind at several joints are one group more.
 """
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -87,19 +87,8 @@ def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *
         for group in builder(mechanism, shapes):
             if group is not None:
                 found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
-    groups = _told_apart(found.values())
+    groups = list(found.values())
     return groups + (shared_kinds(mechanism, groups) if blocks else [])
-
-
-def _told_apart(groups: Iterable[Group]) -> list[Group]:
-    """The same groups, those that share a name with an earlier one numbered: effects are known by their names."""
-    times: Counter[str] = Counter()
-    out = []
-    for group in groups:
-        times[group.name] += 1
-        number = times[group.name]
-        out.append(group if number == 1 else group.numbered(number))
-    return out
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
