@@ -28,12 +28,13 @@ def main() -> None:
     parser.add_argument("--family", default=",".join(FAMILIES), help=f"with commas, of {', '.join(FAMILIES)}")
     parser.add_argument("--only", default="", help="names of cases, with commas")
     parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--runs", type=int, default=0, help="GP runs a round; none: groups are chosen, nothing evolved")
     parser.add_argument("--quick", action="store_true", help="one seed")
     parser.add_argument("--workers", type=int, default=1, help="robots side by side")
     parser.add_argument("--out", type=Path, help="JSON of results")
     settings = parser.parse_args()
-    seeds = range(1 if settings.quick else settings.seeds)
+    seeds = range(settings.first_seed, settings.first_seed + (1 if settings.quick else settings.seeds))
     rows = json.loads(settings.out.read_text())["robots"] if settings.out and settings.out.exists() else []
     done = {(row["case"], row["seed"]) for row in rows}
     command = shlex.join(["python", "-m", "experiments.coverage", *sys.argv[1:]])

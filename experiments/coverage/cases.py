@@ -60,4 +60,6 @@ FAMILIES: dict[str, dict[str, Case]] = {
     "clustered": {c.name: c for c in _CLUSTERED},
     "single": {n: c for n, c in CASES.items() if c.family == "single" and c.effects},
     "several": {n: c for n, c in CASES.items() if c.family in ("several", "masses") and c.poses <= 200},
+    "memory": {n: c for n, c in CASES.items() if c.family == "memory"},
+    "linear": {n: c for n, c in CASES.items() if c.family == "linear"},
 }

@@ -17,7 +17,7 @@ from experiments.blind.robot import Robot
 from experiments.coverage.cases import DECLARED
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
-from gpmodel.api.table import dataset_of
+from gpmodel.api.table import dataset_of, read_table
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import point_factor
@@ -72,9 +72,12 @@ def bench(case: Case, seed: int) -> Bench:
         folder = Path(name)
         write(robot, folder)
         mechanism = load_mechanism(str(folder / "robot.urdf"))
-        mechanism, poses = checked_poses(mechanism, folder / "table.csv", geometric_effects(mechanism))
-        tables = (folder / f"fresh_{k}.csv" for k in range(len(robot.fresh)))
-        fresh = tuple(prepare(mechanism, dataset_of(t, mechanism, need_measurement=False)) for t in tables)
+        table = read_table(folder / "table.csv", mechanism, in_order=case.in_order)
+        mechanism, poses = checked_poses(mechanism, table, geometric_effects(mechanism))
+        sheets = (
+            dataset_of(folder / f"fresh_{k}.csv", mechanism, need_measurement=False) for k in range(len(robot.fresh))
+        )
+        fresh = tuple(prepare(mechanism, replace(sheet, in_order=case.in_order)) for sheet in sheets)
     return Bench(robot, mechanism, poses, fresh)
 
 

@@ -21,7 +21,7 @@ from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.result import Discovery, Finding, Round
+from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
@@ -85,12 +85,13 @@ def discover(
     calibration, stopped = _climbed(loop, standard_fit, calibration)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
-    last = final_fit(loop, calibration)
     doubt = None
     if loop.findings:
+        last = final_fit(loop, calibration)
         doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)
-    confirmed = doubt is None or doubt.confirmed
-    final = last.calibration if confirmed else loop.to_all(standard_fit.model, standard_fit)
+    else:
+        last = FinalFit(loop.standard_to_all(), (), ())
+    final = last.calibration if doubt is None or doubt.confirmed else loop.standard_to_all()
     return Discovery(
         mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), last, final,
         doubt, loop.standard, time.monotonic() - started, stopped,

@@ -72,7 +72,8 @@ class Discovery:
     """Everything the loop found, in order.
 
     fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
-    final: the model to ship, that of `fitted` where it is confirmed, else the standard model, fitted to all poses.
+    final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
+    poses without any discovery would have it.
     """
 
     mechanism: Mechanism

@@ -88,6 +88,11 @@ class State:
         """A model fitted to all poses, with the condition limit that the training poses chose."""
         return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=self.seed)
 
+    def standard_to_all(self) -> Calibration:
+        """The standard model with what is known, as a calibration of all poses by themselves has it: on the training
+        poses another condition limit may have been the best."""
+        return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=self.seed)
+
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""
         heldout = errors_on(calibration, self.poses.subset(self.heldout))

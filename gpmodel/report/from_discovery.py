@@ -46,7 +46,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
         histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
-        rank_curve=fitted.rank_curve(discovery.steps[1].calibration),
+        rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
         confirmation=_confirmation(discovery),
         unobservable=unobservable,

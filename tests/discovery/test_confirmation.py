@@ -42,7 +42,9 @@ def test_what_is_not_confirmed_is_kept_to_be_read_and_the_standard_model_is_ship
     assert answer.findings
     assert not answer.confirmed
     assert answer.final.model.effects == answer.standard_model
-    assert len(answer.final.error) == len(truth.poses)
+    alone = calibrate(ErrorModel(truth.model.mechanism, answer.standard_model), truth.poses)
+    assert answer.final.condition_limit == alone.condition_limit
+    np.testing.assert_array_equal(answer.final.theta, alone.theta)
     assert len(answer.found.model.effects) > len(answer.standard_model)
 
 
