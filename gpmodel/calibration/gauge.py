@@ -59,8 +59,8 @@ def choose(
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """The effects to hold (E,), the condition limit and the curve it was chosen from.
 
-    problem: at theta (E,). nominal: with theta zero. Constant effects are preferred in the order of `preference`, by
-    their columns at the nominal geometry: errors of a milliradian would make parallel axes look as if they were not.
+    problem: at theta (E,). nominal: of the constant effects alone, at zero. Constant effects are preferred in the order
+    of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
     The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
     the smallest, so that tables of one machine hold the same parameters. Effects that vary need a
     unique share; those with a prior are always held.
@@ -72,7 +72,7 @@ def choose(
     columns = problem.columns[:, fixed:]
     still = still_joints(model.mechanism, problem.poses.dataset)
     order = preference(model.mechanism, tuple(model.effects[i] for i in at), still)
-    ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:][:, at], order)
+    ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:], order)
     curve: tuple[ident.RankChoice, ...] = ()
     limit = condition_limit or LARGEST_LIMIT
     if condition_limit is None and len(at):

@@ -112,9 +112,11 @@ def _fit(
     choices = _Choices(np.zeros(len(theta), dtype=bool), condition_limit or LARGEST_LIMIT, ())
     iterations = 0
     for attempt in range(ATTEMPTS):
-        nominal = fitting.at(0.0 * fitted.theta, fitted.placement) if fitted.theta.any() else fitted.problem
+        nominal = _nominal(fitting, fitted.placement)
         choices = _Choices(*choose(fitting.model, fitted.problem, nominal, fitted.theta, condition_limit, manner.seed))
-        fitted = iterate(fitting, np.where(choices.kept, fitted.theta, 0.0), fitted.placement, choices.kept)
+        held = np.where(choices.kept, fitted.theta, 0.0)
+        known = fitted.problem if np.array_equal(held, fitted.theta) else None
+        fitted = iterate(fitting, held, fitted.placement, choices.kept, known)
         iterations += fitted.iterations
         use = _without_outliers(fitting, fitted.problem) if manner.robust else fitting.use
         weight = fitting.rotation_weight
@@ -131,20 +133,28 @@ def _fit(
     return _calibration(fitting, fitted, choices, iterations, better or reason)
 
 
+def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
+    """The problem of the constant effects alone, at the nominal geometry."""
+    constant = tuple(e for e in fitting.model.effects if e.constant)
+    model = ErrorModel(fitting.model.mechanism, constant)
+    return replace(fitting, model=model).at(np.zeros(len(constant)), placement)
+
+
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
     """The fit or, where that ended above it on the same poses, its start; and the reason in words, else empty."""
     theta, placement = origin
-    start = fitting.at(theta, placement)
+    free = fitted.problem.left is not None
+    start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
     sigma = noise_sigma(fitting.model, start)
     before = fitting.cost(start, theta, placement, sigma)
     after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, sigma)
-    if fitted.problem.left is not None or after <= (1.0 + ROUNDING) * before:
+    if free or after <= (1.0 + ROUNDING) * before:
         return fitted, choices, ""
     left = [1e3 * residual_sigma(problem) for problem in (fitted.problem, start)]
     text = f"{left[0]:.4g} mm a component after the fit, {left[1]:.4g} mm before it"
-    kept = Fitted(placement, theta, start, fitted.iterations, "kept previous")
+    kept = Fitted(placement, theta, fitting.at(theta, placement), fitted.iterations, "kept previous")
     return kept, replace(choices, kept=choices.kept & (theta != 0.0)), text
 
 

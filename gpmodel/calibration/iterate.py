@@ -1,19 +1,23 @@
 """Damped Gauss-Newton: steps on the analytic columns, halved until the error falls."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.linearise import Linearised, linearise, placement_after
-from gpmodel.calibration.noise import decorrelated
+from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
+from gpmodel.calibration.noise import decorrelated, decorrelated_rows
 from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean, prior_rows, tool_rows
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.least_squares import solve
+from gpmodel.numerics.least_squares import MANY_COLUMNS, factored, solve
 
 MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
+NEAR = 1e-6
+"""Metres: columns stay as they are within steps that move no reading by more; they turn by a millionth of themselves
+there, which moves where the iterations end by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
 """Metres: a step that moves no reading by more ends the iterations; instruments resolve a hundred times that."""
 
@@ -45,6 +49,11 @@ class Fitting:
         problem = linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
         return decorrelated(problem, self.bundle, self.ratio)
 
+    def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
+        """The problem of a point with the residual at another one, its columns as they are. Not beside free joints."""
+        there = residual_at(problem, self.model, theta, placement)
+        return replace(there, residual=decorrelated_rows(there, there.residual, self.bundle, self.ratio))
+
     def cost(self, problem: Linearised, theta: Array, placement: Placement, sigma: float) -> float:
         """Sum of squares, m², of the residual and of the pulls of the priors, weighted by σ, m."""
         prior = np.array([e.prior for e in self.model.effects])
@@ -64,16 +73,21 @@ class Fitted:
     status: str
 
 
-def iterate(fitting: Fitting, theta: Array, placement: Placement, kept: Mask) -> Fitted:
-    """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,).
+def iterate(
+    fitting: Fitting, theta: Array, placement: Placement, kept: Mask, problem: Linearised | None = None
+) -> Fitted:
+    """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,). problem: at that point,
+    where it is known.
 
     A step that does not lower the cost is halved until it does. Where free joints are eliminated, the rows change with
     the point and costs cannot be compared: steps are taken whole.
     """
-    problem = fitting.at(theta, placement)
-    last = np.inf
+    problem = problem or fitting.at(theta, placement)
+    last, since, gram = np.inf, 0.0, None
     for iteration in range(1, MAX_ITERATIONS + 1):
-        step = _step(fitting, problem, theta, placement, kept)
+        if gram is None and problem.placement + kept.sum() >= MANY_COLUMNS:
+            gram = problem.columns.T @ problem.columns
+        step = _step(fitting, problem, theta, placement, kept, gram)
         moved = float(np.max(np.abs(problem.columns @ step), initial=0.0))
         if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
             return Fitted(placement, theta, problem, iteration, "diverged")
@@ -83,28 +97,43 @@ def iterate(fitting: Fitting, theta: Array, placement: Placement, kept: Mask) ->
             part = step / 2**halving
             tried = placement_after(fitting.poses, problem.observed, placement, part[: problem.placement])
             values = theta + part[problem.placement :]
-            there = fitting.at(values, tried)
+            near = problem.left is None and since + moved < NEAR
+            there = fitting.beside(problem, values, tried) if near else fitting.at(values, tried)
             whole = problem.left is not None or moved < STEP_TOLERANCE
             if whole or fitting.cost(there, values, tried, sigma) <= before:
                 break
         else:
             return Fitted(placement, theta, problem, iteration, "stalled")
         placement, theta, problem, last = tried, values, there, moved
+        since, gram = (since + moved, gram) if near else (0.0, None)
         if moved < STEP_TOLERANCE:
             return Fitted(placement, theta, problem, iteration, "converged")
     return Fitted(placement, theta, problem, MAX_ITERATIONS, "stalled")
 
 
-def _step(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Array:
-    """The whole step (K,): least squares over columns scaled to unit length, zero for what is not kept."""
+def _step(
+    fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
+) -> Array:
+    """The whole step (K,): least squares over columns scaled to unit length, zero for what is not kept.
+
+    gram: products (K, K) of the columns where these are so many that the normal equations are solved.
+    """
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior, pull = prior_rows(fitting.model, theta, problem, kept)
     tool, tool_pull = tool_rows(problem, placement)
     rows = np.vstack([prior, tool])[:, free]
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
-    system = np.vstack([problem.columns[:, free], rows])
-    system /= scale
+    rows /= scale
+    pulls = np.concatenate([pull, tool_pull])
     step = np.zeros(len(free))
-    step[free] = solve(system, np.concatenate([problem.residual, pull, tool_pull])) / scale
+    if gram is None:
+        system = np.vstack([problem.columns[:, free] / scale, rows])
+        step[free] = solve(system, np.concatenate([problem.residual, pulls])) / scale
+        return step
+    inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
+    inner[np.diag_indices_from(inner)] += np.sum(rows[: len(pull)] ** 2, axis=0)
+    inner += rows[len(pull) :].T @ rows[len(pull) :]
+    right = (problem.columns.T @ problem.residual)[free] / scale + rows.T @ pulls
+    step[free] = linalg.cho_solve(factored(inner), right, check_finite=False) / scale
     return step

@@ -1,6 +1,7 @@
 """The weighted linear problem at one point: what every parameter does to every observation."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,9 +20,6 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
-
-EFFECTS_AT_ONCE = 32
-"""Effects whose columns are made at once: of ten thousand poses about ten megabytes."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,13 @@ class Linearised:
     weights: Array
     left: "Left | None" = None
 
+    def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
+        """Columns (M, E) of any effects, weighted like the residual."""
+        if self.left is not None:
+            return self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
+        out = np.zeros((len(effects), len(self.residual)))
+        return add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+
     def weigh(self, values: Array) -> Array:
         """Observations (N, m, ...) as rows (M, ...), weighted like the residual; what free joints absorb is zero."""
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
@@ -65,18 +70,40 @@ class Left:
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
     """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
     out = np.zeros((len(effects), len(poses), observed.components))
-    cache: dict[int, Array] = {}
+    for k, slot, axis, shape in _shaped(effects, model, poses, observed):
+        out[k] += observed.sensitivity(slot)[:, :, axis] * shape[:, None]
+    return np.moveaxis(out, 0, 2)
+
+
+def add_effect_rows(
+    out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
+) -> Array:
+    """Adds to rows (E, M) the columns of the effects where weights (N, m) are positive, times these; `out` again.
+
+    The same numbers as those of `effect_columns`, effect by effect in memory: what a slot does is brought into rows
+    once.
+    """
+    rows = weights > 0
+    pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
+    reach: dict[int, Array] = {}
+    for k, slot, axis, shape in _shaped(effects, model, poses, observed):
+        if slot not in reach:
+            reach[slot] = np.ascontiguousarray((observed.sensitivity(slot)[rows] * weight).T)
+        out[k] += reach[slot][axis] * shape[pose]
+    return out
+
+
+def _shaped(
+    effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
+) -> Iterator[tuple[int, int, int, Array]]:
+    """Every term of some effects: the effect's number, indices of slot and axis, weight times basis (N,)."""
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
     seen = poses.states.seen_at(observed.tip[:, :3, 3]) if by_instrument else poses.states
     for k, effect in enumerate(effects):
         for term in effect.terms:
-            slot = known.index(term.slot)
-            if slot not in cache:
-                cache[slot] = np.ascontiguousarray(np.moveaxis(observed.sensitivity(slot), 2, 0))
-            shape = term.weight * (seen if term.slot == INSTRUMENT else poses.states).value(term.basis)
-            out[k] += cache[slot][AXES.index(term.axis)] * shape[:, None]
-    return np.moveaxis(out, 0, 2)
+            states = seen if term.slot == INSTRUMENT else poses.states
+            yield k, known.index(term.slot), AXES.index(term.axis), term.weight * states.value(term.basis)
 
 
 def linearise(
@@ -96,12 +123,9 @@ def linearise(
     rows = weights > 0
     weight = weights[rows]
     # one effect after the other in memory: columns of thousands of poses by hundreds of effects are there only once
-    weighted = np.empty((len(names) + len(model.effects), len(weight))).T
+    weighted = np.zeros((len(names) + len(model.effects), len(weight))).T
     weighted[:, : len(names)] = np.concatenate(blocks, axis=2)[rows] * weight[:, None]
-    for at in range(0, len(model.effects), EFFECTS_AT_ONCE):
-        some = effect_columns(model.effects[at : at + EFFECTS_AT_ONCE], model, poses, observed)
-        first = len(names) + at
-        weighted[:, first : first + some.shape[2]] = some[rows] * weight[:, None]
+    add_effect_rows(weighted.T[len(names) :], model.effects, model, poses, observed, weights)
     return Linearised(
         columns=weighted,
         residual=residual[rows] * weight,
@@ -113,6 +137,14 @@ def linearise(
         sizes=np.linalg.norm(weighted, axis=0),
         weights=weights,
     )
+
+
+def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
+    """A problem without free joints, with the weighted residual at another point and its columns as they are."""
+    observed = observe(model, problem.poses, theta, placement)
+    rows = problem.weights > 0
+    residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
+    return replace(problem, residual=residual, observed=observed)
 
 
 @dataclass(frozen=True)

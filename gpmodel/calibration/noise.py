@@ -75,9 +75,15 @@ def decorrelated(problem: Linearised, bundle: IntArray, ratio: float) -> Lineari
     """
     if ratio == 0.0:
         return problem
-    noise, alone = replace(blocks_of(problem, bundle), ratio=ratio), float(np.sqrt(1.0 + ratio))
-    columns, residual = alone * noise.whiten(problem.columns), alone * noise.whiten(problem.residual)
+    columns, residual = (decorrelated_rows(problem, v, bundle, ratio) for v in (problem.columns, problem.residual))
     return replace(problem, columns=columns, residual=residual)
+
+
+def decorrelated_rows(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> Array:
+    """The same of any values (M, ...) over the rows of a problem."""
+    if ratio == 0.0:
+        return values
+    return float(np.sqrt(1.0 + ratio)) * replace(blocks_of(problem, bundle), ratio=ratio).whiten(values)
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.calibration.linearise import Linearised, effect_columns
+from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
@@ -194,7 +194,7 @@ class _Columns:
     def of(self, candidate: Candidate) -> Array:
         """Columns (M, k) of a candidate's effects."""
         problem = self.problem
-        return problem.weigh(effect_columns(candidate.effects, self.calibration.model, problem.poses, problem.observed))
+        return problem.effect_rows(candidate.effects, self.calibration.model)
 
 
 def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.linearise import Linearised, effect_columns
+from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.criteria import Criteria
@@ -77,8 +77,7 @@ class Residual:
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Weighted columns (M, E) of any effects at these poses."""
-        blocks = effect_columns(tuple(effects), self.calibration.model, self.poses, self.problem.observed)
-        return self.problem.weigh(blocks)
+        return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (M + B, E) less what is enabled, and the share (E,) of each left; zero where past numbers."""

@@ -96,10 +96,14 @@ class ErrorModel:
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
+        return self.frames_after(poses, self.twists(poses, theta))
+
+    def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
+        """The same after error twists (N, 6) that are known, by the index of their slot."""
         if loops := closed(self.mechanism):
-            return loops.assembled(poses.dataset.q, self.twists(poses, theta))
+            return loops.assembled(poses.dataset.q, twists)
         relative = poses.transforms.copy()
-        for slot, twist in self.twists(poses, theta).items():
+        for slot, twist in twists.items():
             relative[slot] = relative[slot] @ se3.exp(twist)
         return se3.chain(relative)
 
@@ -112,10 +116,11 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     every tool; KeyError where one is missing.
     """
     data = poses.dataset
-    frames = model.frames(poses, theta)
+    twists = model.twists(poses, theta)
+    frames = model.frames_after(poses, twists)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])
     register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
-    tip, kinds, twists = frames[-1] @ tool, observations(data), model.twists(poses, theta)
+    tip, kinds = frames[-1] @ tool, observations(data)
     by_instrument = model.instrument_twist(poses, theta, (register @ tip)[:, :3, 3])
     own = np.broadcast_to(np.eye(4), register.shape)
     if by_instrument is not None:

@@ -1,7 +1,7 @@
 """Predicted readings, and how they move with every twist of the mechanism, the tool and the registration."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Observed:
     kinds: tuple[Observation, ...]
     own: Mapping[str, Array]
     carried: Callable[[Array, int], Array] | None = None
+    _known: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def tip(self) -> Array:
@@ -62,12 +63,18 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Change (N, m, 6) of the m components per unit of an error twist at a slot, beside the twist it has.
+        """Change (N, m, 6) of the m components per unit of an error twist at a slot, beside the twist it has; worked
+        out once.
 
         The frame is that after the twist ξ, so exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) brings in the right Jacobian.
         The point moves by R e for a translation, by (R e) × (p_tip - p_slot) for a rotation, which turns it by R e.
         Where loops close, the twist at the slot first becomes one of the tool's slot, the last before the instrument.
         """
+        if slot not in self._known:
+            self._known[slot] = self._sensitivity(slot)
+        return self._known[slot]
+
+    def _sensitivity(self, slot: int) -> Array:
         instrument = len(self.frames) - 1
         looped = self.carried is not None and slot < instrument
         at = self.frames[instrument - 1 if looped else slot]

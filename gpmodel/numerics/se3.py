@@ -1,12 +1,14 @@
 """Rigid motions, vectorised over poses. Transforms are (..., 4, 4); a twist is (Tx, Ty, Tz, Rx, Ry, Rz)."""
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
 
 JACOBIAN_TERMS = 16
-"""Terms of the series of the Jacobian: exact to rounding up to turns of 1 rad, far beyond any error twist."""
+"""Most terms of the series of the Jacobian: exact to rounding up to turns of 1 rad, far beyond any error twist."""
 
 
 def hat(vectors: Array) -> Array:
@@ -43,8 +45,9 @@ def exp(twists: Array) -> Array:
 def right_jacobian(twists: Array) -> Array:
     """Right Jacobian (..., 6, 6) of the exponential: exp(ξ + dξ) = exp(ξ) exp(J dξ) to first order in dξ.
 
-    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians; a twist that is the same everywhere is
-    worked out once. Source: Barfoot (2017), State Estimation for Robotics, 7.1.5.
+    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians, up to the first term that is rounding
+    everywhere; a twist that is the same everywhere is worked out once.
+    Source: Barfoot (2017), State Estimation for Robotics, 7.1.5.
     """
     flat = twists.reshape(-1, 6)
     if len(flat) > 1 and not np.ptp(flat, axis=0).any():
@@ -52,8 +55,10 @@ def right_jacobian(twists: Array) -> Array:
     turn, slide = hat(twists[..., 3:]), hat(twists[..., :3])
     ad = np.zeros((*twists.shape, 6))
     ad[..., :3, :3], ad[..., :3, 3:], ad[..., 3:, 3:] = turn, slide, turn
+    size = float(np.sqrt(np.max(np.sum(ad**2, axis=(-2, -1)), initial=0.0)))
+    small = (k for k in range(1, JACOBIAN_TERMS) if size**k < np.finfo(float).eps / 8 * math.factorial(k + 1))
     out = np.broadcast_to(np.eye(6), ad.shape)
-    for k in range(JACOBIAN_TERMS, 1, -1):
+    for k in range(next(small, JACOBIAN_TERMS), 1, -1):
         out = np.eye(6) - ad @ out / k
     return np.asarray(out)
 

@@ -8,7 +8,7 @@ import pytest
 from effect_cases import MECHANISMS, bare, mechanism, random_placement
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.linearise import effect_columns, linearise
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
@@ -77,6 +77,22 @@ def test_columns_are_the_derivatives_of_position_rotation_and_distance(name: str
         numeric = derivative([effect], 0, poses, placement, np.zeros(1), name)
         size = np.abs(columns[:, :, k]).max()
         np.testing.assert_allclose(columns[:, :, k], numeric, atol=2e-8 * size + 1e-12, rtol=0, err_msg=effect.name)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_rows_are_the_weighted_columns_of_what_was_measured(name: str) -> None:
+    poses, placement = scene(name)
+    measured = poses.dataset.row[:, None] % 3 > 0
+    missing = replace(poses.dataset, rotation=np.where(measured, poses.dataset.rotation, np.nan))
+    poses, effects = prepare(mechanism(name), missing), pool(name)
+    model, use = ErrorModel(mechanism(name), effects), np.arange(len(poses)) != 4
+    at = 1e-4 * np.random.default_rng(6).normal(size=len(effects))
+    problem = linearise(model, poses, at, placement, 0.3, use)
+    expected = problem.weigh(effect_columns(effects, model, poses, problem.observed))
+    assert problem.columns.shape[0] == len(expected) < problem.weights.size
+    rounding = 1e-11 * np.abs(expected).max(axis=0)
+    assert (np.abs(problem.columns[:, problem.placement :] - expected) <= rounding).all()
+    assert (np.abs(problem.effect_rows(effects, model) - expected) <= rounding).all()
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -52,3 +52,14 @@ def test_fit_rotation_finds_the_motion_and_never_a_mirror_image(points: int) -> 
     np.testing.assert_allclose(shift, motion[:3, 3], atol=1e-12)
     mirrored, _ = se3.fit_rotation(source, source * np.array([1.0, 1.0, -1.0]))
     assert np.linalg.det(mirrored) == pytest.approx(1.0)
+
+
+@given(twists, st.sampled_from([0.3, 1e-2, 1e-4, 1e-8, 0.0]))
+def test_right_jacobian_is_the_whole_series_however_few_of_its_terms_are_summed(twist: np.ndarray, size: float) -> None:
+    twist = size * twist
+    ad = np.block([[se3.hat(twist[3:]), se3.hat(twist[:3])], [np.zeros((3, 3)), se3.hat(twist[3:])]])
+    whole, term = np.eye(6), np.eye(6)
+    for k in range(1, 30):
+        term = -term @ ad / (k + 1)
+        whole = whole + term
+    np.testing.assert_allclose(se3.right_jacobian(np.vstack([twist, 0.5 * twist]))[0], whole, atol=1e-12)
