@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +39,12 @@ def markdown(rows: list[dict[str, Any]], command: str) -> str:
     """Counts over each family, then each robot; 3-D rms on fresh measured poses in mm, outside the range after '/'."""
     groups = {family: [r for r in rows if CASES[r["case"]].family == family] for family in FAMILIES}
     groups = {family: own for family, own in groups.items() if own}
-    lines = [f"`{command}`", "", _line(("family", *(c.replace("_", " ") for c in COUNTS))), _rule(1 + len(COUNTS))]
+    lines = [f"`{command}`", "", line(("family", *(c.replace("_", " ") for c in COUNTS))), rule(1 + len(COUNTS))]
     for family, own in {**groups, "all": rows}.items():
         counts = summarise(own)
-        lines.append(_line((family, *(_number(counts[c]) for c in COUNTS))))
+        lines.append(line((family, *(number(counts[c]) for c in COUNTS))))
     for family, own in groups.items():
-        lines += ["", f"## {family}", "", _line((*COLUMNS, "added", "s")), _rule(len(COLUMNS) + 2), *map(_robot, own)]
+        lines += ["", f"## {family}", "", line((*COLUMNS, "added", "s")), rule(len(COLUMNS) + 2), *map(_robot, own)]
     return "\n".join([*lines, ""])
 
 
@@ -52,24 +53,27 @@ def _robot(row: dict[str, Any]) -> str:
     cells += [_both(row, f"{who}_{{}}noisy_mm") for who in ("geometric", "oracle", "product")]
     cells += [_both(row, "ratio_{}noisy"), _both(row, "ratio_{}standard") + (" worse" if row.get("worse") else "")]
     if "failed" in row:
-        return _line((*cells, "", "", "", f"failed: {row['failed']}", ""))
+        return line((*cells, "", "", "", f"failed: {row['failed']}", ""))
     if "named" not in row:
-        return _line((*cells, "", "", "", "", ""))
+        return line((*cells, "", "", "", "", ""))
     counts = (f"{row['effects_named']} of {row['effects']}", row["false"], f"{row['readable']} of {len(row['found'])}")
-    return _line((*cells, *counts, "; ".join(row["found"]) or "nothing", row["seconds"]))
+    return line((*cells, *counts, "; ".join(row["found"]) or "nothing", row["seconds"]))
 
 
 def _both(row: dict[str, Any], key: str) -> str:
-    return " / ".join(_number(row[k]) for k in (key.format(""), key.format("beyond_")) if k in row)
+    return " / ".join(number(row[k]) for k in (key.format(""), key.format("beyond_")) if k in row)
 
 
-def _number(value: Any) -> str:
+def number(value: Any) -> str:
+    """A cell: three places where there are any, nothing for None."""
     return f"{value:.3f}" if isinstance(value, float) else "" if value is None else str(value)
 
 
-def _line(cells: tuple[Any, ...]) -> str:
+def line(cells: Iterable[Any]) -> str:
+    """A row of a table."""
     return "| " + " | ".join(str(cell).replace("|", "/") for cell in cells) + " |"
 
 
-def _rule(columns: int) -> str:
+def rule(columns: int) -> str:
+    """The row below the names of the columns."""
     return "|" + "---|" * columns

@@ -8,9 +8,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from experiments.blind.cases import CASES
 from experiments.blind.grading import answers, deviations, false, grade, innocent, nodes, readable, worse
 from experiments.blind.run import chosen, parse
 from experiments.blind.tables import markdown, save, saved
+from experiments.blind.ways import ROBOTS, WAYS, counted
+from experiments.blind.ways import markdown as side_by_side
 
 
 @pytest.mark.parametrize(
@@ -137,3 +140,18 @@ def test_results_are_read_back_and_tabled(tmp_path):
     assert saved(tmp_path / "none.json") == {}
     assert "| last_move_3 | open | 0 | 0.100 | 0.100 |" in (tmp_path / "r.md").read_text()
     assert "failed: it stopped" in markdown([{**row, "failed": "it stopped"}], "command")
+
+
+def test_one_robot_looked_at_in_several_ways_is_one_line():
+    row = {"case": "base", "seed": 3, "named": True, "effects": 1, "effects_named": 1, "false": 0, "found": ["base"]}
+    row |= {"oracle_clean_mm": 0.1, "geometric_clean_mm": 0.2, "ratio_noisy": 1.02, "seconds": 3.0}
+    rows = [{**row, "way": "catalogue alone"}, {**row, "way": "programs alone", "false": 2, "ratio_noisy": 1.3}]
+    counts = {way: counted([r for r in rows if r["way"] == way]) for way in WAYS}
+    assert [c.get("within_goal") for c in counts.values()] == [1, 0, None]
+    counts.pop("both")
+    assert "| base 3 | single | 1.020, 1 of 1 | 1.300, 1 of 1, 2 false |" in side_by_side(rows, counts)
+
+
+def test_the_robots_of_the_ways_are_open_and_of_every_family_but_ranges():
+    assert not any(CASES[name].aside for name in ROBOTS)
+    assert {CASES[name].family for name in ROBOTS} == {case.family for case in CASES.values()} - {"range"}

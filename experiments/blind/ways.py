@@ -1,0 +1,113 @@
+"""The catalogue alone, genetic programming alone, and both as they are shipped, on the same blind robots.
+
+From the root of the repository: python -m experiments.blind.ways --first-seed 10 --results FILE
+Robots are taken one after the other, each in all ways, so that the table is even wherever it is stopped; started again,
+it leaves out what the file has. `--ways "catalogue alone"` fills one column.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+from itertools import product
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from experiments.blind.cases import CASES
+from experiments.blind.grading import summarise
+from experiments.blind.product import Asked, Row, judge
+from experiments.blind.tables import line, number, rule
+from gpmodel.executor import Processes, Threads
+
+WAYS = {"catalogue alone": ("--runs", "0"), "programs alone": ("--no-catalogue",), "both": ()}
+ROBOTS = (
+    "compliance_2", "last_move_3", "range_offset", "four_150", "student", "bump_2", "massless_ur", "null_columns",
+    "ripple_101", "product_2_4", "repeats_jitter", "setup_step", "lag_link", "wrong_masses_kuka", "windup_3", "narrow",
+    "six_150", "gear_4_twice", "tracker_drift", "rail_straightness", "curves_ur",
+)  # fmt: skip
+"""Open robots of every family but `range`, mixed, so that fewer of them are still of many families."""
+COUNTS = (
+    "robots", "within_goal", "median_ratio", "worst_ratio", "worse_than_standard", "effects_named", "effects",
+    "false_additions", "readable", "findings",
+)  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default=",".join(ROBOTS), help="names of cases, with commas")
+    parser.add_argument("--ways", default=",".join(WAYS), help=f"with commas, of {', '.join(WAYS)}")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1, help="robots side by side")
+    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "blind_ways")
+    parser.add_argument("--results", type=Path, required=True, help="JSON; the table goes into the same name with .md")
+    settings = parser.parse_args()
+    rows = json.loads(settings.results.read_text())["robots"] if settings.results.exists() else []
+    done = {(row["case"], row["seed"], row["way"]) for row in rows if "failed" not in row}
+    rows = [row for row in rows if "failed" not in row]
+    command = shlex.join(["python", "-m", "experiments.blind.ways", *sys.argv[1:]])
+    seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
+    asked = product(seeds, settings.only.split(","), settings.ways.split(","))
+    calls = [(name, seed, way, settings.work) for seed, name, way in asked if (name, seed, way) not in done]
+    side_by_side = Threads(1) if settings.workers == 1 else Processes(settings.workers)
+    for _, row in side_by_side(judged, calls):
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+        save(rows, command, settings.results)
+
+
+def judged(call: tuple[str, int, str, Path]) -> Row:
+    """One robot looked at in one way."""
+    name, seed, way, work = call
+    asked = Asked(WAYS[way], ("--in-order",), ("--session", "--in-order"))
+    return {"way": way, **judge(name, seed, work / f"{name}_{seed}_{way.split()[0]}", asked)}
+
+
+def save(rows: list[Row], command: str, file: Path) -> None:
+    """Rows and counts as they stand, in JSON, and as Markdown."""
+    summary = {way: counted([row for row in rows if row["way"] == way]) for way in WAYS}
+    summary = {way: counts for way, counts in summary.items() if counts}
+    said = json.dumps({"command": command, "summary": summary, "robots": rows}, indent=1) + "\n"
+    for path, text in ((file, said), (file.with_suffix(".md"), markdown(rows, summary))):
+        part = path.with_name(path.name + ".part")
+        part.write_text(text)
+        part.replace(path)
+
+
+def counted(rows: list[Row]) -> dict[str, Any]:
+    """Counts over the robots of one way, and the seconds of its middle one; empty without any."""
+    counts = summarise(rows)
+    seconds = [row["seconds"] for row in rows if "seconds" in row]
+    return {**{key: counts[key] for key in COUNTS}, "median_seconds": median(seconds)} if seconds else {}
+
+
+def markdown(rows: list[Row], summary: dict[str, dict[str, Any]]) -> str:
+    """Counts over all robots, a column a way, then error over the oracle's and findings of each robot."""
+    ways = tuple(summary)
+    lines = [line(("", *ways)), rule(1 + len(ways))]
+    keys = (*COUNTS, "median_seconds")
+    lines += [line((key.replace("_", " "), *(number(summary[way][key]) for way in ways))) for key in keys]
+    lines += ["", line(("robot", "family", *ways)), rule(2 + len(ways))]
+    found = {(row["case"], row["seed"], row["way"]): row for row in rows}
+    for case, seed in dict.fromkeys((row["case"], row["seed"]) for row in rows):
+        cells = (_robot(found.get((case, seed, way))) for way in ways)
+        lines.append(line((f"{case} {seed}", CASES[case].family, *cells)))
+    return "\n".join([*lines, ""])
+
+
+def _robot(row: Row | None) -> str:
+    """Error over the oracle's, effects named of those there are, and false additions where there are any."""
+    if row is None:
+        return ""
+    if "failed" in row:
+        return "failed"
+    false = f", {row['false']} false" if row["false"] else ""
+    return f"{row['ratio_noisy']:.3f}, {row['effects_named']} of {row['effects']}{false}"
+
+
+if __name__ == "__main__":
+    main()
