@@ -19,8 +19,8 @@ MOST_EFFECTS = 2000
 MOST_TERMS = 64
 MOST_COLUMNS = 500
 MOST_ROWS = 1_000_000
-LARGEST_NUMBER = 1e9
-"""In SI: no length, stiffness or coordinate of a machine is larger."""
+LARGEST_NUMBER = 1e13
+"""In SI: no length, stiffness or coordinate of a machine is larger, nor a moment in milliseconds since 1970."""
 ROTATION_TOLERANCE = 1e-6
 """By which the axes of a frame that was written with all its digits may miss being orthonormal: rounding."""
 

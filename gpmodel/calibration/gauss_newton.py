@@ -106,7 +106,7 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose, iterate, look for outliers, and again until none is new."""
+    """Choose, iterate, look for outliers, and again until none is new; from the start where they let no fit settle."""
     origin = theta, placement
     fitted = Fitted(placement, theta, fitting.at(theta, placement), 0, "converged")
     choices = _Choices(np.zeros(len(theta), dtype=bool), condition_limit or LARGEST_LIMIT, ())
@@ -121,12 +121,16 @@ def _fit(
         use = _without_outliers(fitting, fitted.problem) if manner.robust else fitting.use
         weight = fitting.rotation_weight
         ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
-        again = not np.array_equal(use, fitting.use) or abs(np.log1p(ratio) - np.log1p(fitting.ratio)) > RATIO_SETTLED
+        fewer, settled = not np.array_equal(use, fitting.use), fitted.status == "converged"
+        again = fewer or (settled and abs(np.log1p(ratio) - np.log1p(fitting.ratio)) > RATIO_SETTLED)
         if manner.weigh and attempt == 0:
-            weight, again = _rotation_weight(fitted.problem, fitting.poses), True
-        if not again or fitted.status != "converged" or attempt + 1 == ATTEMPTS:
+            weight, again = _rotation_weight(fitted.problem, fitting.poses), settled or fewer
+        if not again or attempt + 1 == ATTEMPTS:
             break
-        fitting = replace(fitting, use=use, rotation_weight=weight, ratio=ratio)
+        if settled:
+            fitting = replace(fitting, use=use, rotation_weight=weight, ratio=ratio)
+        else:
+            fitting, fitted = replace(fitting, use=use), replace(fitted, theta=origin[0], placement=origin[1])
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
     reason = REASONS[fitted.status]
     fitted, choices, better = _better(fitting, fitted, choices, origin)

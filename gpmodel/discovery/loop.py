@@ -35,6 +35,7 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
 from gpmodel.progress import Say, Teller, silent
+from gpmodel.table.bundles import copies
 
 
 def discover(
@@ -66,7 +67,9 @@ def discover(
     """
     started = time.monotonic()
     search, journal = search or Search(), journal or Forgetful()
-    given, say = len(poses), Teller(progress)
+    say = Teller(progress)
+    poses, train, heldout = _measured_once(poses, train, heldout, say)
+    given = len(poses)
     poses, train, heldout = _of_known_places(poses, train, heldout)
     offers = distinct(candidates)
     instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched
@@ -121,6 +124,21 @@ def _climbed(loop: State, standard_fit: Calibration, calibration: Calibration) -
     return calibration, "nothing else stands out of chance"
 
 
+def _measured_once(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> tuple[Poses, IntArray, IntArray]:
+    """The poses without rows that copy another, which would count twice, and the rows again."""
+    copied = copies(poses.dataset)
+    if not copied.any():
+        return poses, train, heldout
+    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
+    return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
+
+
+def _only(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
+    """The poses of some rows, and these again."""
+    kept = np.sort(np.concatenate([train, heldout]))
+    return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
+
+
 def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
     """The poses without the held-out ones of set-ups and tools that no training pose is of, and the rows again."""
     data = poses.dataset
@@ -132,8 +150,7 @@ def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[
         )
     if len(known) == len(heldout):
         return poses, train, heldout
-    kept = np.sort(np.concatenate([train, known]))
-    return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, known)
+    return _only(poses, train, known)
 
 
 def _ladder(loop: State, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:

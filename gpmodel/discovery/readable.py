@@ -31,7 +31,9 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
         elif states.units[name] in ("Nm", "N"):
             offset, scale = 0.0, float(f"{largest:.3g}")
         else:
-            offset, scale = float(f"{column.mean():.4g}"), float(f"{max(column.std(), 1e-12):.3g}")
+            mean, deviation = float(column.mean()), max(float(column.std()), 1e-12)
+            digits = 4 + max(0, int(np.log10(max(abs(mean) / deviation, 1.0))) - 1)
+            offset, scale = float(f"{mean:.{digits}g}"), float(f"{deviation:.3g}")
         names.append(name)
         values.append((column[rows] - offset) / scale)
         shifted = f"({name} - {offset!r})" if offset else name

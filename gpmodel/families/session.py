@@ -95,7 +95,7 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ, said in the name."""
     clock, start, span, unit = _clock(states)
-    since = clock if clock == "row" else f"({clock} - {start:.6g})"
+    since = clock if clock == "row" else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
     within = f"within {symbol()} {unit}"
     zeros = [
@@ -110,15 +110,18 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """1 - exp(-t/tau) with t the time since an event, at each of a dozen moments."""
+    """1 - exp(-t/tau) with t the time since an event, at each of a dozen moments; of a clock that began long before the
+    session, as seconds since 1970 did, they are counted from the first row."""
     clock, start, span, unit = _clock(states)
     if states.past is None:
         return
-    basis = Expression(f"1 - exp(-max({clock} - {symbol(0)}, 0)/{symbol(1)})")
-    after = f"after {clock} {symbol(0)} within {symbol(1)} {unit}"
+    origin = start if abs(start) > span else 0.0
+    first = f"{origin:.12g} + " if origin else ""
+    basis = Expression(f"1 - exp(-max({clock} - ({first}{symbol(0)}), 0)/{symbol(1)})")
+    after = f"after {clock} {first}{symbol(0)} within {symbol(1)} {unit}"
     pause = span / (EVENTS + 1)
     for k in range(1, EVENTS + 1):
-        moment = Constant("moment of the event", unit, float(f"{start + k * pause:.4g}"), pause)
+        moment = Constant("moment of the event", unit, float(f"{start - origin + k * pause:.4g}"), pause)
         for share in (0.05, 0.15, 0.45):
             tau = Constant("time constant", unit, float(f"{share * span:.3g}"), share * span, number=1)
             for effect in _settling(mechanism, basis, after):

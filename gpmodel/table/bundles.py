@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
+from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.dataset import Dataset
 
 SAME_JOINT = 5e-4
@@ -20,6 +21,8 @@ or twenty poses spread over a small box lie within three to five; poses spread o
 FAR_JOINT = 10 * SAME_JOINT
 """Joint values, rad or m, beyond which rows labelled as repeats are not: 0.3 deg moves a tool by millimetres."""
 
+FAR_POINT = 0.05
+"""Metres between the points of one pose beyond which they are no repeats: no play or slip moves a tool so far."""
 
 FEWEST_POSES = 20
 """Poses below which a gap between their distances is chance."""
@@ -52,7 +55,8 @@ def replicates(dataset: Dataset) -> IntArray:
     """
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
-    same[_copies(dataset)] = np.flatnonzero(_copies(dataset))
+    again = np.flatnonzero(copies(dataset))
+    same[again] = again
     codes = np.where(labels != "", _same_label(dataset, "repeat"), same)
     keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool"))])
     loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
@@ -74,23 +78,29 @@ def sharing(dataset: Dataset) -> IntArray:
 def noise_floor(dataset: Dataset) -> float | None:
     """RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
 
-    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`).
+    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`), but for those whose own spread stands
+    far out: a reading that failed is no noise.
     """
     known = np.isfinite(dataset.position).all(axis=1)
     points = dataset.position[known]
     code, count = np.unique(replicates(dataset)[known], return_inverse=True, return_counts=True)[1:]
-    freedom = len(points) - len(count)
-    if not freedom:
+    again = count > 1
+    if not again.any():
         return None
     mean = np.zeros((len(count), 3))
     np.add.at(mean, code, points)
-    return float(np.sqrt(np.sum((points - (mean / count[:, None])[code]) ** 2) / freedom))
+    squares = np.bincount(code, np.sum((points - (mean / count[:, None])[code]) ** 2, axis=1))[again]
+    freedom = count[again] - 1
+    spread = np.sqrt(squares / freedom)
+    near = spread <= outlier_limit(spread)
+    return float(np.sqrt(squares[near].sum() / freedom[near].sum()))
 
 
 def check_repeats(dataset: Dataset) -> None:
-    """Refuses rows labelled as repeats of one pose whose joint values differ by more than FAR_JOINT.
+    """Refuses rows labelled as repeats of one pose whose joint values differ by more than FAR_JOINT, and repeats of
+    either kind whose points lie farther apart than FAR_POINT.
 
-    Raises InputError naming the two rows and the joint.
+    Raises InputError naming the two rows, and the joint or the distance.
     """
     first = _same_label(dataset, "repeat")
     apart = np.abs(dataset.q - dataset.q[first])
@@ -98,8 +108,16 @@ def check_repeats(dataset: Dataset) -> None:
         row, joint = np.unravel_index(int(np.argmax(apart)), apart.shape)
         raise InputError(
             f"{dataset.source}: rows {dataset.row[first[row]]} and {dataset.row[row]} are both repeat "
-            f"'{dataset.label('repeat')[row]}', but {dataset.joints[joint]} differs by {apart[row, joint]:.3g}; "
-            "expected one label a pose"
+            f"'{dataset.label('repeat')[row]}', but {dataset.joints[joint]} differs by {apart[row, joint]:.3g} rad "
+            "or m; expected one label a pose"
+        )
+    _, first, code = np.unique(replicates(dataset), return_index=True, return_inverse=True)
+    distance = np.nan_to_num(np.linalg.norm(dataset.position - dataset.position[first[code]], axis=1))
+    if distance.max(initial=0.0) > FAR_POINT and len(np.unique(first)) > 1:
+        far = int(np.argmax(distance))
+        raise InputError(
+            f"{dataset.source}: rows {dataset.row[first[code][far]]} and {dataset.row[far]} are one pose, but their "
+            f"points lie {1e3 * distance[far]:.0f} mm apart; expected repeats, or another set-up or tool"
         )
 
 
@@ -151,11 +169,12 @@ def _clusters(q: Array) -> IntArray:
     return distinct[together][np.searchsorted(distinct, first)]
 
 
-def _copies(dataset: Dataset) -> Mask:
+def copies(dataset: Dataset) -> Mask:
     """Rows (N,) whose joint values and measurement are, to the last digit, those of an earlier row."""
-    measured = np.column_stack([dataset.q, dataset.position, dataset.rotation, *dataset.distances.values()])
-    first = np.unique(np.nan_to_num(measured, nan=np.inf), axis=0, return_index=True)[1]
-    return ~np.isin(np.arange(len(dataset)), first)
+    measured = np.column_stack([dataset.position, dataset.rotation, *dataset.distances.values()])
+    said = np.nan_to_num(np.column_stack([dataset.q, measured]), nan=np.inf)
+    first = np.unique(said, axis=0, return_index=True)[1]
+    return ~np.isin(np.arange(len(dataset)), first) & np.isfinite(measured).any(axis=1)
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:

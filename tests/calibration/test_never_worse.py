@@ -133,3 +133,16 @@ def test_no_effect_is_looked_for_at_a_joint_that_stands_still() -> None:
     assert stands_still(("J3.moving",), still)
     assert not stands_still(("J2.moving", "J3.moving"), still)
     assert not stands_still(("base",), still)
+
+
+def test_one_pose_measured_metres_away_is_left_out_and_changes_nothing_else() -> None:
+    truth = measure("irb6400r", (), (), 1, count=60)
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    position = truth.poses.dataset.position.copy()
+    position[1] += [1.5, -2.5, 0.5]
+    far = calibrate(model, prepare(truth.model.mechanism, replace(truth.poses.dataset, position=position)))
+    rest = calibrate(model, truth.poses.subset(np.delete(np.arange(60), 1)))
+    assert far.outliers.tolist() == [1]
+    assert far.status == "converged"
+    assert far.kept.tolist() == rest.kept.tolist()
+    np.testing.assert_allclose(far.theta, rest.theta, atol=1e-9)

@@ -56,6 +56,10 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
         lambda: GOOD.assign(repeat=[str(i // 2) for i in range(len(GOOD))]),
         ("repeat '", "expected one label a pose"),
     ),
+    "one pose at two places": (
+        lambda: GOOD.assign(**{c: [GOOD[c].iloc[0], *GOOD[c].iloc[:-1]] for c in JOINTS}),
+        ("rows 1 and 2 are one pose", "mm apart"),
+    ),
     "too large to be measured": (cell("x [mm]", 2, "1e300"), ("column 'x'", "row 3", "1e+300")),
     "column without a name": (lambda: GOOD.assign(**{"": "1"}), ("column 10 has no name",)),
     "column twice": (renamed(y_mm="x [m]"), ("column 'x' appears twice",)),

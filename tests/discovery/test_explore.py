@@ -1,5 +1,7 @@
 """Evolved programs as effects, and the histogram of the inputs they refer to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, bare, mechanism
@@ -19,6 +21,8 @@ from gpmodel.model.states import states_of
 
 STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 40))
 INPUTS, WRITTEN = readable_inputs(STATES, np.arange(40))
+
+
 UNARY = ("sin", "cos", "tan", "exp", "log", "sqrt", "abs", "square", "tanh")
 BINARY = ("add", "subtract", "multiply", "divide", "min", "max")
 
@@ -145,3 +149,12 @@ def test_a_program_is_offered_with_every_choice_of_its_outputs(text: str, count:
     found = parts(parse(text))
     assert found[0] == parse(text)
     assert len(set(found)) == len(found) == count
+
+
+def test_a_column_far_from_zero_is_read_from_its_middle() -> None:
+    data = bare("irb6400r", 60, 1)
+    data = replace(data, extras={"time": 1.7321e9 + np.arange(60.0)}, extra_units={"time": "s"})
+    inputs, _ = readable_inputs(prepare(mechanism("irb6400r"), data).states, np.arange(60))
+    values = inputs.values[inputs.names.index("time")]
+    assert abs(values.mean()) < 0.1
+    assert values.std() == pytest.approx(1.0, rel=0.01)

@@ -143,6 +143,11 @@ def test_an_innocent_robot_gets_nothing(seed: int) -> None:
     assert chosen(robot((), 60, seed)).kept == ()
 
 
+def test_an_exact_table_gets_nothing_for_its_rounding() -> None:
+    truth = measure(ARM, (), (), 1, dataset=bare(ARM, 60, 1, payload=False), noise=0.0)
+    assert chosen(truth).kept == ()
+
+
 @pytest.mark.parametrize("jitter", [0.0, 5e-5])
 def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     rng = np.random.default_rng(3)

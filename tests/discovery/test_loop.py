@@ -28,6 +28,7 @@ from gpmodel.evolution.tree import Tree
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.progress import Progress
 from gpmodel.table.split import hold_out
 
 NONE = Search(max_effects=0)
@@ -141,6 +142,19 @@ def test_limits_of_effects_and_time_are_kept_and_told() -> None:
     )  # fmt: skip
     assert "there may be more to find" in late.stopped
     assert len(late.findings) == 1
+
+
+def test_rows_that_copy_others_count_once() -> None:
+    truth, train, heldout = robot("nothing", 0, 40)
+    poses = truth.poses.subset(np.concatenate([np.arange(40), train[:10]]))
+    said: list[Progress] = []
+    twice = discover(
+        truth.model.mechanism, poses, np.concatenate([train, np.arange(40, 50)]), heldout,
+        search=Search(runs=0, workers=1), progress=said.append,
+    )  # fmt: skip
+    once = discover(truth.model.mechanism, truth.poses, train, heldout, search=Search(runs=0, workers=1))
+    assert said[0].text == "10 rows copy the measurement of another to the last digit: left out"
+    assert twice.final.theta.tolist() == once.final.theta.tolist()
 
 
 def test_a_known_effect_is_in_the_standard_model_and_not_found_again() -> None:

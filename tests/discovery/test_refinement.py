@@ -70,6 +70,24 @@ def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: 
     assert [e.name for e in found.effects] == [e.name for e in found.inner.effects]
 
 
+@pytest.mark.parametrize("beginning", ["warm-up of the zero within", "settling of the zero after time"])
+def test_a_clock_that_began_long_before_the_session_changes_no_basis(beginning: str) -> None:
+    """Seconds since 1970, where the session's last digits are the ninth."""
+    data = session()
+    late = replace(data, extras={**data.extras, "time": TIME - TIME[0] + 1732103456.25})
+    early = replace(data, extras={**data.extras, "time": TIME - TIME[0]})
+    pools = [
+        {tuple(c.inner.values): c for c in candidates(ARM, states) if c.inner and c.name.startswith(beginning)}
+        for states in (prepare(ARM, late).states, prepare(ARM, early).states)
+    ]
+    assert pools[0].keys() == pools[1].keys()
+    assert len(pools[0]) >= 4
+    for values, candidate in pools[0].items():
+        there, here = (p[values].bases[0](prepare(ARM, d).states) for p, d in zip(pools, (late, early), strict=True))
+        np.testing.assert_allclose(there, here, atol=1e-6)
+        assert candidate.name != pools[1][values].name or "warm-up" in beginning
+
+
 def test_what_has_no_constant_to_move_is_not_fitted_again() -> None:
     plain = offered("gear ratio, J1")[0]
     fits: list[int] = []

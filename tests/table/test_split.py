@@ -140,6 +140,19 @@ def test_a_copied_row_is_no_measurement_of_noise() -> None:
     assert bundles(data.subset([*range(40), 7])).max() == 19
 
 
+def test_one_reading_that_failed_is_no_noise_and_one_far_off_no_repeat() -> None:
+    data = repeated(0.0, 2)
+    off = np.zeros((40, 3))
+    off[7, 0] = 0.02
+    there = replace(data, position=data.position + off)
+    check_repeats(there)
+    assert noise_floor(there) == pytest.approx(noise_floor(data), rel=0.1)
+    with pytest.raises(
+        InputError, match=r"rows \d+ and \d+ are one pose, but their points lie 1151 mm apart; expected"
+    ):
+        check_repeats(replace(data, position=data.position + 1.151 / 0.02 * off))
+
+
 def test_approximate_joint_values_are_repeats_only_by_their_label() -> None:
     data = replace(repeated(0.0, 2), joints_approximate=True)
     assert noise_floor(data) is None

@@ -15,6 +15,9 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.gain import best
 from gpmodel.discovery.selection.pool import GroupPool
 
+LEAST_NOISE = 1e-8
+"""Metres, of a component: a tenth of what instruments resolve; in an exact table what is below it is rounding."""
+
 
 @dataclass(frozen=True)
 class Active:
@@ -73,8 +76,10 @@ class Active:
 
     @cached_property
     def lower(self) -> Array:
-        """L (K, K) with L Lᵀ = σ² I + AᵀA."""
-        return linalg.cholesky(self.inner + self.sigma2 * np.eye(len(self.pull)), lower=True, check_finite=False)
+        """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
+        count = len(self.pull)
+        rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
+        return linalg.cholesky(self.inner + (self.sigma2 + rounding) * np.eye(count), lower=True, check_finite=False)
 
     @cached_property
     def inverse(self) -> Array:

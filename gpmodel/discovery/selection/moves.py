@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.active import LEAST_NOISE, Active
 from gpmodel.discovery.selection.gain import with_own_noise
 from gpmodel.discovery.selection.scan import Replacements, scan
 
@@ -32,7 +32,7 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
     step = 1.0
     for _ in range(sweeps):
         target = {g: variance for g, (_, variance) in active.worth.items()}
-        sigma2 = active.energy / max(active.pool.rows.freedom - active.unknowns, 1.0)
+        sigma2 = max(active.energy / max(active.pool.rows.freedom - active.unknowns, 1.0), LEAST_NOISE**2)
         moved = {g: a * (target[g] / a) ** step for g, a in active.variances.items()}
         trial = replace(active, variances=moved, sigma2=active.sigma2 * (sigma2 / active.sigma2) ** step)
         gained = trial.evidence - active.evidence

@@ -11,7 +11,7 @@ from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.active import LEAST_NOISE, Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
 from gpmodel.discovery.selection.moves import exchanged, grown, pruned, reestimated
@@ -115,7 +115,7 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     noise = whitened(problem, task.bundle[task.sample], point.ratio)
     rows = Rows(task.mechanism, problem, target, noise, task.shapes)
     pool = GroupPool(rows, groups, task.criteria)
-    active = Active(pool, {}, {}, state.sigma**2)
+    active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
         if group.standing or group.name in state.variances:
             active = active.added(g, state.variances.get(group.name, 1e-6))
