@@ -24,9 +24,8 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.dependence import inflation, regions
 from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import best_nats, scores
+from gpmodel.discovery.score import best_nats, deflated, scores
 from gpmodel.evolution.chance import chance
-from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
@@ -81,8 +80,7 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     for name, unit in units.items():
         trials = shuffled(replace(there, unit_of_pose=unit), rng, SHUFFLES)
         p[name] = chance(worth, best_nats(there, pool, trials)).p < limits.significance
-    gain = scores(there, [pool[best]])[0].gain
-    kept = [worth - float(fit_nats(gain, there.freedom)) * (1 - 1 / f) for f in inflation(there, pool[best]).values()]
+    kept = [deflated(there, pool[best], f) for f in inflation(there, pool[best]).values()]
     plain = p["poses"] and worth > limits.minimum_nats
     return {
         "single poses": plain, "and tests of dependence": plain and min(kept) > limits.minimum_nats,

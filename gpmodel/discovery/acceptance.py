@@ -13,10 +13,9 @@ from gpmodel.discovery.dependence import inflation, order_matters
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import Score
+from gpmodel.discovery.score import Score, deflated
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.chance import Chance, larger
-from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
@@ -164,7 +163,7 @@ def tested(
         tests.append(Test("stretches", t, criteria.minimum_cv_t, t > criteria.minimum_cv_t))
     for name, factor in inflated.items():
         if factor > 1.0:
-            nats = score.nats - float(fit_nats(score.gain, residual.freedom)) * (1.0 - 1.0 / factor)
+            nats = deflated(residual, candidate, factor)
             tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
     if not candidate.has_priors:
         plain = _sigmas(residual, candidate)

@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.residual import Residual
+from gpmodel.discovery.score import contribution
 from gpmodel.families.candidate import Candidate
 from gpmodel.table.split import stretches
 
@@ -19,12 +20,11 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     two standard deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
     within a block stays slow in any order of them (experiments/coverage).
     """
-    span, _ = residual.projected(candidate.effects)
-    contribution = span @ np.linalg.lstsq(span, residual.values, rcond=None)[0]
-    left = residual.values - contribution
+    explained = contribution(residual, candidate)
+    left = residual.values - explained
     score = np.zeros(len(residual.poses))
     rows = slice(0, residual.measured)
-    np.add.at(score, residual.problem.pose_of_row, contribution[rows] * left[rows])
+    np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
     plain = float(score @ score)
     out = {}
     for name, block in _partitions(residual):

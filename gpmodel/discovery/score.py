@@ -27,9 +27,14 @@ class Score:
     share: float
 
 
-def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float) -> float | Array:
-    """Description length, nats: dof/2 · (-ln(1 - gain)) - unknowns/2 · ln M - cost. Source: Rissanen (1978)."""
-    return fit_nats(gain, residual.freedom) - 0.5 * unknowns * np.log(residual.measured) - cost
+def saved(
+    residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0
+) -> float | Array:
+    """Description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
+
+    Source: Rissanen (1978).
+    """
+    return fit_nats(gain, residual.freedom) / inflation - 0.5 * unknowns * np.log(residual.measured) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
@@ -65,38 +70,60 @@ def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[
             yield candidate, left[:, own], shares[own]
 
 
+def deflated(residual: Residual, candidate: Candidate, inflation: float) -> float:
+    """The nats a candidate saves where the variance of the noise is so many times larger, by what poses share."""
+    span, _ = residual.projected(candidate.effects)
+    _, nats = _gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS, inflation)
+    return float(nats[0])
+
+
+def contribution(residual: Residual, candidate: Candidate) -> Array:
+    """What a candidate explains of the residual (M + B,), as far as its priors let it."""
+    span, _ = residual.projected(candidate.effects)
+    if not candidate.has_priors:
+        return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])
+    u, s = _directions(residual, candidate, span)
+    along = u.T @ residual.values[:, None]
+    sigma2 = _noise(residual, s, (along**2, np.array([residual.energy])), NOISE_STEPS)
+    return np.asarray((u @ (s**2 / (s**2 + sigma2) * along))[:, 0])
+
+
 def _gains(
-    residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int
+    residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int, inflation: float = 1.0
 ) -> tuple[Array, Array]:
     """Gain and nats (T,) of a candidate on each trial (M + B, T)."""
     energies = np.sum(trials**2, axis=0)
     if candidate.has_priors:
-        return _with_priors(residual, candidate, span, (trials, energies), noise_steps)
+        u, s = _directions(residual, candidate, span)
+        parts = (u.T @ trials) ** 2
+        sigma2 = inflation * _noise(residual, s, (parts, energies), noise_steps)
+        gain = np.sum(s**2 / (s**2 + sigma2) * parts, axis=0) / energies
+        volume = 0.5 * np.sum(np.log1p(s**2 / sigma2), axis=0)
+        return gain, fit_nats(gain, residual.freedom) / inflation - volume - candidate.cost
     count = span.shape[1]
     q = ident.orthonormal(span) if count > 1 else span / np.linalg.norm(span, axis=0)
     gain = np.sum((q.T @ trials) ** 2, axis=0) / energies
-    return gain, np.asarray(saved(residual, gain, count, candidate.cost))
+    return gain, np.asarray(saved(residual, gain, count, candidate.cost, inflation))
 
 
-def _with_priors(
-    residual: Residual, candidate: Candidate, span: Array, trials: tuple[Array, Array], noise_steps: int
-) -> tuple[Array, Array]:
-    """Gain and nats (T,) of effects with priors, by their marginal likelihood: the priors pay for the unknowns.
-
-    With columns times priors U s Vᵀ and f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,
-    nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost. Source: MacKay (1992), evidence.
-    """
+def _directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
+    """Columns times priors as U s Vᵀ: U (M + B, E) and s (E, 1)."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior
     squares, turn = linalg.eigh(weighted.T @ weighted)
     s = np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))[:, None]
-    u = weighted @ (turn / s.T)
-    parts, energies = (u.T @ trials[0]) ** 2, trials[1]
-    left = energies
-    for _ in range(noise_steps + 1):
-        sigma2 = left / residual.freedom
-        left = energies - np.sum(s**2 / (s**2 + sigma2) * parts, axis=0)
-    volume = 0.5 * np.sum(np.log1p(s**2 / sigma2), axis=0)
-    gain = 1 - left / energies
-    return gain, fit_nats(gain, residual.freedom) - volume - candidate.cost
+    return weighted @ (turn / s.T), s
+
+
+def _noise(residual: Residual, s: Array, trials: tuple[Array, Array], steps: int) -> Array:
+    """Variance (T,) of the noise under priors, by their marginal likelihood: the priors pay for the unknowns.
+
+    With f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,  nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost.
+    trials: squares (E, T) of u·r, and energies (T,) r·r. Source: MacKay (1992), evidence.
+    """
+    parts, energies = trials
+    sigma2 = energies / residual.freedom
+    for _ in range(steps):
+        sigma2 = (energies - np.sum(s**2 / (s**2 + sigma2) * parts, axis=0)) / residual.freedom
+    return np.asarray(sigma2)
