@@ -27,9 +27,7 @@ class Score:
     share: float
 
 
-def saved(
-    residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0
-) -> float | Array:
+def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0) -> float | Array:
     """Description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
 
     Source: Rissanen (1978).

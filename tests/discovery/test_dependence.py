@@ -12,7 +12,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.dependence import inflation
 from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import scores
+from gpmodel.discovery.score import deflated, scores
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 
@@ -42,3 +43,17 @@ def test_a_random_walk_costs_a_step_most_of_its_evidence(seed: int) -> None:
     factor = inflation(residual, steps[best])["rows"]
     assert found[best].nats > 5
     assert factor > 2
+
+
+@pytest.mark.parametrize("prior", [np.inf, 1e-4])
+@pytest.mark.parametrize("planted", NAMES)
+def test_evidence_is_of_so_many_times_fewer_readings(planted: str, prior: float) -> None:
+    residual, own = seen(planted), next(c for c in pool() if c.name == planted)
+    candidate = replace(own, effects=tuple(replace(e, prior=prior) for e in own.effects))
+    (score,) = scores(residual, [candidate])
+    assert deflated(residual, candidate, 1.0) == pytest.approx(score.nats, rel=1e-12)
+    fewer = [deflated(residual, candidate, factor) for factor in (2.0, 8.0, 32.0)]
+    assert fewer == sorted(fewer, reverse=True)
+    if prior == np.inf:
+        fit = float(fit_nats(score.gain, residual.freedom))
+        assert fewer[0] == pytest.approx(score.nats - fit / 2, rel=1e-12)
