@@ -15,6 +15,7 @@ from gpmodel.discovery.pool import Pool
 from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.score import Score, deflated
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.walk import beyond_a_walk
 from gpmodel.evolution.chance import Chance, larger
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
@@ -161,6 +162,9 @@ def tested(
     if order_matters(residual, candidate):
         t = better_by(residual.in_stretches, candidate.effects)
         tests.append(Test("stretches", t, criteria.minimum_cv_t, t > criteria.minimum_cv_t))
+    beyond = beyond_a_walk(residual, candidate)
+    if beyond is not None:
+        tests.append(Test("walk", beyond, 0.0, beyond > 0.0))
     for name, factor in inflated.items():
         if factor > 1.0:
             nats = deflated(residual, candidate, factor)

@@ -88,6 +88,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "cross-fitting": lambda t: (
         f"chance of what laws evolved without some poses gain on these {wording.chance(t.value)}, limit {t.limit}"
     ),
+    "walk": lambda t: f"a random walk of the instrument saves {-t.value:.1f} nats more",
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",

@@ -1,0 +1,41 @@
+"""A random walk of the instrument, than which every law of the rows has to say more.
+
+Of noise that wanders, steps, ramps and approaches explain much, and the walk itself more, whether it is offered or not.
+"""
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.discovery.residual import Residual
+from gpmodel.discovery.score import scores
+from gpmodel.discovery.selection.gain import best, fitted, with_own_noise
+from gpmodel.discovery.selection.group import CAP
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.instrument import instrument_walk
+from gpmodel.table.units import is_time
+
+
+def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
+    """Nats by which a law of the rows or of the time saves more than a walk of the instrument does of a residual
+    without either; None of any other candidate, and of loose curves, which a walk is one of."""
+    states = residual.poses.states
+    clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
+    if candidate.kind == "curve" or clocks.isdisjoint(candidate.inputs):
+        return None
+    walks = instrument_walk(residual.calibration.model.mechanism, states)
+    most = max((_nats(residual, walk) for walk in walks), default=None)
+    return None if most is None else scores(residual, [candidate])[0].nats - most
+
+
+def _nats(residual: Residual, walk: Candidate) -> float:
+    """What a walk of the most likely size saves, its deviations in proportion to its priors."""
+    share = np.array([e.prior for e in walk.effects])
+    share /= np.linalg.norm(share)
+    norms = np.linalg.norm(residual.columns(walk.effects), axis=0)
+    columns = residual.projected(walk.effects)[0] * norms * share
+    sigma2 = residual.energy / residual.freedom
+    s, turn = linalg.eigh(columns.T @ columns / sigma2)
+    s, q = s[None], (turn.T @ (columns.T @ residual.values))[None] / sigma2
+    gains, variances = best(s, q, np.array([CAP]))
+    own = with_own_noise(gains, fitted(variances, s, q), float(residual.freedom))
+    return float(own[0]) - walk.cost
