@@ -154,10 +154,8 @@ def _joint_columns(
     missing = [name for name in expected if name not in columns]
     if missing:
         units = "[mm] or [m]" if expected[missing[0]].kind == "prismatic" else "[deg] or [rad]"
-        raise InputError(
-            f"{path.name}: joint column '{missing[0]}' is missing; expected {', '.join(by_number)}"
-            f" or {', '.join(by_name)}, this one with {units}"
-        )
+        ways = " or ".join(dict.fromkeys((", ".join(by_number), ", ".join(by_name))))
+        raise InputError(f"{path.name}: joint column '{missing[0]}' is missing; expected {ways}, this one with {units}")
     surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
     if surplus:
         raise InputError(f"{path.name}: joint column '{surplus[0]}' is one too many; expected {', '.join(by_number)}")

@@ -105,6 +105,12 @@ def test_a_program_of_the_tip_fails_on_poses_not_seen_and_programs_of_the_slots_
     assert (tmp_path / "extrapolation.json").exists()
 
 
+def test_the_committed_extrapolation_is_that_of_the_committed_robots() -> None:
+    results = json.loads((COMMITTED.parent / "extrapolation.json").read_text(encoding="utf-8"))
+    assert extrapolation.conclusions(results["robots"]) == results["conclusions"]
+    assert set(results["conclusions"].values()) == {f"{len(results['robots'])} of {len(results['robots'])}"}
+
+
 @pytest.mark.slow
 def test_extrapolation_fails_and_holds_on_robots_nobody_has_looked_at(tmp_path: Path) -> None:
     found = extrapolation.main(["--seeds", "4", "--first", "100", "--out", str(tmp_path)])

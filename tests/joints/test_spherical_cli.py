@@ -27,7 +27,10 @@ BAD = {
     "too few": (lambda f: f.head(3), "3 measured poses; expected at least 4"),
     "one pose": (lambda f: pd.concat([f.head(1)] * 12), "all 12 poses are alike"),
     "coplanar": (flat, "lie in one plane"),
-    "an angle missing": (lambda f: f.drop(columns="J3 [deg]"), "joint column 'J3' is missing"),
+    "an angle missing": (
+        lambda f: f.drop(columns="J3 [deg]"),
+        "joint column 'J3' is missing; expected J1, J2, J3, this one with [deg]",
+    ),
     "angles in no unit": (lambda f: f.rename(columns={"J3 [deg]": "J3"}), "write 'J3 [deg]'"),
 }
 
