@@ -6,9 +6,25 @@ from pathlib import Path
 import pytest
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Files are dealt to the workers as they come: those with the most tests, which come first otherwise, are not those
+    that take longest, and a long one left to the end keeps the others waiting."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--kills N`: how often the tests of an interrupted search kill it at a random moment."""
     parser.addoption("--kills", type=int, default=1, help="Kills of a search at random moments. [default: 1]")
+
+
+@pytest.fixture
+def brief() -> Iterator[None]:
+    """Results as small as those of `brief_results`."""
+    from brief_results import brief
+
+    with brief():
+        yield
 
 
 @pytest.fixture

@@ -4,13 +4,15 @@ import json
 import os
 import subprocess
 import sys
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import pandas as pd
+from brief_results import brief
 from cli_cases import run, table, write
 
 from gpmodel.cli import discover
@@ -19,6 +21,7 @@ from gpmodel.discovery.search import Search
 DRIVER = """
 import os, signal, sys, tempfile
 from functools import partial
+from brief_results import brief
 from gpmodel.cli import discover, main
 from gpmodel.discovery.search import Search
 discover.Search = partial(Search, population=48, generations=4, climb=0)
@@ -33,7 +36,8 @@ def counted(function):
     return call
 if left:
     os.replace, os.fsync, tempfile.mkstemp = map(counted, (os.replace, os.fsync, tempfile.mkstemp))
-main.main(sys.argv[1:])
+with brief():
+    main.main(sys.argv[1:])
 """
 OPTIONS = ("--runs", "2", "--noise", "0.03mm", "--workers", "2")
 
@@ -45,7 +49,11 @@ def measured(folder: Path) -> Path:
 
 def start(*arguments: object, killed_at_write: int = 0) -> subprocess.Popen[str]:
     """The program in a process of its own, its lines of progress on `stderr`."""
-    environment = os.environ | {"KILLED_AT_WRITE": str(killed_at_write), "PYTHONUNBUFFERED": "1"}
+    here = Path(__file__).parent
+    places = os.pathsep.join([str(here), str(here.parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {
+        "KILLED_AT_WRITE": str(killed_at_write), "PYTHONUNBUFFERED": "1", "PYTHONPATH": places,
+    }  # fmt: skip
     command = [sys.executable, "-c", DRIVER, *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
 
@@ -64,9 +72,11 @@ def results(out: Path) -> dict[str, Any]:
     return {"report": report, "model": (out / "model.json").read_text(), "files": names, "poses": str(poses)}
 
 
-def small() -> AbstractContextManager[object]:
-    """As small a search as that of the driver."""
-    return mock.patch.object(discover, "Search", partial(Search, population=48, generations=4, climb=0))
+@contextmanager
+def small() -> Iterator[None]:
+    """As small a search, and results as brief, as those of the driver."""
+    with mock.patch.object(discover, "Search", partial(Search, population=48, generations=4, climb=0)), brief():
+        yield
 
 
 def resume(out: Path) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
@@ -73,15 +75,26 @@ def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, 
         with rc_context(STYLE | {"svg.hashsalt": picture.name}):
             figure = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
             picture.draw(figure)
-            text = io.StringIO()
-            figure.savefig(text, format="svg", facecolor="none", metadata={"Date": None})
-            figure.set_layout_engine("none")
-            out[picture.name] = inline(text.getvalue(), picture.name)
+            out[picture.name] = inline(svg_of(figure), picture.name)
             if folder is not None:
                 (folder / "figures").mkdir(parents=True, exist_ok=True)
                 path = folder / "figures" / f"{picture.name}.png"
-                figure.savefig(path, metadata={"Software": None, "Description": picture.alt})
+                FigureCanvasAgg(figure).print_png(path, metadata={"Software": None, "Description": picture.alt})
     return out
+
+
+def svg_of(figure: Figure) -> str:
+    """The figure without paper as SVG, its layout settled from then on.
+
+    The canvas draws it once; `savefig` would draw it beforehand for the layout alone.
+    """
+    text, paper, dpi = io.StringIO(), figure.get_facecolor(), figure.dpi
+    figure.set_facecolor("none")
+    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
+    figure.set_layout_engine("none")
+    figure.set_facecolor(paper)
+    figure.dpi = dpi
+    return text.getvalue()
 
 
 def inline(svg: str, name: str) -> str:

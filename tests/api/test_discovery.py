@@ -35,6 +35,7 @@ def small() -> Iterator[None]:
         yield
 
 
+@pytest.mark.usefixtures("brief")
 def test_on_the_shipped_demo_it_gives_what_the_command_gives(small: None, tmp_path: Path) -> None:
     command = run("discover", DEMO, "--mechanism", "irb6400r", "--runs", 1, "--out", tmp_path / "command", "--quiet")
     assert command.exit_code == 0, command.output
@@ -59,6 +60,7 @@ def test_on_the_shipped_demo_the_default_search_finds_the_compliance_and_gives_w
     assert found.record.ladder[-1].heldout.rms_mm == pytest.approx(0.036, abs=0.001)
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_path: Path) -> None:
     assert [f.name for f in found.findings] == ["gear error, 2 per turn, J4"]
     assert found.verdict in " ".join(found.summary().split())

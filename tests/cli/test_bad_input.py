@@ -235,6 +235,7 @@ def test_payload_said_twice_is_refused(tmp_path: Path) -> None:
     assert "--payload: given, and measured.csv has a payload column" in line
 
 
+@pytest.mark.usefixtures("brief")
 def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:
     path = write(GOOD, tmp_path / "measured.csv")
     kept = tmp_path / "out"

@@ -129,6 +129,7 @@ def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.usefixtures("brief")
 def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
     path = write(table(), tmp_path / "measured.csv")
     reports = []
@@ -150,6 +151,7 @@ def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
     assert reports[0] == reports[1]
 
 
+@pytest.mark.usefixtures("brief")
 def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     path = write(table(), tmp_path / "measured.csv")
     result = run(
@@ -162,6 +164,7 @@ def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     assert report["parameters"] == []
 
 
+@pytest.mark.usefixtures("brief")
 def test_predict_averages_what_belongs_to_another_session_and_says_so(tmp_path: Path) -> None:
     path = write(table(60, effects=("J1.moving:Rz:row=3e-5",)), tmp_path / "t.csv")
     for effect, said in (("J1.moving:Rz:row", 1), ("gear_ratio J3", 0)):
@@ -174,6 +177,7 @@ def test_predict_averages_what_belongs_to_another_session_and_says_so(tmp_path: 
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""
 
 
+@pytest.mark.usefixtures("brief")
 def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None:
     frame = table(30)
     path = write(frame.assign(note="as found"), tmp_path / "measured.csv")

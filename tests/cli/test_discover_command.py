@@ -124,12 +124,14 @@ def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
     assert (done / "model.json").read_text() == (tmp_path / "two" / "model.json").read_text()
 
 
+@pytest.mark.usefixtures("brief")
 def test_finding_nothing_is_a_success_and_says_so(tmp_path: Path) -> None:
     report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out")
     assert report["effects"] == []
     assert "nothing was added" in report["verdict"]
 
 
+@pytest.mark.usefixtures("brief")
 def test_progress_says_what_is_tried_and_the_end_what_was_found_and_what_comes_next(tmp_path: Path) -> None:
     result = run(
         "discover", write(table(60, seed=3), tmp_path / "t.csv"), "--mechanism", "irb6400r", "--out", tmp_path / "o",
@@ -204,6 +206,7 @@ def test_too_few_poses_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("brief")
 def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
     with mock.patch.object(demo_command, "Search", partial(Search, runs=1)):
         result = run("demo", "--out", tmp_path / "demo", "--workers", 1)

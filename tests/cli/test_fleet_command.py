@@ -65,6 +65,7 @@ def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     assert "&lt;b&gt;R-01" in text
 
 
+@pytest.mark.usefixtures("brief")
 def test_a_further_machine_starts_from_it(result: tuple[str, Path], tables: Path, tmp_path: Path) -> None:
     done = run("calibrate", tables / "R-01.csv", "--mechanism", MECHANISM, "--fleet", result[1] / "fleet.json",
                "--out", tmp_path / "out")  # fmt: skip

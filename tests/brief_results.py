@@ -1,0 +1,21 @@
+"""Results with one picture and no lookup grid: the rest of those is most of what a small run has to write."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import islice
+from unittest import mock
+
+from gpmodel.errors import InputError
+from gpmodel.report import figures
+
+_every = figures.pictures
+
+
+@contextmanager
+def brief() -> Iterator[None]:
+    """For what does not depend on how much is drawn and exported: every step of writing it is still taken."""
+    with (
+        mock.patch.object(figures, "pictures", lambda report: islice(_every(report), 1)),
+        mock.patch("gpmodel.application.exports.make.lookup_grid", side_effect=InputError("left out by a test")),
+    ):
+        yield
