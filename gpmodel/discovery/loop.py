@@ -57,7 +57,6 @@ def discover(
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
     After it they decide one thing: whether what was found is shipped, or the standard model.
-
     train, heldout: rows of `poses`. candidates: what may be missing, beside what GP evolves. standard: the effects of
     the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
     condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
