@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.compiler import compiled, reduction
+from gpmodel.evolution.kernels.compiler import compiled, inlined, reduction
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.kernels.live_code import count_by_outputs, keep_live, nodes_and_hash
 from gpmodel.evolution.kernels.machine import (
@@ -15,6 +15,49 @@ from gpmodel.evolution.kernels.machine import (
 )
 
 Array = NDArray[np.float64]
+
+
+@inlined
+def decode_every(
+    first: int,
+    step: int,
+    genes: NDArray[np.uint8],
+    constant_bits: NDArray[np.uint64],
+    begun_by: NDArray[np.uint16],
+    cell_of: NDArray[np.uint16],
+    read_of: NDArray[np.uint32],
+    written_of: NDArray[np.uint32],
+    start: NDArray[np.uint16],
+    done_for: NDArray[np.uint16],
+    kind_of_cells: NDArray[np.uint8],
+    base: int,
+    words: NDArray[np.int64],
+    outputs: NDArray[np.uint16],
+    count: NDArray[np.int64],
+    nodes: NDArray[np.int64],
+    hashes: NDArray[np.uint64],
+    cells: NDArray[np.uint16],
+    pairs: NDArray[np.uint16],
+    kinds: NDArray[np.uint8],
+) -> None:
+    """Effective code of sequences ``first``, ``first + step`` and so on of genes (P, L); see ``decode_sequences``.
+
+    The last three are scratch: ``cells`` one for each register, fixed row and own constant and one more, ``pairs`` as
+    long as a row of ``words``, ``kinds`` as ``kind_of_cells``.
+    """
+    own = constant_bits.shape[1]
+    for row in range(base):
+        cells[len(start) + row] = row
+    for p in range(first, len(genes), step):
+        found = split_instructions(genes[p], begun_by, pairs)
+        if done_for.size:
+            for k in range(len(kind_of_cells)):
+                kinds[k] = kind_of_cells[k]
+            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
+        begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
+        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
+        count[p] = n
+        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
 
 
 @compiled
@@ -36,21 +79,13 @@ def decode_sequences(
     hashes: NDArray[np.uint64],
 ) -> None:
     """Effective code of each sequence of genes (P, L): words (P, longest) of which ``count``, outputs (P, m)."""
-    own = constant_bits.shape[1]
-    cells = np.empty(len(start) + base + own + 1, np.uint16)
+    cells = np.empty(len(start) + base + constant_bits.shape[1] + 1, np.uint16)
     pairs = np.empty(words.shape[1], np.uint16)
     kinds = np.empty(len(kind_of_cells), np.uint8)
-    for row in range(base):
-        cells[len(start) + row] = row
-    for p in range(len(genes)):
-        found = split_instructions(genes[p], begun_by, pairs)
-        if done_for.size:
-            kinds[:] = kind_of_cells
-            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
-        begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
-        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
-        count[p] = n
-        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
+    decode_every(
+        0, 1, genes, constant_bits, begun_by, cell_of, read_of, written_of, start, done_for, kind_of_cells, base,
+        words, outputs, count, nodes, hashes, cells, pairs, kinds,
+    )  # fmt: skip
 
 
 @compiled
@@ -136,6 +171,13 @@ def _sum(row: Array, width: int) -> float:
     return value
 
 
+@inlined
+def squared_distance(dx: float, dy: float, dz: float) -> float:
+    """The square of a distance, infinite where it is not a number."""
+    square = dx * dx + dy * dy + dz * dz
+    return square if square < np.inf else np.inf
+
+
 @compiled
 def compensator_fitness(
     words: NDArray[np.int64],
@@ -171,10 +213,6 @@ def compensator_fitness(
             execute(words[p], count[p], constants[p], rows, base, width)
             x, y, z = rows[outputs[p, 0]], rows[outputs[p, 1]], rows[outputs[p, 2]]
             for j in range(width):
-                dx = x[j] - true_x[j]
-                dy = y[j] - true_y[j]
-                dz = z[j] - true_z[j]
-                square = dx * dx + dy * dy + dz * dz
-                squares[j] = square if square < np.inf else np.inf
+                squares[j] = squared_distance(x[j] - true_x[j], y[j] - true_y[j], z[j] - true_z[j])
             value = max(value, _largest(squares, width)) if maximum else value + _sum(squares, width)
             fitness[p] = value if value <= hopeless else np.inf

@@ -5,12 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.kernels.compiler import compiled, inlined
+from gpmodel.evolution.kernels.compiler import inlined
 from gpmodel.evolution.kernels.elementary import (
     ANGLE_LIMIT,
     arctangent,
     cosine,
     exponential,
+    floor,
     hyperbolic_tangent,
     logarithm,
     sine,
@@ -21,7 +22,7 @@ from gpmodel.evolution.kernels.machine import CONSTANT
 Array = NDArray[np.float64]
 
 
-@compiled
+@inlined
 def _within(row: Array, limit: float, width: int) -> bool:
     beyond = 0
     for j in range(width):
@@ -58,7 +59,7 @@ def execute(
                 rows[r, j] = rows[a, j] / rows[b, j]
         elif code == 7:
             for j in range(width):
-                rows[r, j] = rows[b, j] * np.floor(rows[a, j] / rows[b, j])
+                rows[r, j] = rows[b, j] * floor(rows[a, j] / rows[b, j])
             for j in range(width):
                 rows[r, j] = rows[a, j] - rows[r, j]
         elif code == 8:

@@ -69,7 +69,7 @@ def nodes_and_hash(
     for k in range(count):
         word = words[k]
         code = word & ROW
-        first = ((word >> 16) & ROW) < leaves
+        first = np.int64(((word >> 16) & ROW) < leaves)
         second = ((word >> 32) < leaves) & (code <= LAST_BINARY)
         nodes += 1 + (first + second) * (code != CONSTANT)
         h += _mixed(np.uint64(word), k)
