@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pinocchio as pin
 import pytest
 
 import gpmodel as gp
@@ -71,6 +72,48 @@ def test_readings_chosen_from_poses_close_to_the_same_poses() -> None:
     place = poses[:, :3, 3] - poses[:, :3, :3] @ np.array(arm.tool)
     again = readings(perfect, place, Rotation.from_matrix(poses[:, :3, :3]))
     np.testing.assert_allclose(again, 1e-3 * frame.iloc[:, :6], atol=1e-12)
+
+
+def in_pinocchio(arm: Hexapod, q: Array) -> tuple[Array, Array]:
+    """The same machine by Pinocchio's constraint models, closed as found here: gaps (6, 3) m, tool speed (3, 6).
+
+    A free platform and six legs of ball joint and slide, each tied to its ball of the platform by a point constraint.
+    """
+    frames = arm.assembled(q[None], {})[:, 0]
+    tool = frames[-1]
+    place = pin.SE3(tool[:3, :3], tool[:3, 3] - tool[:3, :3] @ np.array(arm.tool))
+    model = pin.Model()
+    platform = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "platform")
+    values, ties = [pin.SE3ToXYZQUAT(place)], []
+    for k, (base, ball, length) in enumerate(zip(arm.base, arm.platform, q, strict=True)):
+        foot = model.addJoint(0, pin.JointModelSpherical(), pin.SE3(np.eye(3), base), f"foot {k}")
+        slide = model.addJoint(foot, pin.JointModelPZ(), pin.SE3.Identity(), f"slide {k}")
+        along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), place.act(ball) - base)
+        values += [along.coeffs(), np.array([length])]
+        at = pin.SE3(np.eye(3), ball)
+        ties.append(
+            pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, slide, pin.SE3.Identity(), platform, at)
+        )
+    data, tied = model.createData(), [tie.createData() for tie in ties]
+    pin.computeJointJacobians(model, data, np.concatenate(values))
+    for tie, of_tie in zip(ties, tied, strict=True):
+        tie.calc(model, data, of_tie)
+    rows = pin.getConstraintsJacobian(model, data, ties, tied)
+    slides = [model.joints[tie.joint1_id].idx_v for tie in ties]
+    free = np.setdiff1d(np.arange(model.nv), slides)
+    moved = -np.linalg.lstsq(rows[:, free], rows[:, slides], rcond=None)[0][:6]
+    speed = moved[:3] - np.cross(np.array(arm.tool), moved[3:], axisb=0).T
+    return np.array([of_tie.c1Mc2.translation for of_tie in tied]), tool[:3, :3] @ speed
+
+
+def test_pinocchios_constraint_models_close_the_same_loops_and_move_the_tool_alike(tmp_path: Path) -> None:
+    for arm in (hexapod(), machine(tmp_path)):
+        for q in random_poses(arm, 5, np.random.default_rng(6)):
+            gaps, speeds = in_pinocchio(arm, q)
+            np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
+            steps = 1e-6 * np.eye(6)
+            ours = (arm.assembled(q + steps, {}) - arm.assembled(q - steps, {}))[-1, :, :3, 3].T / 2e-6
+            np.testing.assert_allclose(speeds, ours, atol=1e-8)
 
 
 @pytest.mark.parametrize(("size", "tolerance"), [(3e-4, 1e-7), (3e-3, 1e-7), (3e-2, 1e-6)])
