@@ -15,9 +15,12 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, factored, solve
 
 MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
-NEAR = 1e-6
-"""Metres: columns stay as they are within steps that move no reading by more; they turn by a millionth of themselves
-there, which moves where the iterations end by less than STEP_TOLERANCE."""
+REGAINED = 2
+"""Halvings of the step before that the next one tries without: where a step is cut it is long before one is whole."""
+NEAR, BENT = 1e-6, 1e-4
+"""Columns stay as they are over steps that move no reading by more, metres, while what they foresee of each is right to
+such a share: of residuals of a tenth of a millimetre that moves where the iterations end by less than
+STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
 """Metres: a step that moves no reading by more ends the iterations; instruments resolve a hundred times that."""
 
@@ -83,32 +86,41 @@ def iterate(
     the point and costs cannot be compared: steps are taken whole.
     """
     problem = problem or fitting.at(theta, placement)
-    last, since, gram = np.inf, 0.0, None
+    last, cut, since, gram = np.inf, 0, 0.0, None
     for iteration in range(1, MAX_ITERATIONS + 1):
         if gram is None and problem.placement + kept.sum() >= MANY_COLUMNS:
             gram = problem.columns.T @ problem.columns
         step = _step(fitting, problem, theta, placement, kept, gram)
-        moved = float(np.max(np.abs(problem.columns @ step), initial=0.0))
+        motion = problem.columns @ step
+        moved = float(np.max(np.abs(motion), initial=0.0))
         if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
             return Fitted(placement, theta, problem, iteration, "diverged")
         sigma = noise_sigma(fitting.model, problem)
         before = fitting.cost(problem, theta, placement, sigma)
-        for halving in range(MAX_HALVINGS + 1):
-            part = step / 2**halving
+        near = problem.left is None and since + moved < NEAR
+        for halvings in range(max(0, cut - REGAINED), MAX_HALVINGS + 1):
+            part = step / 2**halvings
             tried = placement_after(fitting.poses, problem.observed, placement, part[: problem.placement])
             values = theta + part[problem.placement :]
-            near = problem.left is None and since + moved < NEAR
-            there = fitting.beside(problem, values, tried) if near else fitting.at(values, tried)
+            there = fitting.beside(problem, values, tried) if near or halvings else fitting.at(values, tried)
             whole = problem.left is not None or moved < STEP_TOLERANCE
             if whole or fitting.cost(there, values, tried, sigma) <= before:
                 break
         else:
             return Fitted(placement, theta, problem, iteration, "stalled")
-        placement, theta, problem, last = tried, values, there, moved
+        near = near and _straight(problem.residual - there.residual, motion / 2**halvings)
+        if there.columns is problem.columns and not near:
+            there = fitting.at(values, tried)
+        placement, theta, problem, last, cut = tried, values, there, moved, halvings
         since, gram = (since + moved, gram) if near else (0.0, None)
         if moved < STEP_TOLERANCE:
             return Fitted(placement, theta, problem, iteration, "converged")
     return Fitted(placement, theta, problem, MAX_ITERATIONS, "stalled")
+
+
+def _straight(fallen: Array, foreseen: Array) -> bool:
+    """Whether a residual (M,) fell by what its columns foresaw, so that they still hold."""
+    return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())
 
 
 def _step(
