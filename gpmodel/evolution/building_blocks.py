@@ -58,10 +58,11 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Inputs, one-argument operators of inputs, sines and cosines of multiples of angles; and the operators."""
+    """Inputs, one-argument operators of inputs, sines and cosines of multiples of angles; constants; the operators."""
 
     inputs: Inputs
     operators: tuple[Operator, ...]
+    constants: tuple[float, ...] = ()
 
     @cached_property
     def typing(self) -> Typing:
@@ -98,6 +99,9 @@ class Vocabulary:
         return Pieces(values, sizes, numbers, build)
 
     def _elements(self) -> Iterator[Program]:
+        for value in self.constants:
+            builder = Builder()
+            yield builder.program([builder.constant(value)])
         kinds = self.inputs.kinds or (ANY,) * len(self.inputs.names)
         for name, kind in zip(self.inputs.names, kinds, strict=True):
             builder = Builder()

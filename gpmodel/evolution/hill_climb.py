@@ -4,12 +4,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.evolution.building_blocks import Pieces, Vocabulary
-from gpmodel.evolution.problems import SlotProblem
+from gpmodel.evolution.problems import Inputs
 from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Program
 
@@ -21,7 +22,28 @@ CHECKED = 8
 """Edits one after the other at most, and trials of each that are scored exactly."""
 
 
-def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary, most_outputs: int = 3) -> Program:
+class Hill(Protocol):
+    """What climbing asks of a problem."""
+
+    @property
+    def inputs(self) -> Inputs:
+        """The columns that a program may read."""
+        ...
+
+    def nats(self, gain: Array | float, size: Array | float) -> Array:
+        """Description length saved by a gain at the price of nodes and coefficients."""
+        ...
+
+    def set_gain(self, values: Array, site: int) -> float:
+        """Gain of a program's outputs (m, N) at a site."""
+        ...
+
+    def set_gains(self, values: Array, site: int) -> Array:
+        """Gains (P,) of the outputs (P, m, N) of many programs at a site, about as ``set_gain`` does."""
+        ...
+
+
+def climbed(program: Program, problem: Hill, site: int, words: Vocabulary, most_outputs: int = 3) -> Program:
     """The program at the top of the hill of single edits, by description length at one site; never a worse one.
 
     Edits of a node: another element, operator or earlier node in its place, an operator or an element joined to it; and
@@ -30,7 +52,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
     columns = problem.inputs.mapping()
 
     def saved(one: Program) -> float:
-        gain = problem.targets.set_gain(one.evaluate(columns), site)[0]
+        gain = problem.set_gain(one.evaluate(columns), site)
         return float(problem.nats(gain, one.complexity + len(one.outputs)))
 
     best = saved(program)
@@ -45,7 +67,7 @@ def climbed(program: Program, problem: SlotProblem, site: int, words: Vocabulary
 
 
 def _trials(
-    program: Program, problem: SlotProblem, site: int, words: Vocabulary, most_outputs: int
+    program: Program, problem: Hill, site: int, words: Vocabulary, most_outputs: int
 ) -> Iterator[tuple[float, Callable[[], Program]]]:
     """The most promising edits of every node, with about the description length that they save."""
     with np.errstate(all="ignore"):
@@ -57,7 +79,7 @@ def _trials(
             edits = _edits(program, node, values, kinds, words)
             numbers = range(len(words.typing.kinds))
             edits = edits.of_kinds([k for k in numbers if words.typing.allows(program, words.inputs.names, {node: k})])
-            gains = problem.targets.set_gains(_outputs_after(program, node, values, edits.values), site)
+            gains = problem.set_gains(_outputs_after(program, node, values, edits.values), site)
             about = problem.nats(gains, size + edits.growth)
             for k in np.argsort(-about)[:CHECKED].tolist():
                 yield float(about[k]), partial(_rebuilt, program, node, edits, k)

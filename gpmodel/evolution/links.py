@@ -16,6 +16,9 @@ from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
 
+LARGEST_POWER = 8
+"""Whole powers up to this one are written as products."""
+
 
 @dataclass(frozen=True)
 class Link:
@@ -24,7 +27,8 @@ class Link:
     "" for none. with_inputs: whether the inputs under the same operator are terms of every sum: powers under the
     logarithm, squares under the square. logarithms: whether those of a program's outputs are offered beside them.
     quotient: whether outputs are offered as terms of a denominator too, which multiply the response:
-    y (1 - sum b phi) = sum c phi.
+    y (1 - sum b phi) = sum c phi. weighted: whether points count by what an error of the link does to the response,
+    as noise asks for; otherwise all alike.
     """
 
     name: str
@@ -33,6 +37,7 @@ class Link:
     with_inputs: bool = False
     logarithms: bool = False
     quotient: bool = False
+    weighted: bool = False
 
     def forward(self, response: Array) -> Array:
         """The response (N,) as the sum that it is."""
@@ -48,6 +53,17 @@ class Link:
             return bool(np.all(response > 0) or np.all(response < 0))
         return self.operator != "sin" or bool(np.abs(response).max() <= np.pi / 2)
 
+    def root_weights(self, response: Array) -> Array:
+        """What each point's error under the link is multiplied by (N,), the largest 1.
+
+        An error e of the response is g'(y) e under the link g, so that its weight is 1 / g'(y)² (the generalized linear
+        model's, at the response itself).
+        """
+        if not self.weighted:
+            return np.ones_like(response)
+        root = 1.0 / np.abs(BY_NAME[self.operator].derivatives(response)[0])
+        return np.asarray(root / root.max())
+
     def always(self, inputs: Mapping[str, Array]) -> list["LinkTerm"]:
         """Terms of every sum: one, and where it is said so each input under the same operator."""
         builder = Builder()
@@ -57,22 +73,33 @@ class Link:
                 nodes.append(builder.apply(self.operator, builder.input(name)))
         return [LinkTerm(builder.program([node])) for node in nodes]
 
-    def companions(self, values: Array, response: Array) -> Array:
-        """What is offered beside outputs (P, m, N): (P, m, N), or (P, 0, N).
+    def simplest(self, term: Program, coefficient: float) -> float:
+        """The coefficient nearest to a term's that is no constant: 0, or the multiple of a half, of an exponent."""
+        is_exponent = self.logarithms and term.nodes[term.outputs[0]].operator == "log"
+        return 0.5 * round(2.0 * coefficient) if is_exponent and abs(coefficient) <= LARGEST_POWER else 0.0
 
-        Terms of a denominator are centred: a denominator whose mean over the points is 1 cannot make all errors small.
-        (It can most, so that laws are judged by what they leave of the response itself.)
-        """
+    def companions(self, values: Array, response: Array) -> Array:
+        """What is offered beside outputs (P, m, N): (P, m, N), or (P, 0, N)."""
         with np.errstate(all="ignore"):
             if self.logarithms:
                 return np.log(np.abs(values))
             if self.quotient:
-                return np.asarray((values - values.mean(axis=2, keepdims=True)) * response)
+                return below_the_bar(values, response)
         return values[:, :0]
+
+
+def below_the_bar(values: Array, response: Array) -> Array:
+    """Columns (..., N) of terms of a denominator.
+
+    They are centred: a denominator whose mean over the points is 1 cannot make all errors small. (It can most, so that
+    laws are judged by what they leave of the response itself.)
+    """
+    return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response)
 
 
 LINKS = (
     Link("logarithm", "log", "exp", with_inputs=True, logarithms=True),
+    Link("weighted logarithm", "log", "exp", with_inputs=True, logarithms=True, weighted=True),
     Link("identity"),
     Link("quotient", quotient=True),
     Link("reciprocal", "reciprocal", "reciprocal"),
@@ -91,40 +118,80 @@ class LinkTerm:
     def column(self, columns: Mapping[str, Array], response: Array) -> Array:
         """Its values (N,) in the linear problem of the coefficients."""
         values = self.program.evaluate(columns)[0]
-        return values * response if self.below else values
+        return below_the_bar(values, response) if self.below else values
+
+    def values_below(self, columns: Mapping[str, Array], points: int) -> Array:
+        """What it is worth below the bar (N,): 0 where it stands above."""
+        return self.program.evaluate(columns)[0] if self.below else np.zeros(points)
 
 
 def solved(
     terms: list[LinkTerm], link: Link, columns: Mapping[str, Array], response: Array, price: float
 ) -> Program | None:
-    """The law of some terms with their coefficients by least squares, those not worth ``price`` nats left out.
+    """The law of some terms with their coefficients by least squares, as few of them free as ``price`` nats allow.
 
-    None where no term is left or the columns are no numbers.
+    A term that is worth less is left out, and an exponent becomes the nearest multiple of a half where that costs
+    less: only so has the power of a negative number its sign. None where no term is left or the columns are no numbers.
     """
-    there = link.forward(response)
-    table = np.stack([term.column(columns, response) for term in terms], axis=1)
+    root = link.root_weights(response)
+    there = root * link.forward(response)
+    table = root[:, None] * np.stack([term.column(columns, response) for term in terms], axis=1)
     if not np.all(np.isfinite(table)):
         return None
+    values = np.stack([term.values_below(columns, len(response)) for term in terms])
+    if link.quotient:
+        root = _over_denominator(values, table, response)
+        there, table = root * there, root[:, None] * table
     scale = np.abs(table).max(axis=0)
-    kept = np.flatnonzero(scale > 0).tolist()
-    while kept:
-        part = table[:, kept] / scale[kept]
-        triangle = np.linalg.qr(part, mode="r")
+    free = np.flatnonzero(scale > 0).tolist()
+    held: dict[int, float] = {}
+    while free:
+        part, rest = table[:, free] / scale[free], there - table @ _filled(held, len(terms))
+        triangle = np.linalg.qr(part)[1]
         diagonal = np.abs(np.diag(triangle))
         if diagonal.min() <= 1e-10 * diagonal.max():
-            kept.pop(int(diagonal.argmin()))
+            free.pop(int(diagonal.argmin()))
             continue
-        found = np.linalg.lstsq(part, there, rcond=None)[0]
-        rest = there - part @ found
-        floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
-        inverse = np.linalg.inv(triangle)
-        loss = 0.5 * len(there) * np.log1p(found**2 / np.square(inverse).sum(axis=1) / max(float(rest @ rest), floor))
+        found = np.linalg.lstsq(part, rest, rcond=None)[0]
+        simple = np.array(
+            [link.simplest(terms[k].program, c) for k, c in zip(free, (found / scale[free]).tolist(), strict=True)]
+        )
+        loss = _losses(part, rest, found, simple * scale[free], triangle)
         if loss.min() >= price:
-            with np.errstate(all="ignore"), suppress(InputError):
-                return _assembled([terms[k] for k in kept], (found / scale[kept]).tolist(), link)
-            return None
-        kept.pop(int(loss.argmin()))
+            held |= dict(zip(free, (found / scale[free]).tolist(), strict=True))
+            break
+        place = int(loss.argmin())
+        held[free.pop(place)] = float(simple[place])
+    kept = sorted(k for k in held if held[k])
+    one = 1.0 + sum(held[k] * float(values[k].mean()) for k in kept)
+    with np.errstate(all="ignore"), suppress(InputError):
+        return _assembled([terms[k] for k in kept], [held[k] / one for k in kept], link) if kept and one else None
     return None
+
+
+def _over_denominator(values: Array, table: Array, response: Array) -> Array:
+    """What the errors (N,) of a quotient's linear problem are multiplied by to be those of the response.
+
+    values (terms, N): what stands below the bar, else 0.
+    """
+    scale = np.abs(table).max(axis=0, initial=1e-300)
+    found = np.linalg.lstsq(table / scale, response, rcond=None)[0] / scale
+    size = np.abs(1.0 - found @ (values - values.mean(axis=1, keepdims=True)))
+    return np.asarray(size.min() / size) if size.min() > 0 else np.ones_like(response)
+
+
+def _filled(held: dict[int, float], count: int) -> Array:
+    found = np.zeros(count)
+    found[list(held)] = list(held.values())
+    return found
+
+
+def _losses(part: Array, there: Array, found: Array, simple: Array, triangle: Array) -> Array:
+    """Nats lost where one coefficient of a least-squares solution is held at another value, the others solved anew."""
+    rest = there - part @ found
+    floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
+    variances = np.square(np.linalg.inv(triangle)).sum(axis=1)
+    return np.asarray(0.5 * len(there) * np.log1p((found - simple) ** 2 / variances / max(float(rest @ rest), floor)))
 
 
 def _assembled(terms: list[LinkTerm], coefficients: list[float], link: Link) -> Program:
@@ -169,7 +236,7 @@ def _product(builder: Builder, terms: list[tuple[Program, float]]) -> int:
         copies = builder.copy(program)
         last = program.nodes[program.outputs[0]]
         half = round(2.0 * coefficient)
-        if last.operator == "log" and abs(2.0 * coefficient - half) < 1e-6 and 0 < abs(half) < 17:
+        if last.operator == "log" and abs(2.0 * coefficient - half) < 1e-6 and 0 < abs(half) <= 2 * LARGEST_POWER:
             factors.append(_power(builder, copies[last.arguments[0]], half))
         else:
             scaled = builder.apply("multiply", builder.constant(_tidy(coefficient)), copies[program.outputs[0]])

@@ -177,6 +177,14 @@ class SlotProblem:
         """Description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, self.parsimony)
 
+    def set_gain(self, values: Array, site: int) -> float:
+        """Gain of a program's outputs (m, N) at a site, solved together."""
+        return self.targets.set_gain(values, site)[0]
+
+    def set_gains(self, values: Array, site: int) -> Array:
+        """Gains (P,) of the outputs (P, m, N) of many programs at a site."""
+        return self.targets.set_gains(values, site)
+
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
         return fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size)

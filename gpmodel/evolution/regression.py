@@ -10,39 +10,30 @@ from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.constants import polish
-from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.island import EXACT, Island
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.links import LINKS, solved
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
-from gpmodel.evolution.representation import Population
-from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
 
-EXACT = 1e-20
-"""Share of the response's variance below which a law is taken for exact: rounding leaves about 1e-28."""
-
-PROMISING = 1.0 - 1e-7
-"""Gain of a program whose law is looked at at once."""
-
-NEARLY_EXACT = 1e-4
-"""Share of a linked response's variance below which its link may be the law's; above, noise rules what is left."""
-
 NEGLIGIBLE = 1e-9
 """Relative difference from a whole number that is rounding of a solved coefficient."""
 
-FINISHING, POLISHED = 0.06, 12
-"""Share of the time that is kept for the constants of the best laws, and how many these are."""
+FINISHING, POLISHED = 0.1, 12
+"""Share of the time that is kept to climb from the best laws and to fit the constants of the best, so many."""
 
 ALWAYS_ON, RANKED_EVERY = 2, 20
 """Links that have a generation in every turn, and turns after which they are ranked anew."""
 
+CLIMBED = 0.2
+"""Share of the time that may go into climbing."""
+
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
-BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
-"""What regression evolves, and the effort of one population."""
+"""What regression evolves."""
 
 
 @dataclass(frozen=True)
@@ -52,62 +43,6 @@ class Law:
     program: Program
     left: float
     nats: float
-
-
-class Island:
-    """A population under one link, and the best program of each size that it has seen."""
-
-    def __init__(self, problem: LinkedProblem, representation: Linear, rng: np.random.Generator) -> None:
-        self.problem = problem
-        self.run = Generations(problem, Settings(representation, budget=BUDGET), rng)
-        self.population, self.scores = self.run.start()
-        self.kept: dict[int, tuple[float, Population, int]] = {}
-        self.record = np.inf
-        self.left = np.inf
-        self.idle = 0
-
-    def step(self) -> Iterator[Program]:
-        """One generation, or a fresh population where nothing has improved for long; the new laws that may be exact."""
-        best = float(self.scores.score.min())
-        self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
-        self.record = min(self.record, best)
-        if self.idle >= self.run.budget.restart_after:
-            self.idle, self.record = 0, np.inf
-            self.population, self.scores = self.run.start()
-        else:
-            self.population, self.scores = self.run.following(self.population, self.scores)
-        return self._laws({size for size in self._keep() if self.kept[size][0] > PROMISING})
-
-    def _keep(self) -> set[int]:
-        """Take in what beats what is known at its size; the sizes."""
-        scores, improved = self.scores, set()
-        largest = int(scores.complexity.max(initial=0))
-        known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
-        better = np.flatnonzero(scores.gain > known[scores.complexity] + 1e-12)
-        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
-            gain, size = float(scores.gain[row]), int(scores.complexity[row])
-            self.kept[size] = gain, self.population.take(np.array([row])), int(scores.chosen[row])
-            improved.add(size)
-        return improved
-
-    def linked_left(self) -> float:
-        """Share of the linked response's variance that its best program leaves; infinite where that says nothing.
-
-        A denominator can shrink any error, and a link's own scale is ruled by the few responses that it spreads.
-        """
-        best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
-        left = self.problem.share * (1.0 - best)
-        return np.inf if self.problem.link.quotient or left > NEARLY_EXACT else left
-
-    def laws(self) -> Iterator[Program]:
-        """Laws of all programs kept, the largest gain first."""
-        return self._laws(self.kept)
-
-    def _laws(self, sizes: Iterable[int]) -> Iterator[Program]:
-        for _, population, chosen in sorted((self.kept[size] for size in sizes), key=lambda kept: -kept[0]):
-            law = self.problem.law(population.program(0, self.run.layout), chosen)
-            if law is not None:
-                yield law
 
 
 def regress(
@@ -122,7 +57,8 @@ def regress(
 
     Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). One population a link
     (``gpmodel.evolution.links``); the two whose laws leave least have a generation in every turn, the others take
-    turns. Raises InputError where the response is constant or holds a number that is not finite.
+    turns. The best of a population that is stuck is climbed from before a fresh one takes its place. Raises InputError
+    where the response is constant or holds a number that is not finite.
     """
     regression(response)
     began = clock()
@@ -136,9 +72,13 @@ def regress(
             sums = solved(island.problem.always, link, columns, response, PRICE)
             found += [] if sums is None else _judged([sums], columns, response)
             islands.append(island)
-    turn = 1
-    while clock() - began < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
+    turn, climbing = 1, 0.0
+    while (now := clock() - began) < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
         for island in _in_turn(islands, turn):
+            if island.is_stuck and climbing <= CLIMBED * now:
+                start = clock()
+                found += _judged(island.climbed(), columns, response)
+                climbing += clock() - start
             found += _judged(island.step(), columns, response)
         if turn % RANKED_EVERY == 0:
             for island in islands:
@@ -147,6 +87,9 @@ def regress(
         turn += 1
     if not any(law.left < EXACT for law in found):
         found += [law for island in islands for law in _judged(island.laws(), columns, response)]
+        for island in sorted(islands, key=lambda island: island.left):
+            if clock() - began < (1.0 - FINISHING / 2) * seconds:
+                found += _judged(island.climbed_from_best(), columns, response)
         best = sorted(found, key=lambda law: law.nats)[:POLISHED]
         found += _judged(_polished(best, columns, response, representation.constants), columns, response)
     if not found:

@@ -1,0 +1,115 @@
+"""A population under one link, the best program of each size that it has seen, and laws made of them."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from gpmodel.evolution.building_blocks import Vocabulary
+from gpmodel.evolution.generations import Generations
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
+from gpmodel.evolution.linked_terms import climbed_terms
+from gpmodel.evolution.links import LinkTerm
+from gpmodel.evolution.representation import Population
+from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.formula.program import Program
+
+EXACT = 1e-20
+"""Share of the response's variance below which a law is taken for exact: rounding leaves about 1e-28."""
+
+PROMISING = 1.0 - 1e-7
+"""Gain of a program whose law is looked at at once."""
+
+NEARLY_EXACT = 1e-4
+"""Share of a linked response's variance below which its link may be the law's; above, noise rules what is left."""
+
+BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
+"""The effort of one population."""
+
+
+class Island:
+    """A population under one link, and the best program of each size that it has seen."""
+
+    def __init__(self, problem: LinkedProblem, representation: Linear, rng: np.random.Generator) -> None:
+        self.problem = problem
+        self.run = Generations(problem, Settings(representation, budget=BUDGET), rng)
+        self.words = Vocabulary(problem.inputs, self.run.layout.operators, representation.constants)
+        self.population, self.scores = self.run.start()
+        self.kept: dict[int, tuple[float, Population, int]] = {}
+        self.climbed_from: set[tuple[LinkTerm, ...]] = set()
+        self.record = np.inf
+        self.left = np.inf
+        self.idle = 0
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether nothing has improved for so long that the next population is a fresh one."""
+        return self.idle >= self.run.budget.restart_after
+
+    def step(self) -> Iterator[Program]:
+        """One generation, or a fresh population where this one is stuck; the new laws that may be exact."""
+        if self.is_stuck:
+            self.idle, self.record = 0, np.inf
+            self.population, self.scores = self.run.start()
+        else:
+            self.population, self.scores = self.run.following(self.population, self.scores)
+        best = float(self.scores.score.min())
+        self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
+        self.record = min(self.record, best)
+        return self._laws({size for size in self._keep() if self.kept[size][0] > PROMISING})
+
+    def _keep(self) -> set[int]:
+        """Take in what beats what is known at its size; the sizes."""
+        scores, improved = self.scores, set()
+        largest = int(scores.complexity.max(initial=0))
+        known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
+        better = np.flatnonzero(scores.gain > known[scores.complexity] + 1e-12)
+        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
+            gain, size = float(scores.gain[row]), int(scores.complexity[row])
+            self.kept[size] = gain, self.population.take(np.array([row])), int(scores.chosen[row])
+            improved.add(size)
+        return improved
+
+    def linked_left(self) -> float:
+        """Share of the linked response's variance that its best program leaves; infinite where that says nothing.
+
+        A link's own scale is ruled by the few responses that it spreads.
+        """
+        best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
+        left = self.problem.share * (1.0 - best)
+        return np.inf if left > NEARLY_EXACT else left
+
+    def laws(self) -> Iterator[Program]:
+        """Laws of all programs kept, the largest gain first."""
+        return self._laws(self.kept)
+
+    def _laws(self, sizes: Iterable[int]) -> Iterator[Program]:
+        for _, population, chosen in sorted((self.kept[size] for size in sizes), key=lambda kept: -kept[0]):
+            law = self.problem.law(self.problem.terms(population.program(0, self.run.layout), chosen))
+            if law is not None:
+                yield law
+
+    def climbed(self) -> Iterator[Program]:
+        """The law at the top of the hill on which the population's best stands, where none was climbed from there."""
+        best = int(self.scores.score.argmin())
+        return self._climbed(self.population.take(np.array([best])), int(self.scores.chosen[best]))
+
+    def climbed_from_best(self) -> Iterator[Program]:
+        """The same from the program of least description length of all."""
+
+        def nats(size: int) -> float:
+            gain, _, chosen = self.kept[size]
+            half = 0.5 * len(self.problem.response)
+            return float(half * np.log(max(1.0 - gain, EXACT))) + PRICE * (size + chosen.bit_count())
+
+        _, population, chosen = self.kept[min(self.kept, key=nats)]
+        return self._climbed(population, chosen)
+
+    def _climbed(self, population: Population, chosen: int) -> Iterator[Program]:
+        terms = self.problem.terms(population.program(0, self.run.layout), chosen)
+        start = tuple(terms)
+        if terms and start not in self.climbed_from:
+            self.climbed_from.add(start)
+            law = self.problem.law(climbed_terms(self.problem, terms, self.words))
+            if law is not None:
+                yield law

@@ -1,0 +1,66 @@
+"""The terms of a law under a link as a hill: single edits of all of them, tried at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.building_blocks import Vocabulary
+from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.hill_climb import climbed
+from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
+from gpmodel.evolution.links import LinkTerm
+from gpmodel.evolution.problems import Inputs
+from gpmodel.evolution.projection import unit_rows
+from gpmodel.formula.program import Builder
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms as the outputs of one program, to climb from; outputs that join them go above the bar.
+
+    below: how many of the first outputs stand below it.
+    """
+
+    problem: LinkedProblem
+    below: int
+
+    @property
+    def inputs(self) -> Inputs:
+        """The columns that a program may read."""
+        return self.problem.inputs
+
+    def nats(self, gain: Array | float, size: Array | float) -> Array:
+        """Description length saved."""
+        return fit_nats(gain, self.problem.targets.components) - PRICE * np.asarray(size)
+
+    def set_gain(self, values: Array, site: int) -> float:
+        """Gain of terms (m, N)."""
+        if self.below:
+            return float(self.set_gains(values[None], site)[0])
+        return self.problem.targets.set_gain(values * self.problem.root, site)[0]
+
+    def set_gains(self, values: Array, site: int) -> Array:
+        """Gains (P,) of many sets of terms (P, m, N); those of quotients are of the response itself."""
+        if not self.below:
+            return self.problem.targets.set_gains(values * self.problem.root, site)
+        from gpmodel.evolution.kernels.quotients import share_left_by_quotients
+
+        programs, count, points = values.shape
+        scaled = unit_rows(values.reshape(-1, points)).reshape(values.shape)
+        bits = ((1 << count) - (1 << self.below)) | (((1 << self.below) - 1) << count)
+        left = np.ones(programs)
+        share_left_by_quotients(scaled, np.full(programs, bits), self.problem.response, PASSES, left)
+        return 1.0 - left
+
+
+def climbed_terms(problem: LinkedProblem, terms: list[LinkTerm], words: Vocabulary) -> list[LinkTerm]:
+    """The terms at the top of the hill of single edits of all of them; one more than there are may join them."""
+    builder = Builder()
+    ordered = sorted(terms, key=lambda term: not term.below)
+    whole = builder.program([builder.copy(term.program)[term.program.outputs[0]] for term in ordered])
+    below = sum(term.below for term in terms)
+    top = climbed(whole, Terms(problem, below), 0, words, len(terms) + 1)
+    return [LinkTerm(top.select([k]), k < below) for k in range(len(top.outputs))]
