@@ -10,9 +10,6 @@ import json
 import os
 import platform
 import resource
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -21,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.speed.cold_start import cold_start
 from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
 from experiments.speed.slot_problems import EFFECTS, planted
 from experiments.tables import write_table
@@ -42,20 +40,6 @@ from gpmodel.formula.operators import BY_CODE, operator_set
 
 ARITHMETIC_THEN = 15.9
 """Milliseconds of one core that the arithmetic of an evaluation took on the machine of the goals, as they were set."""
-
-START = """
-import numpy as np
-from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.problems import Inputs, SlotProblem
-from gpmodel.evolution.projection import regression
-from gpmodel.evolution.search import evolve
-from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.evolution.tree import Tree
-x = np.random.default_rng(0).normal(size=(3, 40))
-problem = SlotProblem(Inputs(("a", "b", "c"), x), regression(x[0] * x[1]))
-for kind in (Linear(), Tree()):
-    evolve(problem, Settings(kind, budget=Budget(64, 2, polish_every=1)), np.random.default_rng(0))
-"""
 
 
 def timed(work: Callable[[], Any], repeats: int, before: Callable[[], Any] = int) -> dict[str, float]:
@@ -218,22 +202,6 @@ def write_tables(results: dict[str, Any], readme: Path) -> None:
     write_table(readme, "work", ("work", "median ms", "best ms", "CPU ms"), rows)
     cold = results["cold start, s"].items()
     write_table(readme, "start", ("a fresh process", "seconds"), cold)
-
-
-def cold_start() -> dict[str, float]:
-    """Seconds of a fresh process that runs both representations once, and of the command's help."""
-    found = {}
-    with tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        for name in ("compile cache empty", "compile cache warm"):
-            begin = time.perf_counter()
-            subprocess.run([sys.executable, "-c", START], check=True, env=environment)
-            found[name] = round(time.perf_counter() - begin, 2)
-    begin = time.perf_counter()
-    shown = [sys.executable, "-c", "from gpmodel.cli.main import main; main()", "evolve", "--help"]
-    subprocess.run(shown, check=True, stdout=subprocess.DEVNULL)
-    found["gpmodel evolve --help"] = round(time.perf_counter() - begin, 2)
-    return found
 
 
 def main() -> None:

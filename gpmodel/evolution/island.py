@@ -102,8 +102,9 @@ class Island:
             half = 0.5 * len(self.problem.response)
             return float(half * np.log(max(1.0 - gain, EXACT))) + PRICE * (size + chosen.bit_count())
 
-        _, population, chosen = self.kept[min(self.kept, key=nats)]
-        return self._climbed(population, chosen)
+        if self.kept:
+            _, population, chosen = self.kept[min(self.kept, key=nats)]
+            yield from self._climbed(population, chosen)
 
     def _climbed(self, population: Population, chosen: int) -> Iterator[Program]:
         terms = self.problem.terms(population.program(0, self.run.layout), chosen)

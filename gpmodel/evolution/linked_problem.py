@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.engine import Code, values
-from gpmodel.evolution.links import Link, LinkTerm, solved
+from gpmodel.evolution.linked_solution import solved
+from gpmodel.evolution.links import Link, LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
 from gpmodel.evolution.scoring import Scores, projected_scores

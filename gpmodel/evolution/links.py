@@ -4,13 +4,11 @@ A law ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 
 """
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.errors import InputError
 from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
@@ -125,76 +123,8 @@ class LinkTerm:
         return self.program.evaluate(columns)[0] if self.below else np.zeros(points)
 
 
-def solved(
-    terms: list[LinkTerm], link: Link, columns: Mapping[str, Array], response: Array, price: float
-) -> Program | None:
-    """The law of some terms with their coefficients by least squares, as few of them free as ``price`` nats allow.
-
-    A term that is worth less is left out, and an exponent becomes the nearest multiple of a half where that costs
-    less: only so has the power of a negative number its sign. None where no term is left or the columns are no numbers.
-    """
-    root = link.root_weights(response)
-    there = root * link.forward(response)
-    table = root[:, None] * np.stack([term.column(columns, response) for term in terms], axis=1)
-    if not np.all(np.isfinite(table)):
-        return None
-    values = np.stack([term.values_below(columns, len(response)) for term in terms])
-    if link.quotient:
-        root = _over_denominator(values, table, response)
-        there, table = root * there, root[:, None] * table
-    scale = np.abs(table).max(axis=0)
-    free = np.flatnonzero(scale > 0).tolist()
-    held: dict[int, float] = {}
-    while free:
-        part, rest = table[:, free] / scale[free], there - table @ _filled(held, len(terms))
-        triangle = np.linalg.qr(part)[1]
-        diagonal = np.abs(np.diag(triangle))
-        if diagonal.min() <= 1e-10 * diagonal.max():
-            free.pop(int(diagonal.argmin()))
-            continue
-        found = np.linalg.lstsq(part, rest, rcond=None)[0]
-        simple = np.array(
-            [link.simplest(terms[k].program, c) for k, c in zip(free, (found / scale[free]).tolist(), strict=True)]
-        )
-        loss = _losses(part, rest, found, simple * scale[free], triangle)
-        if loss.min() >= price:
-            held |= dict(zip(free, (found / scale[free]).tolist(), strict=True))
-            break
-        place = int(loss.argmin())
-        held[free.pop(place)] = float(simple[place])
-    kept = sorted(k for k in held if held[k])
-    one = 1.0 + sum(held[k] * float(values[k].mean()) for k in kept)
-    with np.errstate(all="ignore"), suppress(InputError):
-        return _assembled([terms[k] for k in kept], [held[k] / one for k in kept], link) if kept and one else None
-    return None
-
-
-def _over_denominator(values: Array, table: Array, response: Array) -> Array:
-    """What the errors (N,) of a quotient's linear problem are multiplied by to be those of the response.
-
-    values (terms, N): what stands below the bar, else 0.
-    """
-    scale = np.abs(table).max(axis=0, initial=1e-300)
-    found = np.linalg.lstsq(table / scale, response, rcond=None)[0] / scale
-    size = np.abs(1.0 - found @ (values - values.mean(axis=1, keepdims=True)))
-    return np.asarray(size.min() / size) if size.min() > 0 else np.ones_like(response)
-
-
-def _filled(held: dict[int, float], count: int) -> Array:
-    found = np.zeros(count)
-    found[list(held)] = list(held.values())
-    return found
-
-
-def _losses(part: Array, there: Array, found: Array, simple: Array, triangle: Array) -> Array:
-    """Nats lost where one coefficient of a least-squares solution is held at another value, the others solved anew."""
-    rest = there - part @ found
-    floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
-    variances = np.square(np.linalg.inv(triangle)).sum(axis=1)
-    return np.asarray(0.5 * len(there) * np.log1p((found - simple) ** 2 / variances / max(float(rest @ rest), floor)))
-
-
-def _assembled(terms: list[LinkTerm], coefficients: list[float], link: Link) -> Program:
+def assembled(terms: list[LinkTerm], coefficients: list[float], link: Link) -> Program:
+    """The law of terms with their coefficients: their sum, product or quotient under the inverse of the link."""
     builder = Builder()
     above = [(t.program, c) for t, c in zip(terms, coefficients, strict=True) if not t.below]
     below = [(t.program, -c) for t, c in zip(terms, coefficients, strict=True) if t.below]

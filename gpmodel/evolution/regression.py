@@ -13,7 +13,8 @@ from gpmodel.evolution.constants import polish
 from gpmodel.evolution.island import EXACT, Island
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
-from gpmodel.evolution.links import LINKS, solved
+from gpmodel.evolution.linked_solution import solved
+from gpmodel.evolution.links import LINKS
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.formula.program import Builder, Program

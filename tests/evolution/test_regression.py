@@ -12,8 +12,9 @@ from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.island import BUDGET, EXACT
 from gpmodel.evolution.kernels.quotients import share_left_by_quotients
 from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
+from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.linked_terms import climbed_terms
-from gpmodel.evolution.links import LINKS, Link, LinkTerm, solved
+from gpmodel.evolution.links import LINKS, Link, LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import unit_rows
 from gpmodel.evolution.regression import SEQUENCES, regress
@@ -60,6 +61,12 @@ def test_constants_of_a_noisy_law_are_those_that_fit_the_response_and_not_its_li
     best = np.linalg.lstsq(law.program.evaluate(COLUMNS).T, noisy, rcond=None)[0][0]
     assert best == pytest.approx(1.0, abs=1e-6)
     assert law.left < 0.1
+
+
+def test_where_nothing_is_worth_its_price_a_law_is_short() -> None:
+    noise = np.random.default_rng(11).normal(size=80)
+    law = regress(INPUTS, noise, np.random.default_rng(0), 60, clock=count().__next__)
+    assert law.left > 0.5
 
 
 def test_a_law_depends_on_the_seed_alone() -> None:
