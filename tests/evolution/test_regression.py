@@ -10,13 +10,11 @@ from gpmodel.evolution.building_blocks import Vocabulary
 from gpmodel.evolution.engine import values
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.island import BUDGET, EXACT
-from gpmodel.evolution.kernels.quotients import share_left_by_quotients
-from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.linked_terms import climbed_terms
 from gpmodel.evolution.links import LINKS, Link, LinkTerm
 from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.projection import unit_rows
 from gpmodel.evolution.regression import SEQUENCES, regress
 from gpmodel.evolution.settings import Settings
 from gpmodel.formula.operators import operator_set
@@ -148,48 +146,6 @@ def test_nothing_is_solved_of_columns_that_are_no_numbers() -> None:
     assert solved(terms("log(a - a)"), BY_NAME["identity"], COLUMNS, values_of("a"), PRICE) is None
 
 
-def left_by_quotient(outputs: np.ndarray, chosen: int, response: np.ndarray) -> float:
-    """What ``share_left_by_quotients`` says it computes, for one program."""
-    count = len(outputs)
-    above = np.stack([np.ones(len(response)), *(outputs[k] for k in range(count) if chosen >> k & 1)])
-    below = np.stack([outputs[k] - outputs[k].mean() for k in range(count) if chosen >> (k + count) & 1])
-    root, left = np.ones(len(response)), np.inf
-    for _ in range(PASSES):
-        table = root * np.vstack([above, below * response])
-        found = np.linalg.lstsq(table.T, root * response, rcond=None)[0]
-        denominator = 1.0 - found[len(above) :] @ below
-        rest = response - found[: len(above)] @ above / denominator
-        left = min(left, float(rest @ rest) / float(np.sum(np.square(response - response.mean()))))
-        root = 1.0 / np.abs(denominator)
-    return left
-
-
-def test_what_quotients_leave_is_what_they_leave_of_the_response() -> None:
-    rng = np.random.default_rng(6)
-    outputs = unit_rows(rng.normal(size=(12, 80))).reshape(4, 3, 80)
-    response = 3.0 + 0.5 * rng.normal(size=80)
-    chosen = np.array([0b001000, 0b010011, 0b111111, 0b000101])
-    left = np.full(4, 0.25)
-    share_left_by_quotients(outputs, chosen, response, PASSES, left)
-    expected = [left_by_quotient(o, int(c), response) for o, c in zip(outputs[:3], chosen, strict=False)]
-    np.testing.assert_allclose(left, [*expected, 0.25], rtol=1e-9)
-
-
-def test_a_quotient_whose_terms_are_alike_is_left_out() -> None:
-    outputs = unit_rows(np.stack([COLUMNS["a"], 2.0 * COLUMNS["a"]]))[None]
-    left = np.ones(1)
-    share_left_by_quotients(outputs, np.array([0b1100]), values_of("1/a"), PASSES, left)
-    assert left[0] == np.inf
-
-
-def test_a_quotient_with_noise_is_solved_for_the_errors_of_the_response() -> None:
-    law = "(5 + 2*a)/(1 + 3*b*c)"
-    noisy = values_of(law) + 0.03 * np.random.default_rng(0).normal(size=80)
-    found = solved(terms("1", "a", below=("b*c",)), BY_NAME["quotient"], COLUMNS, noisy, PRICE)
-    assert found is not None
-    assert np.sqrt(np.mean(np.square(found.evaluate(COLUMNS)[0] - values_of(law)))) < 0.01
-
-
 @pytest.mark.parametrize("link", [link for link in LINKS if not link.quotient], ids=lambda link: link.name)
 def test_scores_are_those_of_least_squares_on_the_chosen_columns(link: Link) -> None:
     response = values_of("0.02*a*b/c + 0.1/(1 + a)")
@@ -211,27 +167,6 @@ def test_scores_are_those_of_least_squares_on_the_chosen_columns(link: Link) -> 
             left = there - table @ np.linalg.lstsq(table, there, rcond=None)[0]
             np.testing.assert_allclose(scores.gain[row], 1.0 - left @ left / (rest @ rest), atol=1e-6)
             used += bool(chosen)
-    assert used > 20
-
-
-def test_quotients_are_scored_by_what_they_leave_of_the_response() -> None:
-    response = values_of("0.02*a*b/c + 0.1/(1 + a)")
-    problem = LinkedProblem(INPUTS, response, BY_NAME["quotient"])
-    run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), np.random.default_rng(0))
-    population, scores = run.start()
-    used = 0
-    for row in range(0, len(population), 2):
-        chosen = int(scores.chosen[row])
-        outputs = population.program(row, run.layout).evaluate(COLUMNS)
-        picked = [k for k in range(8) if chosen >> k & 1]
-        table = unit_rows(np.vstack([np.ones(80), outputs, problem.link.companions(outputs[None], response)[0]]))
-        if chosen >> 4 and np.linalg.cond(table[[0, *(k + 1 for k in picked)]].T) < 1e4:
-            left = left_by_quotient(unit_rows(outputs), chosen, response)
-            np.testing.assert_allclose(scores.gain[row], 1.0 - left, atol=1e-6)
-            np.testing.assert_allclose(
-                scores.score[row], 40.0 * np.log(left) + PRICE * (scores.complexity[row] + len(picked)), atol=1e-3
-            )
-            used += 1
     assert used > 20
 
 
