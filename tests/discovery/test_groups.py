@@ -127,6 +127,14 @@ def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert found().noise == pytest.approx(NOISE, rel=0.15)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_a_rival(seed: int) -> None:
+    """The first joint of this arm stands on its base: what bends the one tilts the other."""
+    kept = {k.group.name: k for k in chosen(robot(PLANTED, 80, seed)).kept}
+    assert "joint bending, J1" not in kept
+    assert "joint bending, J1" in {group.name for group, _ in kept["base compliance"].rivals}
+
+
 def test_the_values_found_are_the_true_ones_within_their_deviations() -> None:
     truth = robot(PLANTED)
     true = dict(zip((e.terms for e in truth.model.effects), truth.theta, strict=True))

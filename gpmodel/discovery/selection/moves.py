@@ -1,5 +1,6 @@
 """Moves of the selection: re-estimate, add, prune, swap; each raises the evidence, until none does."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -158,8 +159,8 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
             if g not in active.variances:
                 continue
             rivals[g], variances = instead_of(replacements, g)
-            if rivals[g] and rivals[g][0].loss < -active.criteria.swap_nats:
-                h = rivals.pop(g)[0].number
+            h = _successor(active, g, rivals[g])
+            if h is not None:
                 trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
                 if trial.evidence > active.evidence + SETTLED:
                     active, changed, replacements = trial, True, Replacements(trial)
@@ -167,6 +168,14 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
             break
         active = pruned(reestimated(grown(active)))
     return active, {g: rivals.get(g, ()) for g in _found(active)}
+
+
+def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | None:
+    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse and cheaper to
+    name, since of two that explain the same the better known one is likelier."""
+    cost, settled = active.pool.cost, active.criteria.swap_nats
+    better = (r.number for r in rivals if r.loss < (0.0 if cost[r.number] < cost[g] else -settled))
+    return next(better, None)
 
 
 def _found(active: Active) -> list[int]:
