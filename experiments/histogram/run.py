@@ -33,21 +33,19 @@ Search = tuple[Problem, Settings]
 POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("J5",), "J4": ("J4",)}
 
 
-def cartesian_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
+def cartesian_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
     sequences = replace(Linear.thesis(), crossover=0.03, mutation=0.03)
     settings = thesis_settings(sequences, chosen.population, chosen.generations)
-    problem = cartesian(model, case.poses.subset(case.train))
-    return problem.shuffled(null) if null else problem, settings.with_budget(threads=1)
+    return cartesian(model, case.poses.subset(case.train)), settings.with_budget(threads=1)
 
 
-def slot_search(case: Case, model: Calibration, chosen: Namespace, null: np.random.Generator | None) -> Search:
+def slot_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
     train = case.poses.subset(case.train)
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     residual = residual_of(model, train, Criteria(), 0)
     seen = targets(residual, sites_of(case.mechanism), np.arange(len(train)))
-    problem = SlotProblem(inputs, seen, parsimony=2.0)
     budget = Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, threads=1)
-    return problem.shuffled(null) if null else problem, Settings(budget=budget)
+    return SlotProblem(inputs, seen, parsimony=2.0), Settings(budget=budget)
 
 
 SEARCHES = {"Cartesian": cartesian_search, "slot": slot_search}
@@ -59,12 +57,12 @@ def count(search: str, case: Case, model: str, chosen: Namespace, rng: np.random
     left: the share of its error that the best program of each run leaves: of the largest one, Cartesian, of the squares
     at a slot.
     """
-    calibration = fit(case, MODELS[model])
+    problem, settings = SEARCHES[search](case, fit(case, MODELS[model]), chosen)
     real, null = np.zeros((2, len(THESIS_INPUTS)), dtype=int)
     left: dict[str, list[float]] = {"real": [], "shuffled": []}
-    for gains, counts, shuffle in zip(left.values(), (real, null), (None, rng), strict=True):
+    for gains, counts, shuffle in zip(left.values(), (real, null), (False, True), strict=True):
         for _ in range(chosen.runs):
-            best = evolve(*SEARCHES[search](case, calibration, chosen, shuffle), rng).best
+            best = evolve(problem.shuffled(rng) if shuffle else problem, settings, rng).best
             counts += [name in best.program.inputs for name in THESIS_INPUTS]
             gains.append(round(1.0 - best.gain, 4))
     head = {"search": search, "model": model, "runs": chosen.runs}
