@@ -4,6 +4,7 @@ A task carries all it needs, its random generator included, so that no number de
 or how often it was begun again.
 """
 
+import copyreg
 import multiprocessing
 import os
 import sys
@@ -13,6 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from gpmodel.errors import InputError
@@ -36,6 +38,14 @@ ATTEMPTS = 3
 
 PATIENCE = "10s"
 """For which a scheduler may be silent."""
+
+
+def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
+    """Columns that nobody changes; as which they arrive at another process."""
+    return MappingProxyType(columns)
+
+
+copyreg.pickle(MappingProxyType, lambda columns: (read_only, (dict(columns),)))
 
 
 class Workers(Protocol):

@@ -16,10 +16,11 @@ from gpmodel.api.table import TableLike
 from gpmodel.calibration.comparison import Models, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
+from gpmodel.executor import Threads, Workers
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_of_tables
-from gpmodel.hierarchy.found import Rows, found_on_most
+from gpmodel.hierarchy.found import Rows, Searched, found_on_most
 from gpmodel.hierarchy.record import (
     KIND,
     NAME,
@@ -108,6 +109,8 @@ def fleet(
     *,
     holdout: float = 0.3,
     seed: int = 0,
+    workers: int = 0,
+    executor: Workers | None = None,
     progress: Say = silent,
     command: str = COMMAND,
 ) -> FleetResult:
@@ -118,7 +121,8 @@ def fleet(
     tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that `discover` with the
     catalogue alone finds on more than half of the machines. holdout: share of each machine's poses by which its errors
     are judged, 0 for none; the numbers of the type are of all poses. By itself a machine is what `calibrate` makes of
-    its table; effects that come with priors, as a curve's harmonics, are judged between machines as one.
+    its table; effects that come with priors, as a curve's harmonics, are judged between machines as one. workers:
+    machines searched side by side, 0 for one a core; executor: searches elsewhere; no number depends on either.
     Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
     effect, a fit that diverges.
     """
@@ -129,7 +133,9 @@ def fleet(
     machines = _machines(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    named, chosen = _effects(given, arms, rows, seed, say)
+    side_by_side = executor or Threads(whole(workers, "workers"))
+    tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
+    named, chosen = _effects(given, tasks, side_by_side, say)
     models = growing(geometric_effects(arms[0][0]), named)
     say("every machine by its own poses, then with what it shares with the others")
     final = calibrate_fleet(arms, [calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed) for arm, poses in arms])
@@ -181,18 +187,15 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
 
 
 def _effects(
-    given: tuple[object, ...] | None, machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], seed: int,
-    say: Teller,
-) -> tuple[Models, str]:  # fmt: skip
+    given: tuple[object, ...] | None, tasks: Sequence[Searched], workers: Workers, say: Teller
+) -> tuple[Models, str]:
     """Groups of effects beside the geometry, and in words where they are from."""
-    if given is None and not all(len(held) for _, held in rows):
+    if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
     if given is not None:
-        groups = [named_group(effect, *machines[0]) for effect in given]
+        groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]
         return groups, f"named: {', '.join(n for n, _ in groups) or 'none'}"
-    effects, counts = found_on_most(machines, rows, seed, say.say)
-    listed_counts = ", ".join(f"{name} on {count}" for name, count in counts.items()) or "nothing on any"
-    chosen = f"found on more than half of {len(machines)} machines, by the catalogue alone: {listed_counts}"
+    effects, chosen = found_on_most(tasks, workers, say)
     return [("found", effects)], chosen
 
 

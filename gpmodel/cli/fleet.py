@@ -6,7 +6,16 @@ import click
 
 from gpmodel.api.fleet import fleet as calibrate_fleet
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.options import holdout_option, mechanism_options, out_folder_option, quiet_option, seed_option
+from gpmodel.cli.options import (
+    holdout_option,
+    mechanism_options,
+    out_folder_option,
+    quiet_option,
+    scheduler_option,
+    seed_option,
+    workers_option,
+)
+from gpmodel.executor import scheduled
 from gpmodel.hierarchy.record import NAME
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE
@@ -20,11 +29,13 @@ from gpmodel.report.fleet import PAGE
 )
 @holdout_option
 @seed_option
+@workers_option
+@scheduler_option
 @out_folder_option
 @quiet_option
 def fleet(
     tables: Path, mechanism: LoadedMechanism | None, effects: tuple[str, ...], holdout: float, seed: int,
-    folder: Path | None, quiet: bool,
+    workers: int | None, scheduler: str | None, folder: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Calibrate the machines whose tables are in DIR together: what the type has in common, how its machines spread,
     each with the others' help, and which of them stands out in what.
@@ -33,10 +44,11 @@ def fleet(
     as its file. With --out: fleet.html, and fleet.json, which calibrate --fleet takes for a further machine.
     """
     named = None if not effects else [name for name in effects if name != "none"]
-    with progress_line(quiet or named is not None) as say:
+    with progress_line(quiet or named is not None) as say, scheduled(scheduler, workers or 0) as executor:
         found = calibrate_fleet(
-            mechanism, tables, named, holdout=holdout, seed=seed, progress=say, command=command_line()
-        )
+            mechanism, tables, named, holdout=holdout, seed=seed, executor=executor, progress=say,
+            command=command_line(),
+        )  # fmt: skip
     if not quiet:
         click.echo(found.summary())
     if folder is not None:

@@ -46,7 +46,7 @@ scheduler_option = click.option(
     "--scheduler",
     default=None,
     metavar="ADDRESS",
-    help="Where GP runs go: local:N processes, or dask at tcp://host:8786. [default: threads]",
+    help="Where the work goes: local:N processes, or dask at tcp://host:8786. [default: threads]",
 )
 resume_option = click.option(
     "--resume",

@@ -2,34 +2,52 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gpmodel.arrays import IntArray
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
+from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
-from gpmodel.progress import Say
+from gpmodel.progress import Teller
 
 Rows = tuple[IntArray, IntArray]
 
 
-def found_on_most(
-    machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], seed: int, say: Say
-) -> tuple[tuple[Effect, ...], dict[str, int]]:
-    """Effects found and confirmed on more than half of the machines, each searched by itself with the catalogue alone;
-    and on how many machines each thing was found.
+@dataclass(frozen=True)
+class Searched:
+    """One machine's search: all that a worker needs. rows: training and held-out ones of its poses."""
 
-    rows: training and held-out ones of each. Where machines found a curve in more or less detail, the plainest is
+    mechanism: Mechanism
+    poses: Poses
+    rows: Rows
+    seed: int
+
+    def found(self) -> tuple[Candidate, ...]:
+        """What the catalogue alone finds, where its held-out poses confirm it."""
+        result = discover(self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), seed=self.seed)
+        return tuple(finding.candidate for finding in result.findings) if result.confirmed else ()
+
+
+def found_on_most(tasks: Sequence[Searched], workers: Workers, say: Teller) -> tuple[tuple[Effect, ...], str]:
+    """Effects found and confirmed on more than half of the machines, each searched by itself with the catalogue alone;
+    and in words where they are from: on how many machines each thing was found.
+
+    workers: where the machines are searched. Where machines found a curve in more or less detail, the plainest is
     taken, which all of them can tell.
     """
-    found: list[Candidate] = []
-    for (mechanism, poses), (train, heldout) in zip(machines, rows, strict=True):
-        result = discover(mechanism, poses, train, heldout, search=Search(runs=0), seed=seed, progress=say)
-        if result.confirmed:
-            found += [finding.candidate for finding in result.findings]
+    by_machine: dict[int, tuple[Candidate, ...]] = {}
+    say("searching every machine by itself", passing=True)
+    for place, candidates in workers(Searched.found, tasks):
+        by_machine[place] = candidates
+        say(f"searching, {len(by_machine)} of {len(tasks)} machines done", passing=True)
+    found = [candidate for place in range(len(tasks)) for candidate in by_machine[place]]
     counts = Counter(candidate.name for candidate in found)
-    common = [name for name, count in counts.items() if 2 * count > len(machines)]
+    common = [name for name, count in counts.items() if 2 * count > len(tasks)]
     plainest = (min((c for c in found if c.name == name), key=lambda c: len(c.effects)) for name in common)
-    return tuple(effect for candidate in plainest for effect in candidate.effects), dict(counts.most_common())
+    listed = ", ".join(f"{name} on {count}" for name, count in counts.most_common()) or "nothing on any"
+    chosen = f"found on more than half of {len(tasks)} machines, by the catalogue alone: {listed}"
+    return tuple(effect for candidate in plainest for effect in candidate.effects), chosen

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from executor_cases import Elsewhere
 from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, machines, written
 
 import gpmodel as gp
@@ -76,10 +77,13 @@ def test_an_innocent_fleet_has_no_outlier() -> None:
     assert {m.own_mm for m in found.record.machines} == {None}
 
 
-def test_effects_are_those_found_on_most_machines() -> None:
+def test_effects_are_those_found_on_most_machines_wherever_these_are_searched() -> None:
     found = gp.fleet(MECHANISM, machines(2, 2, poses=60), holdout=0.3)
     assert "base compliance" in [p.name for p in found.record.effects if not p.constant]
     assert "base compliance on 2" in found.record.chosen
+    far = Elsewhere()
+    assert gp.fleet(MECHANISM, machines(2, 2, poses=60), holdout=0.3, executor=far).record == found.record
+    assert far.functions == {"found"}
 
 
 def test_a_further_machine_with_few_poses_is_known_better(found: FleetResult) -> None:
