@@ -92,7 +92,8 @@ def below_the_bar(values: Array, response: Array) -> Array:
     They are centred: a denominator whose mean over the points is 1 cannot make all errors small. (It can most, so that
     laws are judged by what they leave of the response itself.)
     """
-    return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response)
+    with np.errstate(all="ignore"):
+        return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response)
 
 
 LINKS = (

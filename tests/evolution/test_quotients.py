@@ -67,6 +67,11 @@ def test_a_quotient_with_noise_is_solved_for_the_errors_of_the_response() -> Non
     assert np.sqrt(np.mean(np.square(found.evaluate(COLUMNS)[0] - values_of(law)))) < 0.01
 
 
+def test_a_denominator_that_is_infinite_somewhere_is_not_solved() -> None:
+    terms = [LinkTerm(parse("a")), LinkTerm(parse("1/(b - b)"), below=True)]
+    assert solved(terms, QUOTIENT, COLUMNS, values_of("a"), PRICE) is None
+
+
 def test_quotients_are_scored_by_what_they_leave_of_the_response() -> None:
     response = values_of("0.02*a*b/c + 0.1/(1 + a)")
     problem = LinkedProblem(INPUTS, response, QUOTIENT)
