@@ -18,9 +18,12 @@ def solve(system: Array, target: Array) -> Array:
 
 
 def factored(gram: Array) -> tuple[Array, bool]:
-    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites."""
+    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites.
+
+    Row by row in memory it is its own transpose column by column, as LAPACK wants it.
+    """
     gram[np.diag_indices_from(gram)] += 1e-12
-    return linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
+    return linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
 
 
 def inverse_gram(columns: Array, many: bool) -> Array:
