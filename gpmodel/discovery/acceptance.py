@@ -80,8 +80,8 @@ def worth(criteria: Criteria, nats: float, *candidates: Candidate) -> float:
 def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
     """Whether every part of an expression without a name speaks for more than a few poses.
 
-    Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost 2 deviations in
-    cross-validation: else a spike at the worst poses rides along with a shape that is there.
+    Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost as much
+    in cross-validation as is asked of a finding: else a spike at the worst poses rides along with a true shape.
     """
     if candidate.family:
         return True
@@ -121,7 +121,7 @@ def _worth(residual: Residual, pool: Pool, i: int) -> float:
 
 
 def _preferred(residual: Residual, judged: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The first that passed; a named one that passed before an expression that does not predict better by 2 deviations.
+    """The first that passed; a named one that passed before an expression that does not predict better beyond doubt.
 
     What an expression explains beyond a named effect may be a few bad poses, which it has more ways to meet.
     """

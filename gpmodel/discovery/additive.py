@@ -22,6 +22,7 @@ from gpmodel.discovery.selection.result import Kept, Selection
 from gpmodel.discovery.selection.select import select
 from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_candidates, of_offers, only
 from gpmodel.discovery.selection.waves import combs_of
+from gpmodel.discovery.together import standing_together
 from gpmodel.evolution.chance import chance
 from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
@@ -149,10 +150,6 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
 def _accepted(choice: Choice, chosen: Selection) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding.
-
-    All that fail are left out at once; of those that failed one test only, beside much that stands no longer, the
-    strongest comes back once where it stands beside what is left (a step back, as in the floating search of Pudil et
-    al. 1994).
     """
     kept = {k.group.name: k for k in chosen.kept}
     offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
@@ -161,39 +158,18 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
     if apart != candidates:
         fewer = choice.fit(tuple(apart.values()), calibration)
         candidates, calibration = refined_fit(choice.fit, choice.residual, apart, fewer)
-    judged: dict[str, Hypothesis] = {}
-    refused: dict[str, Candidate] = {}
-    returned: set[str] = set()
-    while True:
+
+    def verdicts(calibration: Calibration, asked: Mapping[str, Candidate]) -> dict[str, Hypothesis]:
         left = choice.residual(calibration)
-        now = _verdicts(choice, left, candidates, kept, chosen)
-        judged |= now
-        failed = {name: candidates.pop(name) for name, h in now.items() if not h.accepted}
-        if failed:
-            refused |= {name: c for name, c in failed.items() if name not in returned}
-            calibration = choice.fit(tuple(candidates.values()), calibration)
-            continue
-        again = {name: c for name, c in refused.items() if judged[name].verdict.nearly}
-        verdicts = _verdicts(choice, left, again, kept, chosen)
-        refused = {name: again[name] for name, h in verdicts.items() if h.accepted}
-        if not refused:
-            return Additive(tuple(judged.values()), calibration, chosen.by_chance)
-        best = max(refused, key=lambda name: verdicts[name].score.nats)
-        candidates[best] = refused.pop(best)
-        returned.add(best)
-        calibration = choice.fit(tuple(candidates.values()), calibration)
 
+        def verdict(name: str) -> Hypothesis:
+            return _judged(left.without(asked[name].effects), asked[name], kept[name], chosen)
 
-def _verdicts(
-    choice: Choice, left: Residual, candidates: Mapping[str, Candidate], kept: Mapping[str, Kept], chosen: Selection
-) -> dict[str, Hypothesis]:
-    """The verdict on each candidate beside what a model that leaves `left` has of all the others."""
+        found = dict(Threads(choice.search.workers)(verdict, tuple(asked)))
+        return {name: found[number] for number, name in enumerate(asked)}
 
-    def verdict(name: str) -> Hypothesis:
-        return _judged(left.without(candidates[name].effects), candidates[name], kept[name], chosen)
-
-    found = dict(Threads(choice.search.workers)(verdict, tuple(candidates)))
-    return {name: found[number] for number, name in enumerate(candidates)}
+    judged, calibration = standing_together(candidates, calibration, verdicts, choice.fit)
+    return Additive(tuple(judged.values()), calibration, chosen.by_chance)
 
 
 def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:

@@ -21,7 +21,7 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     within a block stays slow in any order of them (experiments/coverage).
     """
     explained = contribution(residual, candidate)
-    left = residual.values - explained
+    left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
     score = np.zeros(len(residual.poses))
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
