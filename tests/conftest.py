@@ -1,9 +1,14 @@
 """Options and fixtures of the tests."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+"""One thread a worker, as the program has it: threads of small products wait for each other most of the time."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
