@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
@@ -143,11 +144,12 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     mechanism = calibration.model.mechanism
     offered = catalogue.candidates(mechanism, poses.states)
     pool = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
-    found = [
-        rival
-        for rival in rivals_of_constants(calibration, poses, pool)
-        if rival.plausible and (rival.session or rival.difference.max() > calibration.sigma)
-    ]
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = [
+            rival
+            for rival in rivals_of_constants(calibration, poses, pool)
+            if rival.plausible and (rival.session or rival.difference.max() > calibration.sigma)
+        ]
     found.sort(key=lambda rival: rival.moves)
     best: dict[str, Rival] = {}
     for rival in found:
