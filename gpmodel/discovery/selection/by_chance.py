@@ -20,10 +20,10 @@ def best_by_chance(
 ) -> Array:
     """The most nats (count,), costs counted, that any group or wave gains on each of `count` permuted residuals.
 
-    bundle: (N,) code of the poses that stay together, in the order of the problem's poses. What the model leaves is
-    permuted over the bundles, what it explains is put back, and every group scored beside it as in `scan`.
+    bundle: (N,) code of the poses that stay together, in the order of the problem's poses. Every group is
+    scored beside the model on the permuted residuals as in `scan`.
     """
-    pool, trials = active.pool, _permuted(active, bundle, rng, count)
+    pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     pulls = pool.atoms.cross(trials)
     table, _ = reduced(active)
     rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
@@ -41,8 +41,12 @@ def best_by_chance(
     return found
 
 
-def _permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Targets (M, count), whitened and cleaned: what the model explains, and the rest in another order."""
+def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """Targets (M, count), whitened: what the model explains, and the rest in another order of the bundles.
+
+    The rest is made as large as the noise σ of the model: the fit has taken a part of the noise, of few poses a large
+    one, and takes that part again of every permuted residual.
+    """
     rows = active.pool.rows
     explained = np.zeros_like(rows.target)
     for g, at in active.blocks.items():
@@ -50,7 +54,8 @@ def _permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count:
         explained += part @ (np.sqrt(active.variances[g]) * active.mean[at])
     present = rows.problem.weights > 0
     left = np.full(present.shape, np.nan)
-    left[present] = rows.target - explained
+    rest = rows.target - explained
+    left[present] = rest * np.sqrt(active.sigma2 * len(rest) / max(float(rest @ rest), np.finfo(float).tiny))
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
     places = np.argsort(codes, kind="stable")
     out = np.empty((len(rows.target), count))
@@ -59,4 +64,4 @@ def _permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count:
         turned = np.empty_like(left)
         turned[places] = left[np.argsort(rank[codes], kind="stable")]
         out[:, t] = explained + np.nan_to_num(turned[present])
-    return rows.clean(out)
+    return out
