@@ -28,10 +28,10 @@ class Criteria:
 
     While groups are chosen, each has to save minimum_nats. part_nats: what each place of a group at several places has
     to save, its share of that, since the kind is paid for already. swap_nats: by which a group has to be better to take
-    another's place, more than is settled of either; one that is cheaper to name takes it where it is no worse.
-    rival_nats: within which another in its place is told as a rival, a factor of twenty in likelihood (Jeffreys 1961:
-    "strong"). one_pose_share: of what a group gains that one pose may
-    bring; more than half is an outlier the group has bent itself to.
+    another's place, more than is settled of either; one that is cheaper to name, and no larger, takes it where it is no
+    worse. rival_nats: within which another in its place is told as a rival, a factor of twenty in likelihood (Jeffreys
+    1961: "strong"). one_pose_share: of what a group gains that one pose may bring; more than half is an outlier the
+    group has bent itself to.
 
     fewest_bundles: groups of poses below which too few orders of whole groups differ to tell chance, and only repeats
     of a pose are kept together. blocks: stretches of rows, and regions of space, in which poses are

@@ -171,11 +171,15 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
 
 
 def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | None:
-    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse and cheaper to
-    name, since of two that explain the same the better known one is likelier."""
-    cost, settled = active.pool.cost, active.criteria.swap_nats
-    better = (r.number for r in rivals if r.loss < (0.0 if cost[r.number] < cost[g] else -settled))
-    return next(better, None)
+    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse, cheaper to name
+    and of no more unknowns, since of two that explain the same the better known and simpler one is likelier."""
+    cost, groups = active.pool.cost, active.pool.groups
+
+    def enough(h: int) -> float:
+        known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
+        return 0.0 if known else -active.criteria.swap_nats
+
+    return next((r.number for r in rivals if r.loss < enough(r.number)), None)
 
 
 def _found(active: Active) -> list[int]:
