@@ -40,6 +40,7 @@ def settings(description: str) -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=1, help="GP runs a representation and round")
     parser.add_argument("--representations", default="linear,tree", help="of the GP")
     parser.add_argument("--max-effects", type=int, default=12)
+    parser.add_argument("--look", type=int, default=400, help="poses of a UR10 that the loop looks at")
     parser.add_argument("--minutes", type=float, default=20.0)
     parser.add_argument("--workers", type=int, default=2)
     return parser.parse_args()

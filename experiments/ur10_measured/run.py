@@ -1,7 +1,7 @@
 """The measured UR10: python -m experiments.ur10_measured.run --data FOLDER --out FOLDER [--results FILE].
 
-Looks at 400 random poses of series A; fits what was found to 1500, evaluates on all 10 411 others, on contiguous blocks
-and on series D.
+Looks at 400 random poses of series A, or as many as --look says; fits what was found to 1500, evaluates on all 10 411
+others, on contiguous blocks and on series D.
 """
 
 import sys
@@ -17,7 +17,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 
 HERE = Path(__file__).parent
-LOOK, SHOWN, TRAIN, BLOCKS = 400, 200, 1500, 5
+SHOWN, TRAIN, BLOCKS = 200, 1500, 5
 
 
 def blocks(found: Discovery, poses: Poses, rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -57,8 +57,8 @@ def main() -> None:
     rng = np.random.default_rng(given.seed)
     poses = measured.load(given.data / "Series_A" / "measurements_grid.csv", HERE / "columns.toml", "ur10")
     order = rng.permutation(len(poses))
-    rows = np.sort(order[: LOOK + SHOWN])
-    look = np.flatnonzero(np.isin(rows, order[:LOOK]))
+    rows = np.sort(order[: given.look + SHOWN])
+    look = np.flatnonzero(np.isin(rows, order[: given.look]))
     found = measured.look("ur10", poses.subset(rows), look, np.setdiff1d(np.arange(len(rows)), look), given)
     train, others = poses.subset(np.sort(order[:TRAIN])), poses.subset(np.sort(order[TRAIN:]))
     effects = measured.found_effects(found, train)
@@ -72,8 +72,8 @@ def main() -> None:
     results = {
         "command": "python -m experiments.ur10_measured.run --data FOLDER --out FOLDER "
         f"--results experiments/ur10_measured/results.json --seed {given.seed} --runs {given.runs} "
-        f"--representations {given.representations} --max-effects {given.max_effects}",
-        "discovery": {"poses": LOOK, "seconds": round(found.seconds), "stopped": found.stopped},
+        f"--representations {given.representations} --max-effects {given.max_effects} --look {given.look}",
+        "discovery": {"poses": given.look, "seconds": round(found.seconds), "stopped": found.stopped},
         "after_discovery": measured.ladder(found, others),
         "fitted_to": TRAIN,
         "heldout": {name: measured.statistics(errors_on(fit, others)) for name, fit in fits.items()},
