@@ -15,8 +15,9 @@ _SPELLED = re.compile(r"(?:measured_)?(?:torque|tau|effort|trq)_(?P<joint>\w+?)(
 
 def measured_torques(mechanism: Mechanism, dataset: Dataset) -> dict[str, str]:
     """Joint -> column of its measured torque, as `torque_J2`, `tau_2`, `effort_elbow_joint`, in any unit of torque (of
-    force for a joint that slides); columns that never change are none."""
-    return {j.name: c for j, c in torque_columns(mechanism, dataset) if np.ptp(dataset.extras[c]) > 0}
+    force for a joint that slides); columns that are the same in all of several rows are none."""
+    varies = {c for c, values in dataset.extras.items() if len(values) == 1 or np.ptp(values) > 0}
+    return {j.name: c for j, c in torque_columns(mechanism, dataset) if c in varies}
 
 
 def measured_torque(dataset: Dataset, column: str) -> Array:

@@ -163,9 +163,10 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     for name, values in zip("xyz", tip.T, strict=True):
         put(name, values, "m")
     loads = mechanism.loads(dataset.q, dataset.payload)
-    measured = measured_torques(mechanism, dataset)
-    instead = {f"torque_{joint}": measured_torque(dataset, column) for joint, column in measured.items()}
-    for name, values in {**loads, **instead}.items():
+    instead = {f"torque_{joint.name}": column for joint, column in torque_columns(mechanism, dataset)}
+    used = {f"torque_{joint}" for joint in measured_torques(mechanism, dataset)} | (set(instead) - set(loads))
+    measured = {name: measured_torque(dataset, column) for name, column in instead.items() if name in used}
+    for name, values in {**loads, **measured}.items():
         put(name, values, load_unit(name))
     if dataset.payload_given:
         put("payload", dataset.payload, "kg")

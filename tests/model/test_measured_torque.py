@@ -1,11 +1,13 @@
 """Torques that were measured take the place of computed ones."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from effect_cases import bare, mechanism
 
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.measured_torque import unused_torques
 from gpmodel.model.states import states_of
 from gpmodel.table.dataset import Dataset
@@ -57,3 +59,26 @@ def test_other_columns_stay_what_they_are(column: str, unit: str) -> None:
     states = states_of(ARM, told("irb6400r", column, unit))
     np.testing.assert_array_equal(states[column], MEASURED)
     assert np.abs(states["torque_J2"]).max() > 100.0
+
+
+def test_of_one_pose_what_was_measured_is_the_load() -> None:
+    data = told("irb6400r", "torque_J2", "N*m")
+    for row in range(3):
+        one = data.subset(np.array([row]))
+        np.testing.assert_allclose(states_of(ARM, one)["torque_J2"], MEASURED[row])
+
+
+class Massless:
+    """An arm of which no masses are known."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(ARM, name)
+
+    def loads(self, q: np.ndarray, payload: np.ndarray) -> dict[str, np.ndarray]:
+        return {}
+
+
+def test_where_no_masses_are_known_a_constant_torque_is_still_the_load() -> None:
+    """What a model was fitted with has to be there at any poses it is asked for."""
+    data = told("irb6400r", "torque_J2", "N*m", np.full(12, 40.0))
+    np.testing.assert_array_equal(states_of(cast(Mechanism, Massless()), data)["torque_J2"], 40.0)
