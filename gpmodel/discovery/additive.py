@@ -173,9 +173,10 @@ def _accepted(choice: Choice, chosen: Selection) -> Additive:
 
 
 def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:
-    """What was found, its fine curves with twice their harmonics where they ask for them, and a fit to go on from."""
+    """What was found, its fine curves with twice their harmonics where they ask for them, and the fit with it."""
     calibration = choice.fit(tuple(found.values()), choice.standard)
-    return detailed(choice.residual(calibration), found), calibration
+    offered = detailed(choice.residual(calibration), found)
+    return offered, calibration if offered == found else choice.fit(tuple(offered.values()), calibration)
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:

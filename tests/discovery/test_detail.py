@@ -1,5 +1,6 @@
 """A curve has the harmonics that its evidence asks for, one that was chosen by fewer of them as well."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -8,13 +9,17 @@ import pytest
 from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.discovery.search import Search
 from gpmodel.discovery.selection.curves import continued, curves
 from gpmodel.discovery.selection.group import Shapes
 from gpmodel.families.angle import wave
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import catalogue
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
@@ -72,3 +77,21 @@ def test_what_is_no_fine_curve_is_not_continued(fewer: int) -> None:
     curve = fine_curves()["fine error curve of the angle, J2"]
     assert continued(replace(curve, effects=curve.effects[:fewer])) == ()
     assert continued(replace(curve, effects=curve.effects[1:])) == ()
+
+
+def test_what_is_judged_and_handed_on_is_the_fit_with_all_its_harmonics() -> None:
+    arm = mechanism(ARM)
+    joint, rng = arm.joints[1], np.random.default_rng(1)
+    rough = [drive_effect(f"{f} {k}", joint, wave(f, k, "J2")) for k in range(5, 80) for f in ("sin", "cos")]
+    truth = measure(ARM, rough, list(rng.normal(0.0, 5e-5, len(rough))), 3, dataset=bare(ARM, COUNT, 3))
+    geometry = geometric_effects(arm)
+
+    def fit(found: Sequence[Candidate], start: Calibration | None = None) -> Calibration:
+        return calibrate(ErrorModel(arm, (*geometry, *(e for c in found for e in c.effects))), truth.poses, start=start)
+
+    standard = fit(())
+    choice = Choice(standard, fit, truth.poses, tuple(catalogue), Search(runs=0), Criteria(shuffles=19), 0)
+    judged = additive(choice, ())
+    accepted = {e.name for h in judged.hypotheses if h.accepted for e in h.candidate.effects}
+    assert "fine error curve of the angle, J2, sin 79" in accepted
+    assert {e.name for e in judged.calibration.model.effects} == accepted | {e.name for e in geometry}
