@@ -81,7 +81,7 @@ def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
     """Whether every part of an expression without a name speaks for more than a few poses.
 
     Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost as much
-    in cross-validation as is asked of a finding: else a spike at the worst poses rides along with a true shape.
+    in cross-validation as is asked of the whole: else a spike at the worst poses rides along with a true shape.
     """
     if candidate.family:
         return True
@@ -92,7 +92,7 @@ def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
     if len(effects) == 1:
         return True
     rest = (effects[:k] + effects[k + 1 :] for k in range(len(effects)))
-    return all(better_by(residual, effects, fewer) > criteria.minimum_cv_t for fewer in rest)
+    return all(better_by(residual, effects, fewer) > criteria.clear_cv_t for fewer in rest)
 
 
 def _distinct(residual: Residual, pool: Pool, search: Search) -> list[list[int]]:
@@ -130,7 +130,7 @@ def _preferred(residual: Residual, judged: Sequence[Hypothesis]) -> Hypothesis |
     name = next((h for h in passed if h.candidate.family), None)
     if first is None or name is None or first is name:
         return first
-    better = better_by(residual, first.candidate.effects, name.candidate.effects) > residual.criteria.minimum_cv_t
+    better = better_by(residual, first.candidate.effects, name.candidate.effects) > residual.criteria.clear_cv_t
     return first if better else name
 
 
@@ -154,14 +154,15 @@ def tested(
     after = cross_validated(residual, candidate.effects)
     cv_t = gained(before, after, criteria.outlier_sigmas)
     inflated = inflation(residual, candidate)
+    predicts = criteria.minimum_cv_t if candidate.family else criteria.clear_cv_t
     tests = [
         Test("chance", chance.p, criteria.significance, chance.p < criteria.significance),
         Test("nats", score.nats, criteria.minimum_nats, score.nats > criteria.minimum_nats),
-        Test("cross-validation", cv_t, criteria.minimum_cv_t, cv_t > criteria.minimum_cv_t),
+        Test("cross-validation", cv_t, predicts, cv_t > predicts),
     ]
     if order_matters(residual, candidate):
         t = better_by(residual.in_stretches, candidate.effects)
-        tests.append(Test("stretches", t, criteria.minimum_cv_t, t > criteria.minimum_cv_t))
+        tests.append(Test("stretches", t, predicts, t > predicts))
     beyond = beyond_a_walk(residual, candidate)
     if beyond is not None:
         tests.append(Test("walk", beyond, 0.0, beyond > 0.0))

@@ -15,9 +15,11 @@ class Criteria:
     most, five is a Bayes factor of 150 ("very strong", Kass and Raftery 1995). minimum_cv_t: gain in cross-validation
     in standard deviations of its mean, pose by pose: half of minimum_sigmas, since an effect of t deviations lowers the
     sum of squared errors by t² σ² and noise moves that by 2 t σ², so it shows t/2 at most; over random folds, and over
-    stretches of rows where these are in order or read. minimum_sigmas: largest coefficient in its standard deviations.
-    minimum_share: unique share of its column, below which 97 % of it is explained by the model already. scored_share:
-    columns of a smaller unique share are not scored at all, their coefficient would be rounding.
+    stretches of rows where these are in order or read. clear_cv_t: the same of an expression that nobody named, over
+    having it at all, over a named effect and over any part of it, the usual two-sided 5 %: the more ways there are, the
+    more of them predict a little better. minimum_sigmas: largest coefficient in its standard deviations. minimum_share:
+    unique share of its column, below which 97 % of it is explained by the model already. scored_share: columns of a
+    smaller unique share are not scored at all, their coefficient would be rounding.
 
     likeness: correlation of projected columns above which two candidates are one finding at several possible places.
     head_start: nats by which an expression nobody named has to be better than a named effect, the price of reading it.
@@ -47,6 +49,7 @@ class Criteria:
     significance: float = 0.01
     minimum_nats: float = 5.0
     minimum_cv_t: float = 1.5
+    clear_cv_t: float = 2.0
     minimum_sigmas: float = 3.0
     minimum_share: float = 0.03
     scored_share: float = 0.02
