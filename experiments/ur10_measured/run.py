@@ -71,7 +71,7 @@ def main() -> None:
     series_d = measured.load(given.data / "Series_D" / "measurements_iso_cubes.csv", HERE / "columns.toml", "ur10")
     results = {
         "command": "python -m experiments.ur10_measured.run --data FOLDER --out FOLDER "
-        f"--results experiments/ur10_measured/results.json --seed {given.seed} --runs {given.runs} "
+        f"--results {given.results} --seed {given.seed} --runs {given.runs} "
         f"--representations {given.representations} --max-effects {given.max_effects} --look {given.look}",
         "discovery": {"poses": given.look, "seconds": round(found.seconds), "stopped": found.stopped},
         "after_discovery": measured.ladder(found, others),
