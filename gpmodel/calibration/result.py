@@ -75,12 +75,13 @@ class Calibration:
 
     def partners(self, limit: float = 0.8) -> Mapping[str, tuple[tuple[str, float], ...]]:
         """Effects correlated above `limit` in absolute value with each kept effect."""
-        names = [e.name for e in self.model.effects]
-        out = {}
-        for i in np.flatnonzero(self.kept):
-            near = [j for j in np.flatnonzero(self.kept) if j != i and abs(self.correlation[i, j]) > limit]
-            out[names[i]] = tuple((names[j], float(self.correlation[i, j])) for j in near)
-        return out
+        names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.kept)
+        out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
+        among = self.correlation[np.ix_(kept, kept)]
+        near = (np.abs(among) > limit) & ~np.eye(len(kept), dtype=bool)
+        for a, b in np.argwhere(near).tolist():
+            out[names[kept[a]]].append((names[kept[b]], float(among[a, b])))
+        return {name: tuple(partners) for name, partners in out.items()}
 
 
 def problem_at(calibration: Calibration, poses: Poses) -> Linearised:

@@ -126,11 +126,13 @@ def rivals_of_constants(
                 found.append((k, candidate, sizes, apart))
     fresh = _Columns.at(calibration, _anywhere(calibration, poses, seed)) if found else here
     rivals = []
-    for k, candidate, sizes, apart in found:
-        told = _telling(here, fresh, candidate, k, sizes)
+    told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
+    for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
         effect, moves = model.effects[k], float(np.linalg.norm(here.of(candidate) @ sizes)) / np.sqrt(len(poses))
         session = _session(poses, model.mechanism, candidate)
-        rivals.append(Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *told, session))
+        rivals.append(
+            Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *poses_and_sizes, session)
+        )
     return tuple(sorted(rivals, key=lambda rival: rival.apart))
 
 
@@ -198,6 +200,10 @@ class _Columns:
         problem = self.problem
         return problem.effect_rows(candidate.effects, self.calibration.model)
 
+    def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
+        """What effect k moves the readings by, less what a candidate of some sizes does (M,)."""
+        return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
+
 
 def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:
     """What of a candidate joint values do not determine: the instrument itself, or inputs other than joint values, the
@@ -221,15 +227,24 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
     return prepare(model.mechanism, replace(data, position=tips))
 
 
-def _telling(here: _Columns, fresh: _Columns, candidate: Candidate, k: int, sizes: Array) -> tuple[Array, Array]:
-    """Joint values (p, n) at which the two explanations differ most, and by how much (p,), m."""
-    mechanism = fresh.calibration.model.mechanism
-    if _session(fresh.problem.poses, mechanism, candidate):
-        return np.zeros((0, len(mechanism.joints))), np.zeros(0)
-    value = here.calibration.theta[k]
-    differ = value * here.columns[:, here.first + k] - here.of(candidate) @ sizes
-    others = np.linalg.lstsq(here.without(k), differ, rcond=None)[0]
-    rows = value * fresh.columns[:, fresh.first + k] - fresh.of(candidate) @ sizes - fresh.without(k) @ others
-    squares = np.bincount(fresh.problem.pose_of_row, rows**2, minlength=POOL)
-    chosen = np.argsort(squares)[::-1][:SHOWN]
-    return fresh.problem.poses.dataset.q[chosen], np.sqrt(squares[chosen])
+def _telling(
+    here: _Columns, fresh: _Columns, found: Sequence[tuple[int, Candidate, Array]]
+) -> list[tuple[Array, Array]]:
+    """Joint values (p, n) at which each constant and what could be it differ most, and by how much (p,), m.
+
+    found: number of a constant, a candidate and its sizes. One solution serves all candidates of a constant.
+    """
+    mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
+    out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
+    open_to_poses = [i for i, (_, candidate, _) in enumerate(found) if not _session(poses, mechanism, candidate)]
+    for k in sorted({found[i][0] for i in open_to_poses}):
+        mine = [i for i in open_to_poses if found[i][0] == k]
+        differ, rows = (
+            np.column_stack([there.difference(k, found[i][1], found[i][2]) for i in mine]) for there in (here, fresh)
+        )
+        others = np.linalg.lstsq(here.without(k), differ, rcond=None)[0]
+        for i, column in zip(mine, (rows - fresh.without(k) @ others).T, strict=True):
+            squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=POOL)
+            chosen = np.argsort(squares)[::-1][:SHOWN]
+            out[i] = poses.dataset.q[chosen], np.sqrt(squares[chosen])
+    return out
