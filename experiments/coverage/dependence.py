@@ -80,7 +80,7 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     for name, unit in units.items():
         trials = shuffled(replace(there, unit_of_pose=unit), rng, SHUFFLES)
         p[name] = chance(worth, best_nats(there, pool, trials)).p < limits.significance
-    kept = [deflated(there, pool[best], f) for f in inflation(there, pool[best]).values()]
+    kept = deflated(there, pool[best], tuple(inflation(there, pool[best]).values()))
     plain = p["poses"] and worth > limits.minimum_nats
     return {
         "single poses": plain, "and tests of dependence": plain and min(kept) > limits.minimum_nats,

@@ -166,10 +166,9 @@ def tested(
     beyond = beyond_a_walk(residual, candidate)
     if beyond is not None:
         tests.append(Test("walk", beyond, 0.0, beyond > 0.0))
-    for name, factor in inflated.items():
-        if factor > 1.0:
-            nats = deflated(residual, candidate, factor)
-            tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
+    shared = {name: factor for name, factor in inflated.items() if factor > 1.0}
+    for name, nats in zip(shared, deflated(residual, candidate, tuple(shared.values())), strict=True):
+        tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
     if not candidate.has_priors:
         plain = _sigmas(residual, candidate)
         sigmas = plain / np.sqrt(max(inflated.values(), default=1.0))

@@ -149,8 +149,7 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
 
 def _accepted(choice: Choice, chosen: Selection) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
-    what is a line of a curve is no finding.
-    """
+    what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in chosen.kept}
     offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
     candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)

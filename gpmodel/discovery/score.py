@@ -68,11 +68,13 @@ def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[
             yield candidate, left[:, own], shares[own]
 
 
-def deflated(residual: Residual, candidate: Candidate, inflation: float) -> float:
+def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
     """The nats a candidate saves where the variance of the noise is so many times larger, by what poses share."""
+    if not inflations:
+        return []
     span, _ = residual.projected(candidate.effects)
-    _, nats = _gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS, inflation)
-    return float(nats[0])
+    gains = (_gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS, i) for i in inflations)
+    return [float(nats[0]) for _, nats in gains]
 
 
 def contribution(residual: Residual, candidate: Candidate) -> Array:
@@ -80,7 +82,7 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
     span, _ = residual.projected(candidate.effects)
     if not candidate.has_priors:
         return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])
-    u, s = _directions(residual, candidate, span)
+    u, s = directions(residual, candidate, span)
     along = u.T @ residual.values[:, None]
     sigma2 = _noise(residual, s, (along**2, np.array([residual.energy])), NOISE_STEPS)
     return np.asarray((u @ (s**2 / (s**2 + sigma2) * along))[:, 0])
@@ -92,7 +94,7 @@ def _gains(
     """Gain and nats (T,) of a candidate on each trial (M + B, T)."""
     energies = np.sum(trials**2, axis=0)
     if candidate.has_priors:
-        u, s = _directions(residual, candidate, span)
+        u, s = directions(residual, candidate, span)
         parts = (u.T @ trials) ** 2
         sigma2 = inflation * _noise(residual, s, (parts, energies), noise_steps)
         gain = np.sum(s**2 / (s**2 + sigma2) * parts, axis=0) / energies
@@ -104,7 +106,7 @@ def _gains(
     return gain, np.asarray(saved(residual, gain, count, candidate.cost, inflation))
 
 
-def _directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
+def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
     """Columns times priors as U s Vᵀ: U (M + B, E) and s (E, 1)."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])

@@ -4,10 +4,9 @@ Of noise that wanders, steps, ramps and approaches explain much, and the walk it
 """
 
 import numpy as np
-from scipy import linalg
 
 from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import scores
+from gpmodel.discovery.score import directions, scores
 from gpmodel.discovery.selection.gain import best, fitted, with_own_noise
 from gpmodel.discovery.selection.group import CAP
 from gpmodel.families.candidate import Candidate
@@ -29,13 +28,10 @@ def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
 
 def _nats(residual: Residual, walk: Candidate) -> float:
     """What a walk of the most likely size saves, its deviations in proportion to its priors."""
-    share = np.array([e.prior for e in walk.effects])
-    share /= np.linalg.norm(share)
-    norms = np.linalg.norm(residual.columns(walk.effects), axis=0)
-    columns = residual.projected(walk.effects)[0] * norms * share
+    u, size = directions(residual, walk, residual.projected(walk.effects)[0])
+    size = size[:, 0] / np.linalg.norm([e.prior for e in walk.effects])
     sigma2 = residual.energy / residual.freedom
-    s, turn = linalg.eigh(columns.T @ columns / sigma2)
-    s, q = s[None], (turn.T @ (columns.T @ residual.values))[None] / sigma2
+    s, q = size[None] ** 2 / sigma2, size[None] * (u.T @ residual.values) / sigma2
     gains, variances = best(s, q, np.array([CAP]))
     own = with_own_noise(gains, fitted(variances, s, q), float(residual.freedom))
     return float(own[0]) - walk.cost

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gpmodel.evolution.building_blocks import Vocabulary
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
@@ -99,11 +100,10 @@ class Island:
 
         def nats(size: int) -> float:
             gain, _, chosen = self.kept[size]
-            half = 0.5 * len(self.problem.response)
-            return float(half * np.log(max(1.0 - gain, EXACT))) + PRICE * (size + chosen.bit_count())
+            return float(fit_nats(gain, len(self.problem.response), EXACT)) - PRICE * (size + chosen.bit_count())
 
         if self.kept:
-            _, population, chosen = self.kept[min(self.kept, key=nats)]
+            _, population, chosen = self.kept[max(self.kept, key=nats)]
             yield from self._climbed(population, chosen)
 
     def _climbed(self, population: Population, chosen: int) -> Iterator[Program]:

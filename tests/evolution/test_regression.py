@@ -94,9 +94,16 @@ def test_coefficients_are_solved_and_terms_not_worth_their_price_left_out(
     assert set(found.inputs) == set(parse(law).inputs)
 
 
-def test_a_logarithm_keeps_the_sign_of_its_odd_factors() -> None:
-    response = values_of("3*cos(a)*b")
-    found = solved(terms("1", "log(cos(a))", "log(b)"), BY_NAME["logarithm"], COLUMNS, response, PRICE)
+@pytest.mark.parametrize(
+    ("law", "above"),
+    [
+        pytest.param("3*cos(a)*b", ["1", "log(cos(a))", "log(b)"], id="odd factors keep their sign"),
+        pytest.param("2*exp(0.3*log(a))*b", ["1", "log(a)", "log(b)"], id="what is not simple stays as it is solved"),
+    ],
+)
+def test_exponents_are_solved(law: str, above: list[str]) -> None:
+    response = values_of(law)
+    found = solved(terms(*above), BY_NAME["logarithm"], COLUMNS, response, PRICE)
     assert found is not None
     np.testing.assert_allclose(found.evaluate(COLUMNS)[0], response, rtol=1e-10)
 
@@ -108,13 +115,6 @@ def test_an_exponent_near_a_simple_one_for_the_noise_becomes_it_and_keeps_the_si
     assert found is not None
     assert len(found.constants) == 1
     np.testing.assert_allclose(found.evaluate(COLUMNS)[0], response, rtol=0.01)
-
-
-def test_exponents_that_are_not_simple_stay_as_they_are_solved() -> None:
-    response = values_of("2*exp(0.3*log(a))*b")
-    found = solved(terms("1", "log(a)", "log(b)"), BY_NAME["logarithm"], COLUMNS, response, PRICE)
-    assert found is not None
-    np.testing.assert_allclose(found.evaluate(COLUMNS)[0], response, rtol=1e-10)
 
 
 def test_weights_say_what_an_error_of_the_link_does_to_the_response() -> None:
