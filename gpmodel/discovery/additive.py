@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.acceptance import Hypothesis, tested
+from gpmodel.discovery.acceptance import Hypothesis, tested, worth
 from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_validation import better_by, cross_validated
@@ -194,4 +194,5 @@ def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Select
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
     rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
-    return tested(residual, candidate, score, chance(nats, chosen.by_chance), cross_validated(residual, ()), rivals)
+    by_chance = chance(worth(residual.criteria, nats, candidate), chosen.by_chance)
+    return tested(residual, candidate, score, by_chance, cross_validated(residual, ()), rivals)

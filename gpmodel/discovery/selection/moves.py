@@ -1,31 +1,20 @@
-"""Moves of the selection: re-estimate, add, prune, swap; each raises the evidence, until none does."""
+"""Moves of the selection: re-estimate, prune, add, split; each raises the evidence, until none does."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import IntArray
 from gpmodel.discovery.selection.active import LEAST_NOISE, Active
 from gpmodel.discovery.selection.gain import with_own_noise
-from gpmodel.discovery.selection.scan import Replacements, scan
+from gpmodel.discovery.selection.scan import scan
 
 SETTLED = 0.05
 """Nats: a smaller gain ends the re-estimation, and no group is swapped for one."""
-SWEEPS, MOST_MOVES, MOST_SWAPS = 30, 200, 4
-"""Re-estimations, additions and rounds of swaps at most; each ends by itself far earlier."""
+SWEEPS, MOST_MOVES = 30, 200
+"""Re-estimations and additions at most; each ends by itself far earlier."""
 SHORT_LIST = 100
 """Groups that are looked at again after a full scan, until none of them is worth adding."""
-MOST_RIVALS = 20
-"""Rivals kept of a group, nearest first."""
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """A group that could stand in the place of a kept one at a loss of so many nats, its cost counted."""
-
-    number: int
-    loss: float
 
 
 def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
@@ -51,7 +40,7 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
 def pruned(active: Active) -> Active:
     """Without what saves fewer than the least nats, the worst first, and without idle parts of what is kept."""
     while True:
-        worth = {g: active.worth[g][0] - active.pool.cost[g] for g in _found(active)}
+        worth = {g: active.worth[g][0] - active.pool.cost[g] for g in found(active)}
         worst = min(worth, key=lambda g: worth[g], default=None)
         if worst is None or worth[worst] >= active.criteria.minimum_nats:
             return _without_idle_parts(active)
@@ -134,54 +123,6 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
     return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
-def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
-    """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
-    active = replacements.active
-    own = active.worth[g][0] - active.pool.cost[g]
-    margin = active.criteria.rival_nats
-    gains, variances = replacements.of(g, own - margin)
-    losses = own - (gains - active.pool.cost)
-    losses[list(active.variances)] = np.inf
-    order = np.argsort(losses)[:MOST_RIVALS]
-    return tuple(Alternative(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
-
-
-def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]]]:
-    """Each kept group against every other in its place, and grown again, until neither helps; the rivals of each.
-
-    Groups of several places are said by name where they can be.
-    """
-    rivals: dict[int, tuple[Alternative, ...]] = {}
-    for _ in range(MOST_SWAPS):
-        active = split(active)
-        rivals, changed, replacements = {}, False, Replacements(active)
-        for g in _found(active):
-            if g not in active.variances:
-                continue
-            rivals[g], variances = instead_of(replacements, g)
-            h = _successor(active, g, rivals[g])
-            if h is not None:
-                trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
-                if trial.evidence > active.evidence + SETTLED:
-                    active, changed, replacements = trial, True, Replacements(trial)
-        if not changed:
-            break
-        active = pruned(reestimated(grown(active)))
-    return active, {g: rivals.get(g, ()) for g in _found(active)}
-
-
-def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | None:
-    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse, cheaper to name
-    and of no more unknowns, since of two that explain the same the better known and simpler one is likelier."""
-    cost, groups = active.pool.cost, active.pool.groups
-
-    def enough(h: int) -> float:
-        known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
-        return 0.0 if known else -active.criteria.swap_nats
-
-    return next((r.number for r in rivals if r.loss < enough(r.number)), None)
-
-
-def _found(active: Active) -> list[int]:
+def found(active: Active) -> list[int]:
     """Groups in the model that are not always in it."""
     return [g for g in active.variances if not active.pool.groups[g].standing]

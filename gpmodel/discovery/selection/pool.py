@@ -33,8 +33,8 @@ class SizeClass:
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    criteria: the limits by which groups come in and go. pull: (E,) products of the distinct unit columns with the
-    target, whitened and cleaned.
+    criteria: the limits by which groups come in and go. cost: (G,) nats of each, and the head start of named effects
+    for one without a name. pull: (E,) products of the distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], criteria: Criteria) -> None:
@@ -51,7 +51,7 @@ class GroupPool:
                 places.append(number[effect.terms])
             self.index.append(np.array(places, dtype=np.int64))
         self.spreads = [np.array(g.spreads) for g in self.groups]
-        self.cost = np.array([g.cost for g in self.groups])
+        self.cost = np.array([g.cost + criteria.head_start * (not g.family) for g in self.groups])
         self.cap = np.array([g.cap for g in self.groups])
         self.atoms = Atoms(rows, self.effects)
         self.pull = self.atoms.cross(rows.target[:, None])[:, 0]

@@ -7,8 +7,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.selection.active import Active
+from gpmodel.discovery.selection.exchange import Alternative
 from gpmodel.discovery.selection.group import Group
-from gpmodel.discovery.selection.moves import Alternative
 from gpmodel.discovery.selection.refit import Refit
 from gpmodel.model.effect import Effect
 

@@ -13,8 +13,9 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import LEAST_NOISE, Active
 from gpmodel.discovery.selection.by_chance import best_by_chance
+from gpmodel.discovery.selection.exchange import exchanged
 from gpmodel.discovery.selection.group import Group, Shapes, geometry_groups
-from gpmodel.discovery.selection.moves import exchanged, grown, pruned, reestimated
+from gpmodel.discovery.selection.moves import grown, pruned, reestimated
 from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.discovery.selection.refit import Expansion, Refit, far_out, refit, whitened
 from gpmodel.discovery.selection.result import Selection, summarised
