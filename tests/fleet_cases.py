@@ -46,6 +46,30 @@ def curved(count: int, outlier: int, poses: int = 60) -> dict[str, Dataset]:
     return out
 
 
+ARM = """convention = "standard"
+[[joint]]
+d_mm = 300
+alpha_deg = 90
+[[joint]]
+a_mm = 500
+"""
+
+
+def two_joint_arms(folder: Path, count: int, poses: int = 30) -> Path:
+    """A folder of machines of two joints, the second with one gear error, and of their description."""
+    folder.mkdir()
+    (folder / "arm.toml").write_text(ARM)
+    (folder / "fleet.toml").write_text('mechanism = "arm.toml"\n')
+    mechanism, rng = MechanismChoice(str(folder / "arm.toml")).load(), np.random.default_rng(2)
+    for k in range(count):
+        q = random_poses(mechanism, poses, rng)
+        made = simulate(
+            mechanism, q, ["gear_harmonic J2=200 arcsec"], rng, noise=NOISE, geometry_sigma=GEOMETRY
+        ).dataset  # fmt: skip
+        frame_of(made, mechanism).to_csv(folder / f"A-{k + 1}.csv", index=False)
+    return folder
+
+
 def written(folder: Path, tables: dict[str, Dataset]) -> Path:
     """The tables as files of a folder."""
     folder.mkdir(exist_ok=True)

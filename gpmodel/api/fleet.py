@@ -21,6 +21,7 @@ from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import Rows, Searched, found_on_most
+from gpmodel.hierarchy.kept import KeptMachines, NoMachinesKept
 from gpmodel.hierarchy.record import (
     KIND,
     NAME,
@@ -111,6 +112,7 @@ def fleet(
     seed: int = 0,
     workers: int = 0,
     executor: Workers | None = None,
+    journal: KeptMachines | None = None,
     progress: Say = silent,
     command: str = COMMAND,
 ) -> FleetResult:
@@ -123,6 +125,7 @@ def fleet(
     are judged, 0 for none; the numbers of the type are of all poses. By itself a machine is what `calibrate` makes of
     its table; effects that come with priors, as a curve's harmonics, are judged between machines as one. workers:
     machines searched side by side, 0 for one a core; executor: searches elsewhere; no number depends on either.
+    journal: keeps what was found on each machine, to go on from it to the same numbers.
     Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
     effect, a fit that diverges.
     """
@@ -133,9 +136,9 @@ def fleet(
     machines = _machines(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    side_by_side = executor or Threads(whole(workers, "workers"))
+    side_by_side, kept = executor or Threads(whole(workers, "workers")), journal or NoMachinesKept()
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
-    named, chosen = _effects(given, tasks, side_by_side, say)
+    named, chosen = _effects(given, tasks, side_by_side, kept, say)
     models = growing(geometric_effects(arms[0][0]), named)
     say("every machine by its own poses, then with what it shares with the others")
     final = calibrate_fleet(arms, [calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed) for arm, poses in arms])
@@ -164,9 +167,7 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
     """The machines by serial, their tables judged. Raises InputError as `fleet`."""
     if not isinstance(tables, Mapping):
         folder = folder_of_tables(file_path(tables, "tables"))
-        tables, mechanism = folder.tables, folder.mechanism if mechanism is None else mechanism
-    if mechanism is None:
-        raise InputError("is not said; expected a name or a file, here or in fleet.toml", "mechanism")
+        tables, mechanism = folder.tables, folder.said_mechanism if mechanism is None else mechanism
     arm = mechanism_of(mechanism)
     out: dict[str, tuple[Mechanism, Poses]] = {}
     seen: dict[tuple[str, bytes], str] = {}
@@ -187,7 +188,7 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
 
 
 def _effects(
-    given: tuple[object, ...] | None, tasks: Sequence[Searched], workers: Workers, say: Teller
+    given: tuple[object, ...] | None, tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
 ) -> tuple[Models, str]:
     """Groups of effects beside the geometry, and in words where they are from."""
     if given is None and not all(len(task.rows[1]) for task in tasks):
@@ -195,7 +196,7 @@ def _effects(
     if given is not None:
         groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]
         return groups, f"named: {', '.join(n for n, _ in groups) or 'none'}"
-    effects, chosen = found_on_most(tasks, workers, say)
+    effects, chosen = found_on_most(tasks, workers, kept, say)
     return [("found", effects)], chosen
 
 
@@ -222,12 +223,9 @@ def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
         z, chances = final.standing.z[:, k], final.standing.chance[:, k]
         outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
-        at = (
-            []
-            if effect.constant
-            else [[e.name for e in fit.model.effects].index(effect.name) for fit in final.shrunken]
-        )
-        both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(final.shrunken, at, strict=False)]
+        fits = () if effect.constant else final.shrunken
+        at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
+        both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
         out.append(
             SharedPart(
                 name=effect.name, unit=effect.unit, constant=effect.constant and effect != noise,

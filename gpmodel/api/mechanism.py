@@ -34,7 +34,7 @@ def load_mechanism(
     return MechanismChoice(str(source), frame, mass, com).load()
 
 
-def mechanism_of(given: MechanismLike) -> Mechanism:
+def mechanism_of(given: MechanismLike | None) -> Mechanism:
     """The mechanism itself, or that of a name or file. Raises InputError for what is neither."""
     if isinstance(given, str | Path):
         return load_mechanism(given)

@@ -22,7 +22,7 @@ from gpmodel.cli.options import (
     seed_option,
     workers_option,
 )
-from gpmodel.cli.request import Request, Typed, resumable
+from gpmodel.cli.request import Request, Typed
 from gpmodel.cli.watch import Watch, on_screen
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import JournalFiles
@@ -87,14 +87,10 @@ def discover(
 
 def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
     """Run what was asked, keeping what is finished in `folder`, and leave the results there."""
-    with alone_in(folder):
-        journal = request.journal(folder, say)
-        journal.refuse_another()
-        with resumable("discover", journal):
-            found = looked(request, say, executor, journal)
-            say(Progress("writing the report"))
-            found.report(folder)
-            journal.close()
+    with request.kept_in(folder, say, JournalFiles) as journal:
+        found = looked(request, say, executor, journal)
+        say(Progress("writing the report"))
+        found.report(folder)
     return found
 
 

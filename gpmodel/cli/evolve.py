@@ -1,7 +1,5 @@
 """`gpmodel evolve`: compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -26,13 +24,13 @@ from gpmodel.cli.options import (
     standard_option,
     workers_option,
 )
-from gpmodel.cli.request import Request, Typed, resumable
+from gpmodel.cli.request import Request, Typed
+from gpmodel.discovery.journal import JournalFiles
 from gpmodel.errors import InputError
-from gpmodel.evolution.kept import KeptRuns, NothingKept
+from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.settings import DEVICES
 from gpmodel.executor import Workers, scheduled
-from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
 
@@ -77,7 +75,7 @@ def evolve(
     with (
         progress_line(quiet) as say,
         scheduled(scheduler, workers or 0) as executor,
-        kept(request, folder, say) as journal,
+        request.kept_in(folder, say, JournalFiles) as journal,
     ):
         result = evolved(request, journal, executor, say)
         if folder is not None:
@@ -93,21 +91,7 @@ def settings() -> object:
     return [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
 
 
-@contextlib.contextmanager
-def kept(request: Request, folder: Path | None, say: Say) -> Iterator[KeptRuns]:
-    """Where finished runs are kept while the search goes on; without a folder, nowhere."""
-    if folder is None:
-        yield NothingKept()
-        return
-    with alone_in(folder_for(folder)):
-        journal = request.journal(folder, say)
-        journal.begin()
-        with resumable("evolve", journal):
-            yield journal
-            journal.close()
-
-
-def evolved(request: Request, journal: KeptRuns, executor: Workers, say: Say) -> EvolutionResult:
+def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
     """Run what was asked."""
     options, mechanism = dict(request.options), request.choice.load()
     dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"))

@@ -1,28 +1,36 @@
 """`gpmodel fleet`: many machines of one type."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from gpmodel.api.fleet import fleet as calibrate_fleet
+from gpmodel.api.mechanism import load_mechanism
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
     holdout_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
+    resume_option,
     scheduler_option,
     seed_option,
     workers_option,
 )
+from gpmodel.cli.request import Typed
+from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.search import Search
 from gpmodel.executor import scheduled
+from gpmodel.hierarchy.folder import folder_of_tables
+from gpmodel.hierarchy.kept import MachineFiles
 from gpmodel.hierarchy.record import NAME
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE
 
 
 @click.command()
-@click.argument("tables", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("tables", metavar="DIR", type=click.Path(path_type=Path), required=False)
 @mechanism_options(required=False)
 @click.option(
     "--effect", "effects", multiple=True, metavar="NAME", help="As of calibrate, or none. [default: found on most]"
@@ -32,10 +40,11 @@ from gpmodel.report.fleet import PAGE
 @workers_option
 @scheduler_option
 @out_folder_option
+@resume_option
 @quiet_option
 def fleet(
-    tables: Path, mechanism: LoadedMechanism | None, effects: tuple[str, ...], holdout: float, seed: int,
-    workers: int | None, scheduler: str | None, folder: Path | None, quiet: bool,
+    tables: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
+    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Calibrate the machines whose tables are in DIR together: what the type has in common, how its machines spread,
     each with the others' help, and which of them stands out in what.
@@ -43,16 +52,29 @@ def fleet(
     A table a machine. DIR/fleet.toml may say the mechanism of all, and their serials by file; else a machine is called
     as its file. With --out: fleet.html, and fleet.json, which calibrate --fleet takes for a further machine.
     """
-    named = None if not effects else [name for name in effects if name != "none"]
-    with progress_line(quiet or named is not None) as say, scheduled(scheduler, workers or 0) as executor:
+    if mechanism is None and tables is not None and resume is None:
+        mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
+    asked["effects"] = list(asked["effects"])
+    typed = Typed(tables, mechanism, folder, resume, asked, (NAME, PAGE))
+    request = typed.request((Search(), Criteria()))
+    if request is None:
+        return
+    options, folder = dict(request.options), resume or folder
+    effects = options.pop("effects")
+    named = [name for name in effects if name != "none"] if effects else None
+    with (
+        progress_line(quiet or named is not None) as say,
+        scheduled(scheduler, workers or 0) as executor,
+        request.kept_in(folder, say, MachineFiles) as journal,
+    ):
         found = calibrate_fleet(
-            mechanism, tables, named, holdout=holdout, seed=seed, executor=executor, progress=say,
-            command=command_line(),
+            request.choice.load(), request.table, named, **options, executor=executor,
+            journal=journal, progress=say, command=command_line(),
         )  # fmt: skip
+        if folder is not None:
+            found.report(folder)
     if not quiet:
         click.echo(found.summary())
-    if folder is not None:
-        found.report(folder)
-        if not quiet:
+        if folder is not None:
             click.echo(f"overview: {folder / PAGE}\nnext, of a further machine:")
             click.echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {folder / NAME}")

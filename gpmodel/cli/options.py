@@ -9,6 +9,7 @@ from typing import TypeVar
 import click
 
 from gpmodel.api.mechanism import load_mechanism
+from gpmodel.errors import InputError
 
 
 class Number(click.ParamType):
@@ -94,6 +95,9 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
             payload_com: str | None,
             **rest: object,
         ) -> object:
+            said = {"frame": frame, "payload": payload, "payload_com": payload_com}
+            if not mechanism and (alone := next((name for name, value in said.items() if value is not None), None)):
+                raise InputError("belongs to a mechanism; expected --mechanism M beside it", alone)
             loaded = mechanism and load_mechanism(mechanism, payload, frame=frame, payload_com=payload_com)
             return command(*args, mechanism=loaded, **rest)
 

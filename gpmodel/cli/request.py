@@ -3,25 +3,32 @@
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+import shlex
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
 
 from gpmodel._version import __version__
-from gpmodel.discovery.journal import JournalFiles, unfinished
+from gpmodel.discovery.unfinished import Unfinished, unfinished
 from gpmodel.errors import InputError, WriteError
+from gpmodel.files import alone_in, folder_for
+from gpmodel.hierarchy.folder import files_of
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
 from gpmodel.texts import seal
 
+Journal = TypeVar("Journal")
+CALLED = {"effects": "effect"}
+"""Options by another name than their values."""
+
 
 @dataclass(frozen=True)
 class Request:
-    """A command, a table, a mechanism, and the options by name.
+    """A command, a table or a folder of them, a mechanism, and the options by name.
 
     settings: what of the program itself the numbers depend on. minutes: after which no new round begins.
     """
@@ -33,8 +40,28 @@ class Request:
     settings: object
     minutes: float | None = None
 
-    def journal(self, out: Path, say: Say) -> JournalFiles:
-        """Where its progress is kept: paths relative to `out`, so that both can move together."""
+    @contextlib.contextmanager
+    def kept_in(
+        self, out: Path | None, say: Say, journal: Callable[[Unfinished], Journal]
+    ) -> Iterator[Journal | None]:  # fmt: skip
+        """What is finished is kept by a `journal` until the results are written to `out`, where nobody else works
+        meanwhile; nowhere without it.
+
+        What ends it says how to go on; bad input, before anything is finished, leaves nothing behind.
+        """
+        if out is None:
+            yield None
+            return
+        with alone_in(folder_for(out)):
+            files = self._unfinished(out, say)
+            files.refuse_another()
+            with _resumable(self.command, files):
+                files.begin()
+                yield journal(files)
+                files.close()
+
+    def _unfinished(self, out: Path, say: Say) -> Unfinished:
+        """The same as files, with paths relative to `out`, so that both can move together."""
         files = {"table": _relative(self.table, out)}
         name = self.choice.name
         if Path(name).is_file():
@@ -44,7 +71,7 @@ class Request:
             "command": self.command, "files": files, "choice": choice, "options": dict(self.options),
             "minutes": self.minutes,
         }  # fmt: skip
-        return JournalFiles(out, request, self.identity(), say)
+        return Unfinished(out, request, self.identity(), say)
 
     def identity(self) -> dict[str, Any]:
         """All that the numbers depend on, files by the SHA-256 of their content. Raises InputError: no such file."""
@@ -52,12 +79,12 @@ class Request:
         return {
             "gpmodel": __version__,
             "the command": self.command,
-            "the table": _sha256(self.table),
+            **_measured(self.table),
             "the mechanism": _sha256(Path(name)) if Path(name).is_file() else name,
             "--frame": self.choice.frame,
             "--payload": self.choice.payload,
             "--payload-com": None if self.choice.payload_com is None else list(self.choice.payload_com),
-            **{f"--{name.replace('_', '-')}": value for name, value in self.options.items()},
+            **{f"--{CALLED.get(name, name).replace('_', '-')}": value for name, value in self.options.items()},
             "the search": seal({"settings": repr(self.settings)}),
         }
 
@@ -66,7 +93,7 @@ class Request:
 class Typed:
     """What was typed: a table and a mechanism, the folder of an unfinished search to go on with, or both.
 
-    folder: of --out. options: all others by name.
+    folder: of --out. options: all others by name. results: the file that a finished one leaves, and its page.
     """
 
     table: Path | None
@@ -74,6 +101,7 @@ class Typed:
     folder: Path | None
     resume: Path | None
     options: Mapping[str, Any]
+    results: tuple[str, str] = ("report.json", "report.html")
 
     def request(self, settings: object) -> Request | None:
         """What is to be done; None where the search to resume is finished, which is said.
@@ -85,7 +113,8 @@ class Typed:
         choice = None if self.mechanism is None else replace(self.mechanism.choice, description=None)
         if self.resume is None:
             if self.table is None or choice is None:
-                raise InputError(f"{command}: expected a TABLE and --mechanism M, or --resume DIR")
+                what = ctx.command.params[0].human_readable_name
+                raise InputError(f"{command}: expected {what} and --mechanism M, or --resume DIR")
             options = {name: value for name, value in self.options.items() if name != "minutes"}
             return Request(command, self.table, choice, options, settings, self.options.get("minutes"))
         if self.folder is not None and self.folder.resolve() != self.resume.resolve():
@@ -94,10 +123,11 @@ class Typed:
         given = replace(self, options=typed)
         found = unfinished(self.resume)
         if found is None:
-            if not (self.resume / "report.json").exists():
+            done, page = self.results
+            if not (self.resume / done).exists():
                 said = f"{self.resume} has no unfinished search; expected the folder of an interrupted {command}"
                 raise InputError(said, "resume")
-            click.echo(f"nothing is left to do in {self.resume}; report: {self.resume / 'report.html'}")
+            click.echo(f"nothing is left to do in {self.resume}; report: {self.resume / page}")
             return None
         return given._resumed(command, self.resume, choice, found["request"], settings)
 
@@ -114,7 +144,7 @@ class Typed:
             before = replace(before, name=os.path.normpath(files["mechanism"]))
         path = self.table or Path(os.path.normpath(files["table"]))
         for kind, file, needed in (("table", path, True), ("mechanism", Path(before.name), "mechanism" in files)):
-            if needed and choice is None and not file.is_file():
+            if needed and choice is None and not file.exists():
                 raise InputError(f"{file}: the {kind} of this search is no longer there; say where it is now")
         options = {name: self.options.get(name, value) for name, value in content["options"].items()}
         return Request(
@@ -123,9 +153,8 @@ class Typed:
 
 
 @contextlib.contextmanager
-def resumable(command: str, journal: JournalFiles) -> Iterator[None]:
-    """What ends a search says how to go on with it; bad input, before anything is finished, leaves nothing behind."""
-    again = f"gpmodel {command} --resume {journal.out}"
+def _resumable(command: str, files: Unfinished) -> Iterator[None]:
+    again = f"gpmodel {command} --resume {shlex.quote(str(files.out))}"
     try:
         yield
     except KeyboardInterrupt:
@@ -133,14 +162,21 @@ def resumable(command: str, journal: JournalFiles) -> Iterator[None]:
     except WriteError as error:
         raise WriteError(f"{error}, then: {again}") from None
     except InputError:
-        if journal.empty:
-            journal.close()
+        if files.empty:
+            files.close()
         raise
 
 
 def _relative(path: Path, out: Path) -> str:
     """A path as seen from `out`, with slashes."""
     return Path(os.path.relpath(path.resolve(), out.resolve())).as_posix()
+
+
+def _measured(table: Path) -> dict[str, str]:
+    """SHA-256 of a table, or of everything in a folder that says something of a fleet."""
+    if table.is_dir():
+        return {f"the file {path.name}": _sha256(path) for path in files_of(table)}
+    return {"the table": _sha256(table)}
 
 
 def _sha256(path: Path) -> str:

@@ -19,6 +19,13 @@ class Folder:
     tables: Mapping[str, Path]
     mechanism: str | None
 
+    @property
+    def said_mechanism(self) -> str:
+        """The mechanism of all. Raises InputError where the folder does not say it."""
+        if self.mechanism is None:
+            raise InputError(f"is not said; expected a name or a file, here or in {ABOUT}", "mechanism")
+        return self.mechanism
+
 
 def folder_of_tables(folder: Path) -> Folder:
     """Every table in a folder, by the serial that fleet.toml gives its file, else by the file's name without ending.
@@ -28,7 +35,7 @@ def folder_of_tables(folder: Path) -> Folder:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with a table for each machine")
-    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in TABLES and not p.name.startswith("."))
+    files = _tables(folder)
     if not files:
         raise InputError(f"{folder}: has no tables ({', '.join(TABLES)}); expected one for each machine")
     mechanism, serials = _said(folder / ABOUT)
@@ -41,6 +48,15 @@ def folder_of_tables(folder: Path) -> Folder:
             raise InputError(f"{folder}: {tables[serial].name} and {path.name} are both of machine '{serial}'")
         tables[serial] = path
     return Folder(tables, mechanism)
+
+
+def files_of(folder: Path) -> tuple[Path, ...]:
+    """Every table in a folder, and its fleet.toml where there is one."""
+    return (*_tables(folder), *(path for path in [folder / ABOUT] if path.is_file()))
+
+
+def _tables(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in TABLES and not p.name.startswith("."))
 
 
 def _said(path: Path) -> tuple[str | None, dict[str, str]]:

@@ -9,6 +9,7 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
+from gpmodel.hierarchy.kept import KeptMachines
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -32,17 +33,22 @@ class Searched:
         return tuple(finding.candidate for finding in result.findings) if result.confirmed else ()
 
 
-def found_on_most(tasks: Sequence[Searched], workers: Workers, say: Teller) -> tuple[tuple[Effect, ...], str]:
+def found_on_most(
+    tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
+) -> tuple[tuple[Effect, ...], str]:
     """Effects found and confirmed on more than half of the machines, each searched by itself with the catalogue alone;
     and in words where they are from: on how many machines each thing was found.
 
-    workers: where the machines are searched. Where machines found a curve in more or less detail, the plainest is
+    workers: where the machines are searched. kept: where what is found goes at once; machines found there are not
+    searched again. Where machines found a curve in more or less detail, the plainest is
     taken, which all of them can tell.
     """
-    by_machine: dict[int, tuple[Candidate, ...]] = {}
+    by_machine = {place: done for place in range(len(tasks)) if (done := kept.machine(place)) is not None}
+    left = [place for place in range(len(tasks)) if place not in by_machine]
     say("searching every machine by itself", passing=True)
-    for place, candidates in workers(Searched.found, tasks):
-        by_machine[place] = candidates
+    for number, candidates in workers(Searched.found, [tasks[place] for place in left]):
+        kept.keep_machine(left[number], candidates)
+        by_machine[left[number]] = candidates
         say(f"searching, {len(by_machine)} of {len(tasks)} machines done", passing=True)
     found = [candidate for place in range(len(tasks)) for candidate in by_machine[place]]
     counts = Counter(candidate.name for candidate in found)

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
-from gpmodel.discovery.journal import FOLDER
+from gpmodel.discovery.unfinished import FOLDER
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.selection import Truncation

@@ -11,29 +11,31 @@ from effect_cases import numbers
 from loop_cases import QUICK, found, quick, robot
 
 from gpmodel import texts
-from gpmodel.discovery import journal
 from gpmodel.discovery.journal import JournalFiles
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.unfinished import FOLDER, Unfinished, unfinished
+from gpmodel.discovery.unfinished import REQUEST as REQUEST_FILE
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.progress import Say, silent
 
 REQUEST = {"files": {"table": "../cell.csv"}, "options": {"seed": 3, "noise": None}}
 IDENTITY = {"gpmodel": "0", "the table": 64 * "a", "--seed": 3}
 
 
-def files(folder: Path, **changed: object) -> JournalFiles:
-    return JournalFiles(folder, REQUEST, IDENTITY | changed)
+def files(folder: Path, say: Say = silent, **changed: object) -> JournalFiles:
+    return JournalFiles(Unfinished(folder, REQUEST, IDENTITY | changed, say))
 
 
 def kept(answer: Discovery, folder: Path) -> JournalFiles:
     """The journal of an answer whose rounds were kept one after the other."""
     notes = files(folder)
-    notes.begin()
+    notes.files.begin()
     for count in range(1, len(answer.rounds) + 1):
         notes.keep([f for f in answer.findings if f.round <= count], answer.rounds[:count])
     return notes
@@ -58,7 +60,7 @@ def test_what_is_kept_reads_back_to_the_bit(case: str, tmp_path: Path) -> None:
         assert one.exploration.candidates == other.exploration.candidates
         assert one.exploration.histogram == other.exploration.histogram
         np.testing.assert_array_equal(one.exploration.null_nats, other.exploration.null_nats)
-    assert journal.unfinished(tmp_path) == {"request": REQUEST, "identity": IDENTITY}
+    assert unfinished(tmp_path) == {"request": REQUEST, "identity": IDENTITY}
 
 
 def test_a_kept_run_gives_a_round_what_the_run_gave(tmp_path: Path) -> None:
@@ -88,7 +90,7 @@ def test_runs_of_a_finished_round_are_not_kept_longer(tmp_path: Path) -> None:
 def test_a_search_resumed_from_the_files_gives_the_same_numbers(tmp_path: Path) -> None:
     truth, train, heldout = robot("gear", 0)
     notes = files(tmp_path)
-    notes.begin()
+    notes.files.begin()
     notes.keep([f for f in quick().findings if f.round == 1], quick().rounds[:1])
     resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, journal=files(tmp_path))
     assert numbers(resumed) == numbers(quick())
@@ -99,7 +101,7 @@ def test_numbers_that_are_not_finite_survive_in_text(tmp_path: Path) -> None:
     exploration = replace(first.exploration, null_nats=np.array([-np.inf, np.inf, np.nan, 1.0]))
     notes = files(tmp_path)
     notes.keep((), (replace(first, exploration=exploration),))
-    (written,) = notes.folder.iterdir()
+    (written,) = notes.files.folder.iterdir()
     json.loads(written.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     _, (again,) = notes.begin()
     np.testing.assert_array_equal(again.exploration.null_nats, [-np.inf, np.inf, np.nan, 1.0])
@@ -120,13 +122,13 @@ DAMAGE: dict[str, Callable[[str], str]] = {
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_a_damaged_file_is_named_set_aside_and_done_again(kind: str, tmp_path: Path) -> None:
     kept(quick(), tmp_path)
-    path = tmp_path / journal.FOLDER / "round-2.json"
+    path = tmp_path / FOLDER / "round-2.json"
     text = path.with_name("round-1.json").read_text()
     damaged = DAMAGE[kind](text)
     assert damaged != text
     path.write_bytes(damaged.encode("utf-8", "surrogatepass"))
     said: list[str] = []
-    findings, rounds = JournalFiles(tmp_path, REQUEST, IDENTITY, lambda line: said.append(str(line))).begin()
+    findings, rounds = files(tmp_path, lambda line: said.append(str(line))).begin()
     assert len(rounds) == 1
     assert [f.round for f in findings] == [1] * len(findings)
     assert "round-2.json" in said[0]
@@ -138,35 +140,35 @@ def test_a_damaged_file_is_named_set_aside_and_done_again(kind: str, tmp_path: P
 
 def test_a_damaged_request_is_named_and_set_aside(tmp_path: Path) -> None:
     kept(quick(), tmp_path)
-    path = tmp_path / journal.FOLDER / journal.REQUEST
+    path = tmp_path / FOLDER / REQUEST_FILE
     path.write_text(path.read_text().replace('"seed": 3', '"seed": 4'))
     with pytest.raises(InputError, match=r"request.json: damaged .* set aside as request.json.damaged"):
-        journal.unfinished(tmp_path)
-    assert journal.unfinished(tmp_path) is None
+        unfinished(tmp_path)
+    assert unfinished(tmp_path) is None
 
 
 def test_what_differs_is_said(tmp_path: Path) -> None:
     kept(quick(), tmp_path)
-    before = sorted(p.name for p in (tmp_path / journal.FOLDER).iterdir())
+    before = sorted(p.name for p in (tmp_path / FOLDER).iterdir())
     with pytest.raises(InputError, match=r"something else: the table has changed; --seed is 4, was 3\."):
-        files(tmp_path, **{"--seed": 4, "the table": 64 * "b"}).begin()
-    assert sorted(p.name for p in (tmp_path / journal.FOLDER).iterdir()) == before
+        files(tmp_path, **{"--seed": 4, "the table": 64 * "b"}).files.begin()
+    assert sorted(p.name for p in (tmp_path / FOLDER).iterdir()) == before
 
 
 def test_files_of_another_search_are_not_read(tmp_path: Path) -> None:
     """Copied from beside, their seal is whole; what they belong to is not this."""
     kept(quick(), tmp_path / "one")
     other = files(tmp_path / "other", **{"--seed": 4})
-    other.begin()
+    other.files.begin()
     name = "round-1.json"
-    (other.folder / name).write_bytes((tmp_path / "one" / journal.FOLDER / name).read_bytes())
+    (other.files.folder / name).write_bytes((tmp_path / "one" / FOLDER / name).read_bytes())
     assert other.begin() == ([], [])
-    assert (other.folder / f"{name}.damaged").exists()
+    assert (other.files.folder / f"{name}.damaged").exists()
 
 
 def test_another_schema_is_refused_and_stays(tmp_path: Path) -> None:
-    assert journal.unfinished(tmp_path) is None
-    texts.write_json(tmp_path / journal.FOLDER / journal.REQUEST, {"schema": 99})
+    assert unfinished(tmp_path) is None
+    texts.write_json(tmp_path / FOLDER / REQUEST_FILE, {"schema": 99})
     with pytest.raises(InputError, match="schema 99; this version resumes schema"):
-        journal.unfinished(tmp_path)
-    assert (tmp_path / journal.FOLDER / journal.REQUEST).exists()
+        unfinished(tmp_path)
+    assert (tmp_path / FOLDER / REQUEST_FILE).exists()

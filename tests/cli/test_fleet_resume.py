@@ -1,0 +1,158 @@
+"""`gpmodel fleet --resume DIR`: every machine that was searched is found again, and what differs is refused."""
+
+import json
+import shutil
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+from cli_cases import one_line, run
+from durable_cases import start
+from fleet_cases import two_joint_arms
+
+from gpmodel.discovery.unfinished import FOLDER, REQUEST
+from gpmodel.families.candidate import Candidate
+from gpmodel.files import alone_in
+from gpmodel.hierarchy.found import Searched
+
+MACHINES = 3
+_search = Searched.found
+
+
+def fleet_of(out: Path) -> dict[str, Any]:
+    """Every number of a fleet."""
+    content = json.loads((out / "fleet.json").read_text())
+    return {key: value for key, value in content.items() if key not in ("command", "sha256")}
+
+
+class Searches:
+    """Searches machines and counts them; the one after the last that is `allowed` is interrupted."""
+
+    def __init__(self, allowed: int = MACHINES) -> None:
+        self.done, self.allowed = 0, allowed
+
+    def __call__(self, task: Searched) -> tuple[Candidate, ...]:
+        if self.done == self.allowed:
+            raise KeyboardInterrupt
+        self.done += 1
+        return _search(task)
+
+
+def resumed(out: Path, *options: object) -> tuple[int, str]:
+    """How many machines were searched to resume, and what was said."""
+    searches = Searches()
+    with mock.patch.object(Searched, "found", lambda task: searches(task)):
+        done = run("fleet", "--resume", out, *options)
+    assert done.exit_code == 0, done.stderr
+    return searches.done, done.stderr
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_joint_arms(tmp_path_factory.mktemp("fleet") / "tables", MACHINES)
+
+
+@pytest.fixture(scope="module")
+def expected(tables: Path) -> dict[str, Any]:
+    """The numbers of a fleet that nobody disturbed."""
+    out = tables.parent / "whole"
+    assert run("fleet", tables, "--out", out, "--quiet").exit_code == 0
+    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures"}
+    return fleet_of(out)
+
+
+@pytest.fixture(scope="module")
+def interrupted(tables: Path) -> Path:
+    """The folder of a fleet that was interrupted in its second machine, beside its tables."""
+    out = tables.parent / "my fleet"
+    searches = Searches(allowed=1)
+    with mock.patch.object(Searched, "found", lambda task: searches(task)):
+        stopped = run("fleet", tables, "--out", out, "--workers", 1)
+    assert stopped.exit_code == 130
+    assert f"go on with: gpmodel fleet --resume '{out}'" in stopped.stderr.splitlines()[-1]
+    assert {p.name for p in (out / FOLDER).iterdir()} == {REQUEST, "machine-0001.json"}
+    return out
+
+
+@pytest.fixture
+def cut(interrupted: Path, tables: Path, tmp_path: Path) -> Path:
+    """A copy of it, and of the tables beside it."""
+    shutil.copytree(tables, tmp_path / "tables")
+    return Path(shutil.copytree(interrupted, tmp_path / "out"))
+
+
+def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
+    tables: Path, expected: dict[str, Any], tmp_path: Path
+) -> None:
+    """Three writes touch the disk three times each: those of the request and of two machines, the last cut."""
+    out = tmp_path / "out"
+    process = start("fleet", tables, "--out", out, "--workers", 1, killed_at_write=9)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert len(list((out / FOLDER).glob(".gpmodel-draft*"))) == 1
+    searched, said = resumed(out, "--workers", 2)
+    assert searched == MACHINES - 1
+    assert "going on from 1 finished machine in" in said
+    assert fleet_of(out) == expected
+    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures"}
+
+
+def test_folders_may_move_together_and_a_damaged_file_is_done_again(
+    cut: Path, expected: dict[str, Any], tmp_path: Path
+) -> None:
+    assert str(tmp_path) not in (cut / FOLDER / REQUEST).read_text()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    out = Path(shutil.move(cut, elsewhere / "out"))
+    shutil.move(tmp_path / "tables", elsewhere / "tables")
+    path = out / FOLDER / "machine-0001.json"
+    path.write_text(path.read_text().replace("J2", "J1"))
+    searched, said = resumed(out)
+    assert searched == MACHINES
+    assert "set aside as machine-0001.json.damaged" in said
+    assert fleet_of(out) == expected
+    again = run("fleet", "--resume", out)
+    assert "nothing is left to do" in again.stdout
+
+
+def grown(folder: Path) -> None:
+    path = folder / "A-2.csv"
+    path.write_text(path.read_text() + path.read_text().splitlines()[-1] + "\n")
+
+
+def described_otherwise(folder: Path) -> None:
+    path = folder / "arm.toml"
+    path.write_text(path.read_text().replace("500", "501"))
+
+
+CHANGED: dict[str, tuple[Callable[[Path], object], list[object], str]] = {
+    "table": (grown, [], "the file A-2.csv has changed."),
+    "further table": (lambda f: shutil.copy(f / "A-1.csv", f / "A-9.csv"), [], "the file A-9.csv is new."),
+    "table gone": (lambda f: (f / "A-3.csv").unlink(), [], "the file A-3.csv is gone."),
+    "fleet.toml": (lambda f: (f / "fleet.toml").write_text(""), [], "the file fleet.toml has changed."),
+    "mechanism": (described_otherwise, [], "the mechanism has changed."),
+    "folder gone": (shutil.rmtree, [], "no longer there"),
+    "seed": (lambda f: None, ["--seed", 1], "--seed is 1, was 0."),
+    "effect": (lambda f: None, ["--effect", "none"], "--effect is ['none'], was []."),
+}
+
+
+@pytest.mark.parametrize("case", CHANGED)
+def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path, tmp_path: Path) -> None:
+    before = {p: p.read_bytes() for p in cut.rglob("*") if p.is_file()}
+    change, options, said = CHANGED[case]
+    change(tmp_path / "tables")
+    assert said in one_line(run("fleet", "--resume", cut, *options), 2)
+    assert {p: p.read_bytes() for p in cut.rglob("*") if p.is_file()} == before
+
+
+def test_another_command_another_process_and_nothing_to_resume_are_one_line(cut: Path, tmp_path: Path) -> None:
+    assert "its unfinished search is of fleet" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
+    with alone_in(cut):
+        assert "another gpmodel is at work in it" in one_line(run("fleet", "--resume", cut, "--quiet"), 2)
+    assert "has no unfinished search" in one_line(run("fleet", "--resume", tmp_path / "tables"), 2)
+    assert "expected DIR and --mechanism M, or --resume DIR" in one_line(run("fleet"), 2)
+    assert "--payload" in one_line(run("fleet", tmp_path / "tables", "--payload", "3kg"), 2)
