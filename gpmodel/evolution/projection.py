@@ -72,6 +72,11 @@ class Targets:
         return self.sites == 1 and bool(np.all(self.weight == 1.0))
 
     @cached_property
+    def by_column(self) -> Array:
+        """``cross`` as (K, S, N): sums over the columns then run over all sites at once."""
+        return np.ascontiguousarray(self.cross.swapaxes(0, 1))
+
+    @cached_property
     def components(self) -> int:
         """Measured components: ``samples``, or one a pose."""
         return self.samples or self.poses

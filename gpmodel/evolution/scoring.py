@@ -77,16 +77,24 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
     else:
         products = pairs.reshape(-1, poses) @ targets.weight.T
     flat = scaled.reshape(-1, poses)
-    columns = targets.cross.shape[1]
-    seen = flat @ targets.cross.reshape(-1, poses).T
+    rows, number = (flat, np.arange(len(flat))) if targets.is_plain else distinct_rows(flat)
+    columns = targets.by_column.reshape(-1, poses)
+    seen = np.matmul(rows, columns.T, out=workspace("seen", (len(rows), len(columns))))
     pull = flat @ targets.pull.T
     scores = Scores.empty(programs)
     choose_outputs(
         products.reshape(programs, -1, targets.sites),
-        seen.reshape(programs, outputs, targets.sites, columns),
+        seen.reshape(len(rows), -1, targets.sites), number.reshape(programs, outputs),
         pull.reshape(programs, outputs, targets.sites),
         usable, sizes(code, base), targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
         scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
     )  # fmt: skip
     scores.hashes[:] = code.hashes
     return scores
+
+
+def distinct_rows(rows: Array) -> tuple[Array, NDArray[np.intp]]:
+    """The different ones (U, N) among rows (R, N), and which of them (R,) each row is: relatives share most outputs."""
+    whole = rows.view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))[:, 0]
+    _, first, number = np.unique(whole, return_index=True, return_inverse=True)
+    return rows[first], number

@@ -52,6 +52,7 @@ def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array
 def choose_outputs(
     products: Array,
     seen: Array,
+    number: NDArray[np.int64],
     pull: Array,
     usable: NDArray[np.bool_],
     sizes: NDArray[np.uint16],
@@ -67,8 +68,9 @@ def choose_outputs(
 ) -> None:
     """Forward selection of outputs at each site by description length.
 
-    products (P, pairs, S) holds Phi_i Phi_j . D for i <= j, seen (P, m, S, K) holds Phi B^T, pull (P, m, S)
-    holds Phi g. Outputs join in the order of the gain they add; the step with the least
+    products (P, pairs, S) holds Phi_i Phi_j . D for i <= j, seen (U, K, S) holds Phi B^T of the distinct outputs,
+    number (P, m) which of these each output is, pull (P, m, S) holds Phi g. Outputs join in the order of the gain
+    they add; the step with the least
 
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
 
@@ -77,27 +79,34 @@ def choose_outputs(
     Column i is made of the program's output i modulo their number, by which ``sizes`` (P, 2^roots) counts nodes.
     """
     programs, outputs, sites = pull.shape
-    columns = seen.shape[3]
+    columns = seen.shape[1]
     roots = 0
     while sizes.shape[1] >> (roots + 1):
         roots += 1
     gram = np.empty((outputs, outputs))
     total = np.empty(outputs)
     rest = np.empty(outputs)
+    inner = np.empty((products.shape[1], sites))
     for p in range(programs):
         score[p] = 0.0
         gain[p] = 0.0
         complexity[p] = 0
         site[p] = 0
         chosen[p] = 0
+        pair = 0
+        for i in range(outputs):
+            for j in range(i, outputs):
+                first, second, both = seen[number[p, i]], seen[number[p, j]], inner[pair]
+                both[:] = 0.0
+                for k in range(columns):
+                    for s in range(sites):
+                        both[s] += first[k, s] * second[k, s]
+                pair += 1
         for s in range(sites):
             pair = 0
             for i in range(outputs):
                 for j in range(i, outputs):
-                    inner = 0.0
-                    for k in range(columns):
-                        inner += seen[p, i, s, k] * seen[p, j, s, k]
-                    gram[i, j] = products[p, pair, s] - inner
+                    gram[i, j] = products[p, pair, s] - inner[pair, s]
                     gram[j, i] = gram[i, j]
                     if i == j:
                         total[i] = products[p, pair, s]
