@@ -1,5 +1,7 @@
 """The one sentence of a report."""
 
+from collections.abc import Sequence
+
 from gpmodel import wording
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import EffectRecord
@@ -15,7 +17,8 @@ def of_discovery(report: Report) -> str:
     tail = f", noise floor {wording.length(report.noise_floor_mm)}" if report.noise_floor_mm is not None else ""
     if not report.effects:
         return f"Standard model {before} RMS on held-out poses{tail}; nothing stands out of chance: nothing was added."
-    parts = [_sized(e) if len(report.effects) <= MOST_SIZED else e.name for e in report.effects]
+    few = len(report.effects) <= MOST_SIZED
+    parts = [_sized(e) for e in report.effects] if few else _by_kind(report.effects)
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     doubted = report.confirmation is not None and not report.confirmation.passed
     doubt = "Not confirmed on held-out poses, so the standard model is kept. " if doubted else ""
@@ -25,6 +28,16 @@ def of_discovery(report: Report) -> str:
         f"{added} {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{tail}; "
         f"{report.stopped}."
     )
+
+
+def _by_kind(effects: Sequence[EffectRecord]) -> list[str]:
+    """Names, those that differ in the joint alone said once with all their joints."""
+    kinds: dict[str, list[str]] = {}
+    for effect in effects:
+        kind, _, joint = effect.name.rpartition(", ")
+        at_joint = effect.slot.startswith(f"{joint}.")
+        kinds.setdefault(kind if at_joint else effect.name, []).extend([joint] if at_joint else [])
+    return [", ".join((kind, *joints)) for kind, joints in kinds.items()]
 
 
 def _sized(effect: EffectRecord) -> str:

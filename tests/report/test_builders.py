@@ -15,6 +15,7 @@ from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin, floor_mm, repeatability, versions
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
+from gpmodel.report.verdict import of_discovery
 
 
 def report(case: str) -> Report:
@@ -42,6 +43,14 @@ def test_an_effect_carries_its_size_its_deviation_and_its_name() -> None:
     assert effect.stderr < 0.2 * effect.value
     assert 0 < effect.unique_share <= 1
     assert report("gear").ladder[2].effect == 0
+
+
+def test_the_verdict_on_many_findings_says_each_kind_once() -> None:
+    (effect,) = report("gear").effects
+    at = {j: replace(effect, name=f"gear error, 2 per turn, {j}", slot=f"{j}.moving") for j in ("J4", "J1")}
+    base, coupling = replace(effect, name="base compliance", slot="base"), replace(effect, name="coupling, J4 to J5")
+    said = of_discovery(replace(report("gear"), effects=(at["J4"], base, at["J1"], coupling)))
+    assert "; added gear error, 2 per turn, J4, J1; base compliance; coupling, J4 to J5; " in said
 
 
 def test_a_finding_that_matches_no_family_says_so() -> None:
