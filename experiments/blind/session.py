@@ -50,7 +50,8 @@ def route(case: Case, arm: Arm, count: int, rng: np.random.Generator) -> Route:
         centres = draw_poses(arm, max(count // 10, 1), rng)
         pose = np.arange(count) * len(centres) // count
         spread = CLUSTER_HALF_WIDTH * (arm.limits[:, 1] - arm.limits[:, 0])
-        return Route(_rounded(arm, centres[pose] + spread * rng.uniform(-1, 1, (count, len(arm.rows)))), pose)
+        q = centres[pose] + spread * rng.uniform(-1, 1, (count, len(arm.rows)))
+        return Route(_rounded(arm, np.clip(q, arm.limits[:, 0], arm.limits[:, 1])), pose)
     distinct = draw_poses(arm, count // case.repeats, rng)
     pose = np.tile(np.arange(len(distinct)), case.repeats)
     q = distinct[pose]

@@ -15,8 +15,11 @@ SAME_JOINT = 5e-4
 and what a servo at rest leaves (0.02 deg)."""
 
 NEAR = 5.0
-"""Distances to the nearest pose, in the median, within which all poses of a cluster lie; twice as far nothing does. Ten
-or twenty poses spread over a small box lie within three to five; poses spread over a workspace have no such gap."""
+"""Distances to the nearest pose, in the median, within which the poses of a cluster lie: of ten or twenty poses spread
+over a small box three to five; poses spread over a workspace have no such gap."""
+
+HARDLY_MORE = 1.5
+"""Times as many pairs of poses within twice a distance: one where they lie in clusters, two along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
 """Joint values, rad or m, beyond which rows labelled as repeats are not: 0.3 deg moves a tool by millimetres."""
@@ -149,7 +152,9 @@ def _clusters(q: Array) -> IntArray:
     """First row (N,) of each cluster of neighbouring poses; every row alone where poses do not lie in clusters.
 
     With joints over their ranges and r = NEAR times the median distance of a pose to the next: clusters are there where
-    all pairs of poses are either nearer than r or farther than 2 r. Repeats of a pose count as one.
+    within 2 r lie hardly more pairs of poses than within r; along a line there are twice as many, and more where poses
+    fill anything. A cluster is what is linked by steps of at most r, so that two that lie close are one; with half of
+    all poses in one there are none. Repeats of a pose count as one.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)
@@ -159,14 +164,17 @@ def _clusters(q: Array) -> IntArray:
     places = (q[:, span > SAME_JOINT] / span[span > SAME_JOINT])[distinct]
     tree = cKDTree(places)
     near = NEAR * float(np.median(tree.query(places, k=2)[0][:, 1]))
-    for some in (places[:SAMPLE], places):
-        counts = [tree.query_ball_point(some, r, return_length=True) for r in (near, 2 * near)]
-        if (counts[0] != counts[1]).any():
+    for some in (places[:: max(1, len(places) // SAMPLE)], places):
+        within, farther = (tree.query_ball_point(some, r, return_length=True) - 1 for r in (near, 2 * near))
+        if within.max() >= 0.5 * len(places) or farther.sum() > HARDLY_MORE * within.sum():
             return own
-    together = np.array([min(found) for found in tree.query_ball_point(places, near)])
-    if not together.any() or (np.bincount(together)[together] != counts[0]).any():
+    pairs = tree.query_pairs(near, output_type="ndarray").T
+    links = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(places), len(places)))
+    together = connected_components(links, directed=False)[1]
+    if np.bincount(together).max() > 0.5 * len(places):
         return own
-    return distinct[together][np.searchsorted(distinct, first)]
+    leader = np.unique(together, return_index=True)[1]
+    return distinct[leader[together]][np.searchsorted(distinct, first)]
 
 
 def copies(dataset: Dataset) -> Mask:

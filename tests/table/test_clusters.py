@@ -35,6 +35,16 @@ def test_clusters_are_bundles_that_no_split_parts(count: int, size: int, half: f
     assert not set(bundles(data)[train]) & set(bundles(data)[heldout])
 
 
+@pytest.mark.parametrize("gap", [0.05, 0.1, 0.15])
+def test_two_clusters_that_lie_close_leave_the_others_what_they_are(gap: float) -> None:
+    q = clusters(20, 10, 0.02)
+    centre = RNG.uniform(LOW, HIGH, 6)
+    box = 0.02 * (HIGH - LOW) * RNG.uniform(-1, 1, (2, 10, 6))
+    beside = centre + np.array([[[0.0]], [[gap]]]) * (HIGH - LOW) + box
+    sizes = np.bincount(bundles(table(np.vstack([q, *beside]))))
+    assert sorted(sizes.tolist()) in ([10] * 22, [10] * 20 + [20])
+
+
 def sweeps() -> Array:
     """Each joint alone through its range at eight places."""
     return np.vstack(
