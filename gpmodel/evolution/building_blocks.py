@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.kinds import ANGLE, ANY, NONE, SHORT, Typing
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import unit_rows
@@ -160,10 +161,10 @@ def promising(problem: SlotProblem, words: Vocabulary, count: int) -> tuple[tupl
         pairs = words.pairs()
         rows = unit_rows(pairs.values)
         least = np.max((rows @ targets.pull.T) ** 2 / np.maximum(rows**2 @ targets.weight.T, 1e-300), axis=1)
-    few = np.argsort(problem.nats(least / targets.energy, pairs.growth))[-SCREENED:]
+    few = np.argsort(-problem.nats(least / targets.energy, pairs.growth), kind="stable")[:SCREENED]
     gains = targets.gains(pairs.values[few])
     found = []
-    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few]))[:count].tolist():
+    for k in np.argsort(-problem.nats(gains.max(axis=1), pairs.growth[few]), kind="stable")[:count].tolist():
         builder = Builder()
-        found.append((builder.program([pairs.build(builder, [], int(few[k]))]), int(gains[k].argmax())))
+        found.append((builder.program([pairs.build(builder, [], int(few[k]))]), int(gain_nats(gains[k]).argmax())))
     return tuple(found)

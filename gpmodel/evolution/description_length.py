@@ -6,6 +6,9 @@ from numpy.typing import NDArray
 ROUNDING = 1e-12
 """Share of an energy that is not told from none: sums of 1e4 squares, each rounded at 1e-16."""
 
+RESOLUTION = 1e-6
+"""Nats within which lengths are equal: another processor's sums move one by up to 1e-8."""
+
 
 def fit_nats(gain: NDArray[np.float64] | float, components: float, rounding: float = ROUNDING) -> NDArray[np.float64]:
     """What removing a share ``gain`` of the energy of ``components`` measured values saves, nats, before any cost:
@@ -15,3 +18,17 @@ def fit_nats(gain: NDArray[np.float64] | float, components: float, rounding: flo
     with the share left never taken for less than rounding. Source: Rissanen (1978).
     """
     return np.asarray(-0.5 * components * np.log(np.maximum(1.0 - np.asarray(gain), rounding)))
+
+
+def ranked(nats: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Lengths in nats as they are compared, in whole steps of ``RESOLUTION``, so that among equals their order decides.
+
+    Two programs that say the same differ in the last bit of a sum, on one processor in the one sense, on another in the
+    other; what is bred from them must not.
+    """
+    return np.asarray(np.round(np.asarray(nats) / RESOLUTION) * RESOLUTION)
+
+
+def gain_nats(gain: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """A gain as gains are compared: -ln(1 - gain), the nats of two measured values, ``ranked``."""
+    return ranked(fit_nats(gain, 2.0))

@@ -81,7 +81,7 @@ def _trials(
             edits = edits.of_kinds([k for k in numbers if words.typing.allows(program, words.inputs.names, {node: k})])
             gains = problem.set_gains(_outputs_after(program, node, values, edits.values), site)
             about = problem.nats(gains, size + edits.growth)
-            for k in np.argsort(-about)[:CHECKED].tolist():
+            for k in np.argsort(-about, kind="stable")[:CHECKED].tolist():
                 yield float(about[k]), partial(_rebuilt, program, node, edits, k)
 
 

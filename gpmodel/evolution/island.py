@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gpmodel.evolution.building_blocks import Vocabulary
-from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.description_length import fit_nats, gain_nats
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
@@ -64,8 +64,9 @@ class Island:
         scores, improved = self.scores, set()
         largest = int(scores.complexity.max(initial=0))
         known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
-        better = np.flatnonzero(scores.gain > known[scores.complexity] + 1e-12)
-        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
+        nats = gain_nats(scores.gain)
+        better = np.flatnonzero(nats > gain_nats(known)[scores.complexity])
+        for row in better[np.argsort(nats[better], kind="stable")].tolist():
             gain, size = float(scores.gain[row]), int(scores.complexity[row])
             self.kept[size] = gain, self.population.take(np.array([row])), int(scores.chosen[row])
             improved.add(size)

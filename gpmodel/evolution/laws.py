@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from gpmodel.evolution.constants import polish
+from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.kinds import Typing
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution, pareto, scored
@@ -59,8 +60,8 @@ def _forms(problem: SlotProblem) -> list[Program]:
     """The few forms that explain most from where they start."""
     columns = problem.inputs.mapping()
     programs = list(_started(problem.inputs))
-    gains = [problem.targets.set_gain(program.evaluate(columns), 0)[0] for program in programs]
-    return [programs[k] for k in np.argsort(gains)[::-1][:POLISHED].tolist()]
+    gains = np.array([problem.targets.set_gain(program.evaluate(columns), 0)[0] for program in programs])
+    return [programs[k] for k in np.argsort(-gain_nats(gains), kind="stable")[:POLISHED].tolist()]
 
 
 def _started(inputs: Inputs) -> Iterator[Program]:

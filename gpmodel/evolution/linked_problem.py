@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.links import Link, LinkTerm
@@ -88,7 +88,7 @@ class LinkedProblem:
         left = 1.0 - scores.gain
         share_left_by_quotients(outputs, scores.chosen, self.response, PASSES, left)
         size = scores.complexity + np.bitwise_count(scores.chosen)
-        scores.score[:] = PRICE * size - fit_nats(1.0 - left, self.targets.components)
+        scores.score[:] = ranked(PRICE * size - fit_nats(1.0 - left, self.targets.components))
         worthless = ~(scores.score < 0)
         scores.gain[:] = 1.0 - left
         for found in (scores.score, scores.gain, scores.complexity, scores.chosen):

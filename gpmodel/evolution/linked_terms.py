@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.evolution.building_blocks import Vocabulary
-from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.hill_climb import climbed
 from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
 from gpmodel.evolution.links import LinkTerm
@@ -34,7 +34,7 @@ class Terms:
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved."""
-        return fit_nats(gain, self.problem.targets.components) - PRICE * np.asarray(size)
+        return ranked(fit_nats(gain, self.problem.targets.components) - PRICE * np.asarray(size))
 
     def set_gain(self, values: Array, site: int) -> float:
         """Gain of terms (m, N)."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
 from gpmodel.evolution.representation import Population
@@ -40,20 +41,21 @@ class Archive:
     def __init__(self, problem: Problem, layout: Layout) -> None:
         self.problem, self.layout = problem, layout
         self.best_gain = 0.0
-        self._gains = np.zeros(64)
+        self._nats = np.zeros(64)
         self._kept: dict[int, tuple[Population, int]] = {}
 
     def add(self, population: Population, scores: Scores) -> None:
         """Take in the programs that beat what is known at their complexity."""
         largest = int(scores.complexity.max(initial=0))
-        if largest >= len(self._gains):
-            self._gains = np.concatenate([self._gains, np.zeros(largest + 1 - len(self._gains))])
-        better = np.flatnonzero(scores.gain > self._gains[scores.complexity] + 1e-12)
-        for row in better[np.argsort(scores.gain[better], kind="stable")].tolist():
-            size, gain = int(scores.complexity[row]), float(scores.gain[row])
-            self._gains[size] = gain
+        if largest >= len(self._nats):
+            self._nats = np.concatenate([self._nats, np.zeros(largest + 1 - len(self._nats))])
+        nats = gain_nats(scores.gain)
+        better = np.flatnonzero(nats > self._nats[scores.complexity])
+        for row in better[np.argsort(nats[better], kind="stable")].tolist():
+            size = int(scores.complexity[row])
+            self._nats[size] = nats[row]
             self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
-            self.best_gain = max(self.best_gain, gain)
+            self.best_gain = max(self.best_gain, float(scores.gain[row]))
 
     def front(self) -> tuple[Solution, ...]:
         """Solutions that no simpler one equals in gain, simplest first."""
@@ -77,8 +79,8 @@ class Archive:
 def pareto(solutions: Sequence[Solution]) -> tuple[Solution, ...]:
     """Those that no simpler one equals in gain, simplest first."""
     found: list[Solution] = []
-    for solution in sorted(solutions, key=lambda c: (c.complexity, -c.gain)):
-        if not found or solution.gain > found[-1].gain + 1e-12:
+    for solution in sorted(solutions, key=lambda c: (c.complexity, -gain_nats(c.gain))):
+        if not found or gain_nats(solution.gain) > gain_nats(found[-1].gain):
             found.append(solution)
     return tuple(found)
 
@@ -107,7 +109,7 @@ def scored(program: Program, problem: Problem) -> Solution:
         return Solution(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
     targets = problem.targets
     solved = [targets.set_gain(values, site) for site in range(targets.sites)]
-    site = int(np.argmax([gain for gain, _ in solved]))
+    site = int(np.argmax(gain_nats(np.array([gain for gain, _ in solved]))))
     gain, coefficients = solved[site]
     validation = None
     if problem.validation is not None and problem.validation_inputs is not None and len(values):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import BLOCK, Code, compensator_fitness
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.scoring import Scores, slot_scores
@@ -187,7 +187,7 @@ class SlotProblem:
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
-        return fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size)
+        return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """The same search with the residual permuted over the poses."""

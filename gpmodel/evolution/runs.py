@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.input_histogram import RunRecord
 from gpmodel.evolution.kept import KeptRuns, Number
 from gpmodel.evolution.problems import CartesianProblem, Problem
@@ -109,5 +109,5 @@ def strength_of(evolution: Evolution, problem: Problem) -> float:
     """What the best program explains, comparable between runs: nats for a slot, -log(1 - gain) for a compensator."""
     best = evolution.best
     if isinstance(problem, CartesianProblem):
-        return float(fit_nats(best.gain, components=2))
+        return float(gain_nats(best.gain))
     return float(problem.nats(best.gain, best.complexity + len(best.coefficients)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.description_length import ranked
 from gpmodel.evolution.engine import Code, sizes, values, workspace
 from gpmodel.evolution.projection import Targets
 
@@ -89,6 +90,7 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
         usable, sizes(code, base), targets.energy, 0.5 * targets.components, parsimony, targets.unique_share,
         scores.score, scores.gain, scores.complexity, scores.site, scores.chosen,
     )  # fmt: skip
+    scores.score[:] = ranked(scores.score)
     scores.hashes[:] = code.hashes
     return scores
 

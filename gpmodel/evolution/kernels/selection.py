@@ -5,11 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.evolution.description_length import RESOLUTION
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 
 Array = NDArray[np.float64]
 
 _ROUNDING = 4e-15
+_MORE = 1.0 + 1e-9
+"""An output adds more than one before it where it adds so many times as much: less is rounding."""
 
 
 @reduction
@@ -74,9 +77,9 @@ def choose_outputs(
 
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
 
-    wins. The energy left is never taken for less than what rounding leaves of the least independent output
-    (so exact fits are told from near singular ones). A program with nothing to offer scores 0 with gain 0.
-    Column i is made of the program's output i modulo their number, by which ``sizes`` (P, 2^roots) counts nodes.
+    wins, of equal ones the first. The energy left is never taken for less than what rounding leaves of the least
+    independent output (so exact fits are told from near singular ones). A program with nothing to offer scores 0, with
+    gain 0. Column i is made of the output i modulo their number, by which ``sizes`` (P, 2^roots) counts nodes.
     """
     programs, outputs, sites = pull.shape
     columns = seen.shape[1]
@@ -121,7 +124,7 @@ def choose_outputs(
                 for i in range(outputs):
                     if usable[p, i] and not (bits >> i) & 1 and gram[i, i] > unique_share * total[i]:
                         added = rest[i] * rest[i] / gram[i, i]
-                        if added > most:
+                        if added > most * _MORE:
                             most = added
                             best = i
                 if best < 0:
@@ -141,7 +144,7 @@ def choose_outputs(
                     count += (bits >> i) & 1
                 left = max(1.0 - explained, _ROUNDING / smallest)
                 length = half_components * math.log(left) + parsimony * (size + count)
-                if length < score[p]:
+                if length < score[p] - RESOLUTION:
                     score[p] = length
                     gain[p] = 1.0 - left
                     complexity[p] = size
