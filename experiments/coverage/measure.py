@@ -20,7 +20,7 @@ from gpmodel.api.discover import COMMAND, DiscoveryResult
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.uncertainty import point_factor
+from gpmodel.application.uncertainty import coordinate_deviations
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
@@ -170,7 +170,7 @@ def _points(here: Bench, fitted: Calibration) -> tuple[np.ndarray, np.ndarray]:
         ready = replace(poses, dataset=matched(saved, poses.dataset))
         observed = observe(saved.model, ready, saved.theta, saved.placement)
         points.append(observed.tip[:, :3, 3])
-        deviations.append(np.linalg.norm(point_factor(saved, ready, observed), axis=2))
+        deviations.append(coordinate_deviations(saved, ready, observed))
     return np.vstack(points), np.vstack(deviations)
 
 

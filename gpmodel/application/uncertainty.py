@@ -16,22 +16,19 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     It says how well the parameters are known, not what the instrument adds. placed: whether registration and tool are
     in it, as in the instrument's frame. NaN where nobody fitted the model.
     """
+    return np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1)
+
+
+def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
+    """The same of each coordinate (N, 3) along the axes of the instrument: √ diag(J Σ Jᵀ)."""
     if len(saved.stderr) and not np.isfinite(saved.stderr).any():
-        return np.full(len(poses), np.nan)
-    return np.linalg.norm(point_factor(saved, poses, observed, placed=placed), axis=(1, 2))
-
-
-def point_factor(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """F (N, 3, K), m, of the predicted points' covariances F Fᵀ = J Σ Jᵀ, in the axes of the instrument."""
-    first = len(saved.covariance.placement)
+        return np.full((len(poses), 3), np.nan)
     columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
     if placed:
         columns = np.concatenate([placement_columns(saved, poses, observed), columns], axis=2)
-    values = saved.covariance.values if placed else saved.covariance.values[first:, first:]
-    if not values.size:
-        return np.zeros((len(poses), 3, 0))
-    size, axes = np.linalg.eigh(values)
-    return columns @ (axes * np.sqrt(np.maximum(size, 0.0)))
+    first = 0 if placed else len(saved.covariance.placement)
+    variance = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
+    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:

@@ -133,7 +133,7 @@ def check_finite(saved: SavedModel, dataset: Dataset) -> None:
     own, theta = saved.model.of_the_mechanism(saved.theta)
     for effect in own.effects:
         check_defined(effect, saved.mechanism, poses.states)
-    if of_the_instrument := [effect for effect in saved.model.effects if effect not in own.effects]:
+    if of_the_instrument := [effect for effect in saved.model.effects if effect.of_the_instrument]:
         seen = poses.states.seen_at(observe(own, poses, theta, saved.placement).tip[:, :3, 3])
         for effect in of_the_instrument:
             check_defined(effect, saved.mechanism, seen)
@@ -141,16 +141,10 @@ def check_finite(saved: SavedModel, dataset: Dataset) -> None:
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:
     """The model without the errors of the instrument, which move what is read and not the tool."""
-    kept = saved.model.of_the_mechanism(saved.theta)[0].effects
-    return _without(saved, tuple(effect for effect in saved.model.effects if effect not in kept))
-
-
-def _without(saved: SavedModel, left_out: tuple[Effect, ...]) -> SavedModel:
-    kept = np.array([effect not in left_out for effect in saved.model.effects], dtype=bool)
+    kept = np.array([not effect.of_the_instrument for effect in saved.model.effects], dtype=bool)
     rows = np.concatenate([np.ones(len(saved.covariance.placement), dtype=bool), kept])
-    effects = tuple(effect for effect in saved.model.effects if effect not in left_out)
+    model, _ = saved.model.of_the_mechanism(saved.theta)
     covariance = saved.covariance
-    model = ErrorModel(saved.mechanism, effects)
     return replace(
         saved,
         model=model,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,10 @@ from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
 from gpmodel.numerics.rank import RankChoice
+
+CORRELATED = 0.8
+"""Correlation from which two numbers are said to stand for one another: together they are known far better than
+either, whose deviation is at least 1.7 times what it would be alone."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +78,13 @@ class Calibration:
         """Names of the effects that the poses could not determine."""
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
 
-    def partners(self, limit: float = 0.8) -> Mapping[str, tuple[tuple[str, float], ...]]:
-        """Effects correlated above `limit` in absolute value with each kept effect."""
+    @cached_property
+    def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
+        """Effects correlated above CORRELATED in absolute value with each kept effect."""
         names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.kept)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]
-        near = (np.abs(among) > limit) & ~np.eye(len(kept), dtype=bool)
+        near = (np.abs(among) > CORRELATED) & ~np.eye(len(kept), dtype=bool)
         for a, b in np.argwhere(near).tolist():
             out[names[kept[a]]].append((names[kept[b]], float(among[a, b])))
         return {name: tuple(partners) for name, partners in out.items()}

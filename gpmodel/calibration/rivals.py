@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import Array, Mask
-from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.arrays import Array
+from gpmodel.calibration.fitted_columns import FittedColumns
+from gpmodel.calibration.result import Calibration
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
@@ -95,24 +95,25 @@ def rivals_of_constants(
 ) -> tuple[Rival, ...]:
     """Every significant constant that a candidate of `pool` mimics within the noise of these poses, best mimics first.
 
-    With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave: w minimises
-    |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ. All columns with c among them leave
-    C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥, so that one projection of a candidate serves every constant.
+    With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave, those of curves as far
+    as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ.
+    All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥, so that one projection of a
+    candidate serves every constant.
     seed: of the poses tried.
     """
     model, theta = calibration.model, calibration.theta
-    here = _Columns.at(calibration, poses)
+    here = FittedColumns.at(calibration, poses)
     own = {effect.name for effect in model.effects}
     sure = [
         int(k)
         for k in np.flatnonzero(calibration.kept)
         if model.effects[k].constant and abs(theta[k]) > SIGNIFICANT * calibration.stderr[k]
     ]
-    whole, alone = here.basis(), {k: here.alone(k) for k in sure}
+    alone = {k: here.apart.alone(here.number(k)) for k in sure}
     found: list[tuple[int, Candidate, Array, float]] = []
     for candidate in (c for c in pool if not own & {effect.name for effect in c.effects}):
-        shapes = here.of(candidate)
-        beside = ident.remove(whole, shapes)
+        shapes = here.over_all_rows(here.of(candidate))
+        beside = ident.remove(here.apart.u, shapes)
         visible = ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes)
         for k in sure:
             size = float(np.linalg.norm(alone[k]))
@@ -124,7 +125,7 @@ def rivals_of_constants(
             apart = float(np.linalg.norm(theta[k] * alone[k] - left @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
                 found.append((k, candidate, sizes, apart))
-    fresh = _Columns.at(calibration, _anywhere(calibration, poses, seed)) if found else here
+    fresh = FittedColumns.at(calibration, _anywhere(calibration, poses, seed)) if found else here
     rivals = []
     told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
     for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
@@ -159,52 +160,6 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     return tuple(best.values())[:MOST]
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """The weighted columns (M, K) of a fitted model at some poses; effects begin at `first`."""
-
-    calibration: Calibration
-    problem: Linearised
-
-    @classmethod
-    def at(cls, calibration: Calibration, poses: Poses) -> "_Columns":
-        return cls(calibration, problem_at(calibration, poses))
-
-    @property
-    def columns(self) -> Array:
-        return self.problem.columns
-
-    @property
-    def first(self) -> int:
-        return self.problem.placement
-
-    def without(self, k: int) -> Array:
-        """All columns of the model but that of effect k, and those that were dropped."""
-        kept = self._held()
-        kept[self.first + k] = False
-        return self.columns[:, kept]
-
-    def _held(self) -> Mask:
-        return np.concatenate([np.ones(self.first, dtype=bool), self.calibration.kept])
-
-    def basis(self) -> Array:
-        """Orthonormal basis (M, K) of all columns of the model that are held."""
-        return ident.orthonormal(self.columns[:, self._held()])
-
-    def alone(self, k: int) -> Array:
-        """What the others leave (M,) of the column of effect k."""
-        return ident.remove(ident.orthonormal(self.without(k)), self.columns[:, self.first + k])
-
-    def of(self, candidate: Candidate) -> Array:
-        """Columns (M, k) of a candidate's effects."""
-        problem = self.problem
-        return problem.effect_rows(candidate.effects, self.calibration.model)
-
-    def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """What effect k moves the readings by, less what a candidate of some sizes does (M,)."""
-        return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
-
-
 def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:
     """What of a candidate joint values do not determine: the instrument itself, or inputs other than joint values, the
     point, and loads that were not measured."""
@@ -228,7 +183,7 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
 
 
 def _telling(
-    here: _Columns, fresh: _Columns, found: Sequence[tuple[int, Candidate, Array]]
+    here: FittedColumns, fresh: FittedColumns, found: Sequence[tuple[int, Candidate, Array]]
 ) -> list[tuple[Array, Array]]:
     """Joint values (p, n) at which each constant and what could be it differ most, and by how much (p,), m.
 
@@ -242,8 +197,8 @@ def _telling(
         differ, rows = (
             np.column_stack([there.difference(k, found[i][1], found[i][2]) for i in mine]) for there in (here, fresh)
         )
-        others = np.linalg.lstsq(here.without(k), differ, rcond=None)[0]
-        for i, column in zip(mine, (rows - fresh.without(k) @ others).T, strict=True):
+        others = here.apart.by_others(here.number(k), here.over_all_rows(differ))
+        for i, column in zip(mine, (rows - fresh.columns[:, fresh.held] @ others).T, strict=True):
             squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=POOL)
             chosen = np.argsort(squares)[::-1][:SHOWN]
             out[i] = poses.dataset.q[chosen], np.sqrt(squares[chosen])

@@ -90,10 +90,25 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     evolved: what GP found, as groups among the others. A curve that a short law predicts as well as gives way to the
     law, and the groups are chosen once more. One that fails a criterion is left out and the rest fitted again.
     """
-    first = _chosen(choice, evolved)
+    first = _together(choice, _chosen(choice, evolved))
     laws = _laws(choice, first)
-    last = _chosen(choice, (*evolved, *laws.values()), set(laws)) if laws else first
+    last = _together(choice, _chosen(choice, (*evolved, *laws.values()), set(laws))) if laws else first
     return replace(_accepted(choice, last), laws=tuple(laws.values()))
+
+
+@dataclass(frozen=True)
+class _Together:
+    """What was chosen, as candidates by name, and what a fit with all of them leaves."""
+
+    chosen: Selection
+    candidates: dict[str, Candidate]
+    left: Residual
+
+
+def _together(choice: Choice, chosen: Selection) -> _Together:
+    candidates = {kept.group.name: as_candidate(kept, choice.train) for kept in chosen.kept}
+    left = choice.residual(choice.fit(tuple(candidates.values()), choice.standard))
+    return _Together(chosen, candidates, left)
 
 
 def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = frozenset()) -> Selection:
@@ -116,7 +131,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)
 
 
-def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
+def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     """Of every curve that was chosen: the law that saves most, where it predicts as well within one standard error.
 
     It has to save as much as a curve that only follows its input, but for the price of a name, and more than one that
@@ -126,17 +141,16 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
     criteria = choice.criteria
-    candidates = [as_candidate(kept, choice.train) for kept in chosen.kept]
     curves = [
         c
-        for c, k in zip(candidates, chosen.kept, strict=True)
+        for c, k in zip(first.candidates.values(), first.chosen.kept, strict=True)
         if PLAIN < k.determined <= MOST_DETERMINED and c.inner is None
     ]
     if not curves:
         return {}
-    left = choice.residual(choice.fit(candidates, choice.standard))
     found = {}
-    for curve, residual, laws in compact_laws(left, curves, choice.search, choice.seed) if not choice.late() else ():
+    searched = () if choice.late() else compact_laws(first.left, curves, choice.search, choice.seed)
+    for curve, residual, laws in searched:
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
         margin = criteria.head_start if curve.family in names() else -criteria.naming_margin
@@ -147,35 +161,46 @@ def _laws(choice: Choice, chosen: Selection) -> dict[str, Candidate]:
     return found
 
 
-def _accepted(choice: Choice, chosen: Selection) -> Additive:
+def _accepted(choice: Choice, last: _Together) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding."""
-    kept = {k.group.name: k for k in chosen.kept}
-    offered = _in_detail(choice, {name: as_candidate(k, choice.train) for name, k in kept.items()})
-    candidates, calibration = refined_fit(choice.fit, choice.residual, *offered)
-    apart = told_apart(choice.residual(calibration), candidates)
+    kept = {k.group.name: k for k in last.chosen.kept}
+    residual = _last_kept(choice.residual)
+    candidates, calibration = refined_fit(choice.fit, residual, *_in_detail(choice, last))
+    apart = told_apart(residual(calibration), candidates)
     if apart != candidates:
         fewer = choice.fit(tuple(apart.values()), calibration)
-        candidates, calibration = refined_fit(choice.fit, choice.residual, apart, fewer)
+        candidates, calibration = refined_fit(choice.fit, residual, apart, fewer)
 
     def verdicts(calibration: Calibration, asked: Mapping[str, Candidate]) -> dict[str, Hypothesis]:
-        left = choice.residual(calibration)
+        left = residual(calibration)
 
         def verdict(name: str) -> Hypothesis:
-            return _judged(left.without(asked[name].effects), asked[name], kept[name], chosen)
+            return _judged(left.without(asked[name].effects), asked[name], kept[name], last.chosen)
 
         found = dict(Threads(choice.search.workers)(verdict, tuple(asked)))
         return {name: found[number] for number, name in enumerate(asked)}
 
     judged, calibration = standing_together(candidates, calibration, verdicts, choice.fit)
-    return Additive(tuple(judged.values()), calibration, chosen.by_chance)
+    return Additive(tuple(judged.values()), calibration, last.chosen.by_chance)
 
 
-def _in_detail(choice: Choice, found: dict[str, Candidate]) -> tuple[dict[str, Candidate], Calibration]:
-    """What was found, its fine curves with twice their harmonics where they ask for them, and the fit with it."""
-    calibration = choice.fit(tuple(found.values()), choice.standard)
-    offered = detailed(choice.residual(calibration), found)
-    return offered, calibration if offered == found else choice.fit(tuple(offered.values()), calibration)
+def _in_detail(choice: Choice, last: _Together) -> tuple[dict[str, Candidate], Calibration]:
+    """What was chosen, its fine curves with twice their harmonics where they ask for them, and the fit with it."""
+    calibration, offered = last.left.calibration, detailed(last.left, last.candidates)
+    return offered, calibration if offered == last.candidates else choice.fit(tuple(offered.values()), calibration)
+
+
+def _last_kept(residual: Callable[[Calibration], Residual]) -> Callable[[Calibration], Residual]:
+    """The same, of the calibration that was asked for last without working it out again."""
+    last: list[tuple[Calibration, Residual]] = []
+
+    def left(calibration: Calibration) -> Residual:
+        if not last or last[0][0] is not calibration:
+            last[:] = [(calibration, residual(calibration))]
+        return last[0][1]
+
+    return left
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:

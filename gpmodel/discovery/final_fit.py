@@ -1,7 +1,8 @@
 """What was found, fitted to all poses, the constants inside it as well."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     found = tuple(refined.values())
     changes = [inner_changes(c, settled, state.poses.states) for c in found]
-    events = [_event(left(settled), c) for c in found]
+    events = [_event(c, partial(left, settled)) for c in found]
     told = tuple(_told(c, rows) for c, rows in zip(found, events, strict=True))
     whole, further = settled, tuple(change.effect for own in changes for change in own)
     if further or told != found:
@@ -60,10 +61,10 @@ def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[Known]:
         yield Known(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
 
 
-def _event(left: Residual, candidate: Candidate) -> tuple[Known, ...]:
-    """The row of its event, if it has one, with those that may be it."""
+def _event(candidate: Candidate, left: Callable[[], Residual]) -> tuple[Known, ...]:
+    """The row of its event, if it has one, with those that may be it. left: what the model leaves."""
     event = next((c for c in candidate.inner.constants if c.whole), None) if candidate.inner else None
-    rows = profile(left.without(candidate.effects), candidate.inner) if candidate.inner and event else None
+    rows = profile(left().without(candidate.effects), candidate.inner) if candidate.inner and event else None
     return (Known(event.name, event.unit, event.value, None, *rows.interval),) if event and rows else ()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import ONE, Basis
-from gpmodel.mechanism.protocol import AXES, Joint
+from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Joint
 from gpmodel.model.states import States
 
 
@@ -51,6 +51,11 @@ class Effect:
     def slots(self) -> tuple[str, ...]:
         """The slots it acts at."""
         return tuple(dict.fromkeys(term.slot for term in self.terms))
+
+    @property
+    def of_the_instrument(self) -> bool:
+        """Whether it moves what the instrument reads alone, and not the mechanism."""
+        return self.slots == (INSTRUMENT,)
 
     @property
     def constant(self) -> bool:

@@ -83,7 +83,7 @@ class ErrorModel:
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
         """The model and its unknowns without what is the instrument's alone."""
-        own = [i for i, effect in enumerate(self.effects) if effect.slots != (INSTRUMENT,)]
+        own = [i for i, effect in enumerate(self.effects) if not effect.of_the_instrument]
         return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
 
     def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:

@@ -44,8 +44,8 @@ def vectors(values: Array) -> Vectors:
 
 
 def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[str, str]) -> tuple[Correlation, ...]:
-    """Whatever is correlated above 0.8 with one of the effects, at most eight."""
-    partners = final.partners()
+    """Whatever is correlated above CORRELATED with one of the effects, at most eight."""
+    partners = final.partners
     near = [(n, c) for e in effects for n, c in partners.get(e.name, ())]
     return tuple(Correlation(translate(n, names), c) for n, c in near[:8])
 

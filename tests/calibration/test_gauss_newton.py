@@ -187,7 +187,7 @@ def test_partners_name_what_cannot_be_told_apart_and_shares_say_how_little_is_le
     truth = measure(name, pair, (1e-3, 0.0), 10, geometry=0.0)
     fit = calibrate(truth.model, truth.poses)
     assert fit.unique_share.max() < 0.5
-    assert dict(fit.partners()["a"])["b"] == pytest.approx(fit.correlation[0, 1])
+    assert dict(fit.partners["a"])["b"] == pytest.approx(fit.correlation[0, 1])
     assert abs(fit.correlation[0, 1]) > 0.8
 
 

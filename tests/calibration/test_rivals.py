@@ -13,8 +13,10 @@ from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.rivals import MOST, PLAUSIBLE, ROW, TOLD_APART, UNKNOWNS, hidden_rivals, rivals_of_constants
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.planning.simulate import simulate
@@ -120,6 +122,25 @@ def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to
     believed, not_believed = (replace(rival, sizes=np.array([PLAUSIBLE * prior * share])) for share in (0.9, 1.1))
     assert believed.plausible
     assert not not_believed.plausible
+
+
+def test_beside_curves_finer_than_the_poses_can_tell_what_is_said_keeps_its_size() -> None:
+    """Their priors hold the harmonics: without these no constant would be anything beside them, and anything could
+    stand for it."""
+    plain, poses, arm = measured_arm(0.2)
+    curves = [
+        drive_effect(f"{f} {k}, {joint.name}", joint, Expression(f"{f}({k}*{joint.name})"), prior=1e-6)
+        for joint in arm.joints for k in range(1, 41) for f in ("sin", "cos")
+    ]  # fmt: skip
+    fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *curves)), poses, start=plain)
+    few = [c for c in catalogue.candidates(arm, poses.states) if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
+    before, beside = (rivals_of_constants(f, poses, few) for f in (plain, fit))
+    sizes = {(r.constant, r.candidate.name): r.amplitude for r in before}
+    both = [r for r in beside if (r.constant, r.candidate.name) in sizes]
+    assert len(both) >= 10
+    for rival in both:
+        assert rival.amplitude == pytest.approx(sizes[rival.constant, rival.candidate.name], rel=0.2)
+        assert rival.difference.max(initial=0.0) < 0.1
 
 
 def eccentricities(arm: Mechanism, poses: Poses) -> list[Candidate]:

@@ -34,7 +34,7 @@ def refitted(saved: SavedModel) -> Rigid:
     """
     poses = prepare(saved.mechanism, measured_table(saved))
     aside = {e.name for e in of_the_session(saved)}
-    kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.slots == (INSTRUMENT,))
+    kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
     heldout = np.zeros(0)
     measured = saved.measured

@@ -1,0 +1,49 @@
+"""Every column of a least-squares problem without the others, and the others without it, of one decomposition."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array
+from gpmodel.numerics.rank import NEGLIGIBLE
+
+INSIDE = 1e-6
+"""Share of a unit vector of coefficients that combinations of columns which are zero, but for rounding, take up: above
+it the column lies in the span of the others."""
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Columns (M, K) as U s Vᵀ times their norms (K,), singular values that are rounding left out.
+
+    The part of column k that no other explains lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
+    """
+
+    norms: Array
+    u: Array
+    s: Array
+    v: Array
+
+    @classmethod
+    def of(cls, columns: Array) -> "LeaveOneOut":
+        """Of columns (M, K), scaled before the rank is decided; those that are negligible count as zero."""
+        norms = np.linalg.norm(columns, axis=0)
+        norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
+        u, s, vt = linalg.svd(columns / norms, full_matrices=False, check_finite=False)
+        rank = int(np.sum(s > 1e-9 * s[0]))
+        return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
+
+    def alone(self, k: int) -> Array:
+        """What the others leave (M,) of column k; zero where they span it."""
+        own = self.v[k]
+        if own @ own < 1.0 - INSIDE:
+            return np.zeros(len(self.u))
+        along = self.u @ (own / self.s)
+        return np.asarray(along * self.norms[k] / (along @ along))
+
+    def by_others(self, k: int, values: Array) -> Array:
+        """Coefficients (K, R), zero for column k, with which the others come nearest to values (M, R)."""
+        solved = self.v @ ((self.u.T @ values) / self.s[:, None])
+        spread = self.v @ (self.v[k] / self.s**2)
+        return np.asarray((solved - np.outer(spread / spread[k], solved[k])) / self.norms[:, None])
