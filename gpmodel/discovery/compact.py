@@ -14,7 +14,7 @@ from gpmodel.evolution.laws import shortest_laws
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
-from gpmodel.formula.algebra import simplify
+from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site
 
 

@@ -1,10 +1,10 @@
-"""Programs and computer algebra: to sympy and back, and simplified forms."""
+"""Programs and computer algebra: to sympy and back."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 import sympy
 
-from gpmodel.formula.operators import BY_NAME, WRITTEN
+from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.parse import raise_to
 from gpmodel.formula.program import Builder, Node, Program
 
@@ -12,8 +12,6 @@ _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
 """Operators and leaves of one expression; algebra on longer ones takes minutes."""
-
-_ONE_OPERATOR = 2
 
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
@@ -92,42 +90,6 @@ def from_sympy(expressions: Sequence[sympy.Expr], pieces: Pieces | None = None) 
     for symbol, expression in (pieces or {}).items():
         built[symbol] = _build(builder, expression, built)
     return builder.program([_build(builder, expression, built) for expression in expressions])
-
-
-def simplify(program: Program) -> Program:
-    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter.
-
-    One with an operator that is only written, never evolved, stays as it is.
-    """
-    if _is_written(program):
-        return program
-    best = program
-    for largest, change in (
-        (_ONE_OPERATOR, _unchanged),
-        (LARGEST_PIECE, _unchanged),
-        (LARGEST_PIECE, sympy.simplify),
-    ):
-        try:
-            pieces, outputs = in_pieces(best, largest)
-            changed = {symbol: change(expression) for symbol, expression in pieces.items()}
-            candidate = from_sympy([change(expression) for expression in outputs], changed)
-        except (ValueError, TypeError, RecursionError):
-            continue
-        best = best if _is_written(candidate) else min(best, candidate, key=_operators_then_size)
-    return best
-
-
-def _is_written(program: Program) -> bool:
-    """Whether an operator of it stands in texts only and is never evolved."""
-    return any(BY_NAME[name].code == WRITTEN for name in program.operator_counts)
-
-
-def _operators_then_size(program: Program) -> tuple[int, int]:
-    return sum(program.operator_counts.values()), program.complexity
-
-
-def _unchanged(expression: sympy.Expr) -> sympy.Expr:
-    return expression
 
 
 _FROM_SYMPY: dict[type[sympy.Basic], str] = {
