@@ -40,20 +40,21 @@ def alone_in(folder: Path) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     missing = next((p for p in reversed((folder, *folder.parents)) if not p.exists()), None)
-    try:
+    with told_of(folder):
         folder_for(folder).mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / LOCK, timeout=0)
-        lock.acquire()
-    except Timeout:
-        raise InputError(f"{folder}: another gpmodel is at work in it; wait for it, or choose another folder") from None
-    except OSError as error:
-        raise not_written(folder, error) from None
+        try:
+            lock.acquire()
+        except Timeout:
+            said = "another gpmodel is at work in it; wait for it, or choose another folder"
+            raise InputError(f"{folder}: {said}") from None
     try:
         yield
     finally:
+        with suppress(OSError):
+            (folder / LOCK).unlink(missing_ok=True)  # while it is held: afterwards it may be another's
         lock.release()
         with suppress(OSError):
-            (folder / LOCK).unlink(missing_ok=True)
             while missing is not None and folder.is_relative_to(missing):
                 folder.rmdir()
                 folder = folder.parent
@@ -67,27 +68,23 @@ def finished_folder(out: Path) -> Iterator[Path]:
     Raises InputError when `out` is a file, WriteError when something cannot be written.
     """
     folder_for(out)
-    try:
+    with told_of(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         place = out if out.exists() else out.parent
         _sweep(place.resolve())
         draft = Path(tempfile.mkdtemp(prefix=_mine(), dir=place))
-    except OSError as error:
-        raise not_written(out, error) from None
-    try:
-        yield draft
-        draft.chmod(0o777 & ~_umask())
-        if out.exists():
-            for path in sorted(p for p in draft.rglob("*") if p.is_file()):
-                target = out / path.relative_to(draft)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(path, target)
-        else:
-            os.replace(draft, out)
-    except OSError as error:
-        raise not_written(out, error) from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
+        try:
+            yield draft
+            draft.chmod(0o777 & ~_umask())
+            if out.exists():
+                for path in sorted(p for p in draft.rglob("*") if p.is_file()):
+                    target = out / path.relative_to(draft)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    os.replace(path, target)
+            else:
+                os.replace(draft, out)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -101,7 +98,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
     Raises WriteError when it cannot be written.
     """
-    try:
+    with told_of(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep(path.parent.resolve())
         handle, draft = tempfile.mkstemp(prefix=_mine(), dir=path.parent)
@@ -114,29 +111,33 @@ def write_bytes(path: Path, content: bytes) -> None:
             os.replace(draft, path)
         finally:
             Path(draft).unlink(missing_ok=True)
-    except OSError as error:
-        raise not_written(path, error) from None
 
 
 def remove_folder(folder: Path) -> None:
     """Remove it, from one moment to the next: a process that is killed on the way leaves a draft that is swept away."""
     if folder.exists():
-        aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
-        os.replace(folder, aside)
+        with told_of(folder):
+            aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
+            os.replace(folder, aside)
         shutil.rmtree(aside, ignore_errors=True)
 
 
 def set_aside(path: Path) -> Path:
     """Rename a damaged file, so that it is neither read again nor lost; where it is now."""
     aside = path.with_name(f"{path.name}.damaged")
-    os.replace(path, aside)
+    with told_of(path):
+        os.replace(path, aside)
     return aside
 
 
-def not_written(path: Path, error: OSError) -> WriteError:
-    """What to raise when `path` could not be written."""
-    hint = "; free some space, or choose another folder" if error.errno in _FULL else ""
-    return WriteError(f"{path}: cannot be written ({error.strerror or error}){hint}")
+@contextmanager
+def told_of(path: Path) -> Iterator[None]:
+    """What the system will not do is a WriteError that says to which file or folder of ours."""
+    try:
+        yield
+    except OSError as error:
+        hint = "; free some space, or choose another folder" if error.errno in _FULL else ""
+        raise WriteError(f"{path}: cannot be written ({error.strerror or error}){hint}") from None
 
 
 def to_json(value: object) -> str:

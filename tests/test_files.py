@@ -8,6 +8,7 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
+from filelock import BaseFileLock
 
 from gpmodel import files, texts
 from gpmodel.errors import InputError, WriteError
@@ -73,6 +74,23 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     with files.alone_in(tmp_path / "out"):
         pass
     assert not (tmp_path / "out" / files.LOCK).exists()
+
+
+def test_the_lock_is_removed_while_it_is_held(tmp_path: Path) -> None:
+    """Afterwards it may be that of another process, and a third would make a new one beside it."""
+    with mock.patch.object(BaseFileLock, "release", side_effect=lambda *_: there.append(lock.exists())):
+        there, lock = list[bool](), tmp_path / files.LOCK
+        with files.alone_in(tmp_path):
+            assert lock.exists()
+    assert there[0] is False
+
+
+def test_what_cannot_be_set_aside_or_removed_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    read_only = OSError(errno.EROFS, os.strerror(errno.EROFS))
+    for action in (files.set_aside, files.remove_folder):
+        with mock.patch("os.replace", side_effect=read_only), pytest.raises(WriteError, match=r"a: .*Read-only"):
+            action(tmp_path / "a")
 
 
 def test_a_seal_is_of_the_content_not_of_its_layout(tmp_path: Path) -> None:

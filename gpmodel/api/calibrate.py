@@ -15,7 +15,7 @@ from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike, read_table
-from gpmodel.application.model_file import saved_model
+from gpmodel.application.model_file import check_table, saved_model
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
@@ -174,7 +174,9 @@ def checked_poses(
     standard: the geometric effects that will be fitted (default: all). Raises InputError for the first thing that makes
     the table useless.
     """
-    poses = prepare(mechanism, read_table(table, mechanism))
+    dataset = read_table(table, mechanism)
+    check_table(dataset)
+    poses = prepare(mechanism, dataset)
     refuse(mechanism, poses, standard)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses

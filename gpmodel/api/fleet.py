@@ -32,6 +32,7 @@ from gpmodel.hierarchy.record import (
     MachinePart,
     Part,
     SharedPart,
+    check_serial,
     fleet_text,
     prior_parts,
 )
@@ -172,6 +173,7 @@ def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str,
     out: dict[str, tuple[Mechanism, Poses]] = {}
     seen: dict[tuple[str, bytes], str] = {}
     for serial, table in tables.items():
+        check_serial(serial)
         try:
             out[serial] = checked_poses(arm, table)
         except InputError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 from gpmodel.api.arguments import file_path
 from gpmodel.api.exports import ExportsResult
 from gpmodel.api.model import Model
-from gpmodel.files import finished_folder, not_written, write_text
+from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.write import write_report
@@ -43,7 +43,5 @@ def save_record(record: Report, file: str | Path) -> None:
 
 
 def _exports(model: Model, path: Path) -> ExportsResult:
-    try:
+    with told_of(path):
         return model.export()
-    except OSError as error:
-        raise not_written(path, error) from None

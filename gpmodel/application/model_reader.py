@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from gpmodel.application.model_schema import KIND, LARGEST_FILE, SCHEMA, EffectPart, ModelPart
+from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMA, EffectPart, MeasuredPart, ModelPart
 from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, parse_json, seal
 
@@ -61,11 +61,19 @@ def read_effect(content: object) -> EffectPart:
     return _converted(content, EffectPart, "effect")
 
 
+def read_measured(content: object) -> MeasuredPart:
+    """The table of a model.json. Raises InputError: a field that is missing or beyond its bounds."""
+    return _converted(content, MeasuredPart, "table")
+
+
 def _converted(content: object, kind: type[Part], word: str) -> Part:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$")
+        said = said.replace(
+            f"Expected `str` matching regex {PLAIN!r}", "Expected text without quotes, backslashes, line ends"
+        )
         raise InputError(f"{place.rstrip('`').lstrip('.') or word}: {said}") from None
 
 

@@ -26,10 +26,10 @@ ROTATION_TOLERANCE = 1e-6
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
-_PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029]*\Z'
-Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=_PLAIN)]
+PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
+Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
 """Text that cannot end a line, a comment or a string of source that is made of a model."""
-Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=_PLAIN)]
+Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN)]
 Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
 """The name of a column, as expressions write it."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
@@ -37,7 +37,7 @@ FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^
 Point = tuple[Finite, Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]
 Transform = tuple[Row, Row, Row, Row]
-Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=_PLAIN)]
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=PLAIN)]
 Columns = Annotated[dict[Word, Unit], msgspec.Meta(max_length=MOST_COLUMNS)]
 Transforms = Annotated[dict[Name, Transform], msgspec.Meta(max_length=MOST_COLUMNS)]
 Value = TypeVar("Value")

@@ -55,7 +55,7 @@ def fleet(
     if mechanism is None and tables is not None and resume is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
     asked["effects"] = list(asked["effects"])
-    typed = Typed(tables, mechanism, folder, resume, asked, (NAME, PAGE))
+    typed = Typed(tables, mechanism, folder, resume, asked, NAME)
     request = typed.request((Search(), Criteria()))
     if request is None:
         return

@@ -112,7 +112,8 @@ def option_of(argument: str, params: Sequence[click.Parameter]) -> str:
 def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
     if "--debug" in arguments:
         traceback.print_exc()
-    click.echo(f"gpmodel: {' '.join(message.split())}", err=True)
+    said = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(message.split()))
+    click.echo(f"gpmodel: {said}", err=True)
     sys.exit(status)
 
 

@@ -19,7 +19,7 @@ from gpmodel.files import alone_in, folder_for
 from gpmodel.hierarchy.folder import files_of
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
-from gpmodel.texts import seal
+from gpmodel.texts import parse_json, seal
 
 Journal = TypeVar("Journal")
 CALLED = {"effects": "effect"}
@@ -93,7 +93,7 @@ class Request:
 class Typed:
     """What was typed: a table and a mechanism, the folder of an unfinished search to go on with, or both.
 
-    folder: of --out. options: all others by name. results: the file that a finished one leaves, and its page.
+    folder: of --out. options: all others by name. result: the file that a finished one leaves, beside a page.
     """
 
     table: Path | None
@@ -101,7 +101,7 @@ class Typed:
     folder: Path | None
     resume: Path | None
     options: Mapping[str, Any]
-    results: tuple[str, str] = ("report.json", "report.html")
+    result: str = "report.json"
 
     def request(self, settings: object) -> Request | None:
         """What is to be done; None where the search to resume is finished, which is said.
@@ -123,13 +123,16 @@ class Typed:
         given = replace(self, options=typed)
         found = unfinished(self.resume)
         if found is None:
-            done, page = self.results
-            if not (self.resume / done).exists():
+            done = self.resume / self.result
+            if _made_by(done) != command:
                 said = f"{self.resume} has no unfinished search; expected the folder of an interrupted {command}"
                 raise InputError(said, "resume")
-            click.echo(f"nothing is left to do in {self.resume}; report: {self.resume / page}")
+            click.echo(f"nothing is left to do in {self.resume}; report: {done.with_suffix('.html')}")
             return None
-        return given._resumed(command, self.resume, choice, found["request"], settings)
+        try:
+            return given._resumed(command, self.resume, choice, found["request"], settings)
+        except (LookupError, TypeError, AttributeError) as error:
+            raise InputError(f"{self.resume}: its request was not written by gpmodel ({error})") from None
 
     def _resumed(
         self, command: str, out: Path, choice: MechanismChoice | None, content: Mapping[str, Any], settings: object
@@ -137,12 +140,12 @@ class Typed:
         """The unfinished request in `out`, with what was typed again in its place."""
         if content["command"] != command:
             raise InputError(f"{out}: its unfinished search is of {content['command']}, expected one of {command}")
-        files = {kind: out / Path(*path.split("/")) for kind, path in content["files"].items()}
+        files = {kind: Path(os.path.normpath(out / Path(*path.split("/")))) for kind, path in content["files"].items()}
         com = content["choice"]["payload_com"]
         before = MechanismChoice(**content["choice"] | {"payload_com": None if com is None else tuple(com)})
         if "mechanism" in files:
-            before = replace(before, name=os.path.normpath(files["mechanism"]))
-        path = self.table or Path(os.path.normpath(files["table"]))
+            before = replace(before, name=str(files["mechanism"]))
+        path = self.table or files["table"]
         for kind, file, needed in (("table", path, True), ("mechanism", Path(before.name), "mechanism" in files)):
             if needed and choice is None and not file.exists():
                 raise InputError(f"{file}: the {kind} of this search is no longer there; say where it is now")
@@ -165,6 +168,14 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
         if files.empty:
             files.close()
         raise
+
+
+def _made_by(result: Path) -> str | None:
+    """The command that left a result, by its `kind`; None where there is none."""
+    try:
+        return str(parse_json(result.read_bytes())["kind"]).removeprefix("gpmodel ")
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
 def _relative(path: Path, out: Path) -> str:

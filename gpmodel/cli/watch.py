@@ -28,8 +28,11 @@ class Watch:
     def follow(self, look: Callable[[], DiscoveryResult], folder: Path, say: Callable[[str], None]) -> None:
         """Look after every batch, leave the results and the next poses in `folder`, and say how things stand.
 
-        A table that is not sound yet is said so, and looked at again when it has grown.
+        A table that is not sound yet is said so, and looked at again when it has grown. Raises InputError for a
+        workbook.
         """
+        if self.table.suffix.lower() == ".xlsx":
+            raise InputError(f"{self.table} does not grow by rows; expected a .csv or .txt", "watch")
         seen = 0
         while self.rows is None or seen < self.rows:
             seen = self._grown(seen)
@@ -47,12 +50,14 @@ class Watch:
         return f"next {self.batch} poses, {chosen.said}: {folder / NEXT}"
 
     def _grown(self, seen: int) -> int:
-        """Rows of the table once it rests and has grown by a batch, or to as many as are wanted."""
+        """Rows of the table once it rests and has grown by a batch, or to as many as are wanted; one that has fewer
+        rows than before is another."""
         before = -1
         while True:
             size = self.table.stat().st_size if self.table.exists() else 0
             if size == before:
                 rows = _rows(self.table)
+                seen = seen if rows >= seen else 0
                 if rows >= seen + self.batch or (self.rows is not None and seen < self.rows <= rows):
                     return rows
             before = size

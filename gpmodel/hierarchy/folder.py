@@ -8,6 +8,8 @@ from gpmodel.errors import InputError
 from gpmodel.texts import read_toml
 
 TABLES = (".csv", ".txt", ".xlsx")
+HIDDEN = (".", "~$")
+"""How names of files begin that are no tables; Excel leaves the latter beside a table that is open."""
 ABOUT = "fleet.toml"
 EXPECTED = "expected mechanism = NAME and, below [serials], FILE = SERIAL"
 
@@ -51,12 +53,15 @@ def folder_of_tables(folder: Path) -> Folder:
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """Every table in a folder, and its fleet.toml where there is one."""
+    """Every table in a folder, and its fleet.toml where there is one. Raises InputError where a table is no file."""
     return (*_tables(folder), *(path for path in [folder / ABOUT] if path.is_file()))
 
 
 def _tables(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in TABLES and not p.name.startswith("."))
+    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in TABLES and not p.name.startswith(HIDDEN))
+    if other := next((p for p in found if not p.is_file()), None):
+        raise InputError(f"{other}: is no file; expected a measured table")
+    return found
 
 
 def _said(path: Path) -> tuple[str | None, dict[str, str]]:

@@ -197,6 +197,16 @@ def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
     return ErrorModel(mechanism, tuple(part.effect for part in fleet.prior), noise=fleet.noise)
 
 
+def check_serial(serial: object) -> None:
+    """Raises InputError for a name of a machine that fleet.json may not hold."""
+    try:
+        msgspec.convert(serial, Label)
+    except msgspec.ValidationError:
+        raise InputError(
+            f"machine {serial!a}: expected 1 to 1000 characters without quotes, backslashes, line ends"
+        ) from None
+
+
 def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
     """Effects with what is believed of them."""
     return tuple(

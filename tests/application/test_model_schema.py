@@ -127,8 +127,8 @@ EFFECTS: dict[str, tuple[dict[str, object], str]] = {
     "null value": ({"value": None}, "effects[0].value: Expected `float`, got `null`"),
     "no terms": ({"terms": []}, "effects[0].terms: Expected `array` of length >= 1"),
     "negative deviation": ({"stderr": -1.0}, "effects[0].stderr: Expected `float` >= 0.0"),
-    "a name that ends a text": ({"name": '"""'}, "effects[0].name: Expected `str` matching regex"),
-    "a name of two lines": ({"name": "a\nimport os"}, "effects[0].name: Expected `str` matching regex"),
+    "a name that ends a text": ({"name": '"""'}, "effects[0].name: Expected text without quotes"),
+    "a name of two lines": ({"name": "a\nimport os"}, "effects[0].name: Expected text without quotes"),
     "a unit that ends a comment": ({"unit": "*/"}, "effects[0].unit: Expected `str` matching regex"),
     "long name": ({"name": "x" * 100_000}, "effects[0].name: Expected `str` of length <= 1000"),
 }

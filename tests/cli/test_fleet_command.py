@@ -1,5 +1,6 @@
 """`gpmodel fleet` and `gpmodel calibrate --fleet`: what they print and leave, and what is refused in one line."""
 
+import os
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -58,6 +59,7 @@ def test_the_page_is_whole_and_opens_offline(result: tuple[str, Path]) -> None:
 
 def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     folder = written(tmp_path / "tables", {f"<b>{k}": v for k, v in machines(3, 2).items()})
+    (folder / "~$<b>R-01.xlsx").write_bytes(b"of Excel, while the table is open")
     done = run("fleet", folder, "--mechanism", MECHANISM, "--effect", "none", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
     text = (tmp_path / "out" / "fleet.html").read_text()
@@ -106,6 +108,14 @@ def few_rows(folder: Path) -> None:
     path.write_text("\n".join(path.read_text().splitlines()[:6]))
 
 
+def no_file(folder: Path) -> None:
+    os.mkfifo(folder / "R-04.csv")
+
+
+def serial_with_a_quote(folder: Path) -> None:
+    (folder / "R-03.csv").rename(folder / 'R"03.csv')
+
+
 def wrong_toml(folder: Path) -> None:
     (folder / "fleet.toml").write_text('machine = "ur10"\n')
 
@@ -124,6 +134,8 @@ def missing_table(folder: Path) -> None:
         (same_table, "machines 'R-01' and 'R-09' have the same table"),
         (no_rows, "R-02.csv"),
         (few_rows, "R-02.csv: 5 distinct poses give 15 measured values"),
+        (no_file, "R-04.csv: is no file"),
+        (serial_with_a_quote, "without quotes"),
         (wrong_toml, "'machine' is unknown"),
         (missing_table, "'R-77.csv' is no table of the folder"),
     ],

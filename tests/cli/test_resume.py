@@ -11,6 +11,7 @@ from durable_cases import OPTIONS, resume, small
 
 from gpmodel.discovery.unfinished import FOLDER, REQUEST
 from gpmodel.files import alone_in
+from gpmodel.texts import read_json, write_json
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -103,6 +104,15 @@ def test_a_damaged_run_is_named_and_done_again(cut: Path, expected: str) -> None
     assert done.exit_code == 0
     assert "run-1-0001.json: its content is not what was written; set aside as run-1-0001.json.damaged" in done.stderr
     assert (cut / "model.json").read_text() == expected
+
+
+def test_results_of_another_command_and_a_foreign_request_are_one_line(cut: Path, tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text('{"kind": "calibrate"}')
+    assert "has no unfinished search" in one_line(run("discover", "--resume", tmp_path), 2)
+    content = read_json(cut / FOLDER / REQUEST)
+    for wrong in ({}, {"command": "discover", "files": []}, content["request"] | {"choice": {"name": 3}}):
+        write_json(cut / FOLDER / REQUEST, content | {"request": wrong})
+        assert "was not written by gpmodel" in one_line(run("discover", "--resume", cut), 2)
 
 
 def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:

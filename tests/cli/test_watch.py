@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from cli_cases import run, table
+from cli_cases import one_line, run, table
 from durable_cases import OPTIONS, small
 
 from gpmodel.cli import watch
@@ -44,3 +44,14 @@ def test_it_follows_a_table_and_leaves_verdict_and_next_poses(tmp_path: Path, mo
     assert json.loads((out / "report.json").read_text())["verdict"] in said[-2]
     assert said[-1].startswith("next 10 poses, ")
     assert len(pd.read_csv(out / watch.NEXT)) == 10
+
+
+def test_a_table_that_shrank_is_another_and_a_workbook_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "cell.csv"
+    path.write_text("x\n" + 3 * "1\n")
+    monkeypatch.setattr(watch.time, "sleep", lambda _: None)
+    assert watch.Watch(path, batch=2)._grown(seen=40) == 3
+    line = one_line(run("discover", tmp_path / "t.xlsx", "--mechanism", "irb6400r", "--out", tmp_path, "--watch"), 2)
+    assert "--watch" in line
