@@ -132,6 +132,7 @@ def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]
     spread = (1.0 / orders) / np.linalg.norm(1.0 / orders)
     for what, axes, size, unit in (
         ("shift", ("Tx", "Ty", "Tz"), LENGTH, "m"), ("turn", ("Rx", "Ry", "Rz"), ANGLE, "rad"),
+        ("turn about its standing axis", ("Rz",), ANGLE, "rad"),
     ):  # fmt: skip
         name = f"walk of the instrument, {what}"
         effects = tuple(
