@@ -132,11 +132,12 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
 
 
 def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
-    """Of every curve that was chosen: the law that saves most, where it predicts as well within one standard error.
+    """Of every curve that was chosen, and of what was evolved in several terms: the law of one term that saves most,
+    where it predicts as well within one standard error.
 
-    It has to save as much as a curve that only follows its input, but for the price of a name, and more than one that
-    a family of the catalogue explains, by the head start of named effects. Curves with constants inside are refined
-    instead.
+    It has to save as much as several terms, as a curve that only follows its input but for the price of a name, and
+    more than one that a family of the catalogue explains, by the head start of named effects. Curves with constants
+    inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
 
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
@@ -144,7 +145,7 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     curves = [
         c
         for c, k in zip(first.candidates.values(), first.chosen.kept, strict=True)
-        if PLAIN < k.determined <= MOST_DETERMINED and c.inner is None
+        if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None) or (not c.family and len(c.effects) > 1)
     ]
     if not curves:
         return {}
@@ -153,7 +154,7 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     for curve, residual, laws in searched:
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
-        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin
+        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * bool(curve.family)
         if best[0] < own + margin:
             continue
         if better_by(residual, curve.effects, best[1].effects) < criteria.standard_errors:

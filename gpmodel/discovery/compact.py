@@ -15,7 +15,7 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.simplification import simplify
-from gpmodel.model.sites import Site
+from gpmodel.model.sites import Site, sites_of
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ def compact_laws(
     """Of every curve for which there are any: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
 
-    left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is the
-    curve's own and that of its nodes: the place is the curve's.
+    left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
+    its nodes and of the place: the curve's own, and of terms without a name one of all places.
     """
     tasks = [(curve, task) for curve in curves if (task := _posed(left.without(curve.effects), curve, search, seed))]
     found = dict(search.side_by_side(run_law_task, [task for _, task in tasks]))
@@ -71,8 +71,10 @@ def _candidates(
     """The laws as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
+    places = sites_of(residual.calibration.model.mechanism)
+    of_place = curve.cost if curve.family else float(np.log(len(places)))
     for law in laws:
-        cost = curve.cost + search.nats_per_node * law.complexity
+        cost = of_place + search.nats_per_node * law.complexity
         candidate = as_candidate(simplify(law.program), task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield candidate

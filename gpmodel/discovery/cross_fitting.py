@@ -66,8 +66,8 @@ def gain_of_search(
     fold_of_unit = np.zeros(residual.unit_of_pose.max() + 1, dtype=np.int64)
     fold_of_unit[residual.unit_of_pose] = fold
     gain, before = np.zeros(len(fold_of_unit)), cross_validated(split, ()).per_unit
-    for k, (part, (_, names)) in enumerate(zip(parts, problems, strict=True)):
-        pool = candidates_of(residual, sites, search, names, found[k * RUNS : (k + 1) * RUNS])
+    for k, (part, question) in enumerate(zip(parts, problems, strict=True)):
+        pool = candidates_of(residual, sites, search, question, found[k * RUNS : (k + 1) * RUNS])
         best = _best(residual, part, pool)
         if best is not None:
             after = cross_validated(split, best.effects).per_unit

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain
 
 import numpy as np
@@ -15,6 +16,7 @@ from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
 from gpmodel.evolution.chance import FEWEST
+from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
 from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.problems import SlotProblem
@@ -23,6 +25,7 @@ from gpmodel.evolution.runs import Task, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
+from gpmodel.formula.program import Program
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.progress import Teller
@@ -72,7 +75,8 @@ def explore(
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
     rows = np.sort(rng.permutation(n)[:count]) if n > count else np.arange(n)
-    problem, names = posed(residual, sites, search, rows)
+    question = posed(residual, sites, search, rows)
+    problem, _ = question
     if not search.runs:
         return Exploration((), np.zeros(0), without_runs(problem.inputs.names, residual.criteria.input_significance))
     budget = search.budget(turn.opening)
@@ -87,7 +91,7 @@ def explore(
     tasks = dict(enumerate([*real, *shuffles]))
     first = tasks if turn.number == 1 else dict(list(tasks.items())[: len(real)])
     found = run(first, search, turn)
-    candidates = candidates_of(residual, sites, search, names, found[: len(real)])
+    candidates = candidates_of(residual, sites, search, question, found[: len(real)])
     by_chance = found[len(real) :]
     if turn.number > 1 and _could_be_accepted(residual, candidates):
         by_chance = run(dict(list(tasks.items())[len(real) :]), search, turn)
@@ -124,13 +128,25 @@ def run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution
 
 
 def candidates_of(
-    residual: Residual, sites: tuple[Site, ...], search: Search, names: Mapping[str, str], runs: Sequence[Evolution]
-) -> tuple[Candidate, ...]:
-    """What the runs found, as effects at their sites, each once; without those that pass a pole."""
+    residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
+    runs: Sequence[Evolution],
+) -> tuple[Candidate, ...]:  # fmt: skip
+    """What the runs found, as effects at their sites, each once; without those that pass a pole.
+
+    Parts of a program have their constants fitted again: what two outputs said together one often says by itself.
+    question: what was posed to the runs.
+    """
     states, between = residual.poses.states, residual.poses.states.between()
+    problem, names = question
+    columns, held = problem.inputs.mapping(), {c for s in search.strategies for c in s.constants}
+
+    @cache
+    def fitted(part: Program, site: int) -> Program:
+        return polish(part, problem.targets, site, columns, tuple(held))[0]
+
     found: dict[str, Candidate] = {}
     for item in chain.from_iterable(run.front for run in runs):
-        for program in parts(item.program):
+        for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
             cost = _cost(search, program.complexity, len(sites))
             candidate = as_candidate(program, sites[item.site], names, cost)
             if candidate is not None and without_poles(residual.criteria, candidate, states, between):

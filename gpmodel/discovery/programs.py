@@ -37,10 +37,10 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
 
 
 def parts(program: Program) -> list[Program]:
-    """The program, each of its outputs alone, and all but one of three."""
+    """Each of a program's outputs alone, and all but one of three; none of a program of one."""
     count = len(program.outputs)
     fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
-    return [program, *(program.select(chosen) for chosen in chain(*fewer.values()))]
+    return [program.select(chosen) for chosen in chain(*fewer.values())]
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:

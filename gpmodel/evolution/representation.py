@@ -67,6 +67,11 @@ class Breeding(Protocol):
 class Representation(Protocol):
     """The choices of a representation, ``Linear`` and ``Tree`` among them."""
 
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Those that every program may read and that are never fitted."""
+        ...
+
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
         """Ready for these inputs; ``start`` are those that outputs begin from (a compensator's x, y, z)."""
         ...
