@@ -181,9 +181,12 @@ def tested(
 
 
 def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:
-    """The same with the largest chance it had: what was evolved first and chosen among groups then was found by two
-    searches, and the groups' shuffled residuals know nothing of the first."""
-    found = [h.chance for h in searched if h.candidate.name == hypothesis.candidate.name]
+    """The same with the largest chance it had: what was evolved first, by itself or among other terms, and chosen among
+    groups then was found by two searches, and the groups' shuffled residuals know nothing of the first."""
+    if hypothesis.candidate.family:
+        return hypothesis
+    own = {e.terms for e in hypothesis.candidate.effects}
+    found = [h.chance for h in searched if own <= {e.terms for e in h.candidate.effects}]
     return replace(hypothesis, chance=larger(hypothesis.chance, *found))
 
 

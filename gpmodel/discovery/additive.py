@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.selection.group import Group
 from gpmodel.discovery.selection.result import Kept, Selection
 from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_candidates, of_offers, only
+from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_evolved, of_offers, only
 from gpmodel.discovery.selection.waves import combs_of
 from gpmodel.discovery.together import standing_together
 from gpmodel.evolution.chance import chance
@@ -30,6 +31,7 @@ from gpmodel.families.catalogue import catalogue, names
 from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
+from gpmodel.model.sites import sites_of
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
@@ -112,10 +114,15 @@ def _together(choice: Choice, chosen: Selection) -> _Together:
 
 
 def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = frozenset()) -> Selection:
-    """What is chosen of all that is offered but for the groups of some names, and those at joints that stand still."""
+    """What is chosen of all that is offered but for the groups of some names, and those at joints that stand still.
+
+    What was evolved in several terms is offered term by term where one of them has a name by itself.
+    """
+    mechanism = choice.standard.model.mechanism
+    cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
     whole = {f.name for f in catalogue} <= {o.name for o in choice.offers}
-    builders = (of_offers(choice.offers), *(GENERIC if whole else ()), of_candidates(evolved))
-    still = still_joints(choice.standard.model.mechanism, choice.train.dataset)
+    builders = (of_offers(choice.offers), *(GENERIC if whole else ()), of_evolved(evolved, cost))
+    still = still_joints(mechanism, choice.train.dataset)
 
     def wanted(group: Group) -> bool:
         return (
@@ -125,7 +132,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
         )
 
     single, pairs = (tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ()))
-    combs = combs_of(choice.offers, choice.standard.model.mechanism, choice.train.states)
+    combs = combs_of(choice.offers, mechanism, choice.train.states)
     combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(single, pairs, combs)
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)

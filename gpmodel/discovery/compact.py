@@ -71,10 +71,9 @@ def _candidates(
     """The laws as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
-    places = sites_of(residual.calibration.model.mechanism)
-    of_place = curve.cost if curve.family else float(np.log(len(places)))
+    places = len(sites_of(residual.calibration.model.mechanism))
     for law in laws:
-        cost = of_place + search.nats_per_node * law.complexity
+        cost = curve.cost + search.cost(law.complexity, 1) if curve.family else search.cost(law.complexity, places)
         candidate = as_candidate(simplify(law.program), task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield candidate

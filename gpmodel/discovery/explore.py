@@ -147,7 +147,7 @@ def candidates_of(
     found: dict[str, Candidate] = {}
     for item in chain.from_iterable(run.front for run in runs):
         for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
-            cost = _cost(search, program.complexity, len(sites))
+            cost = search.cost(program.complexity, len(sites))
             candidate = as_candidate(program, sites[item.site], names, cost)
             if candidate is not None and without_poles(residual.criteria, candidate, states, between):
                 found.setdefault(candidate.name, candidate)
@@ -161,9 +161,5 @@ def _could_be_accepted(residual: Residual, candidates: Sequence[Candidate]) -> b
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
     """The largest description length that any program of a run saves."""
-    nats = [saved(residual, c.gain, len(c.program.outputs), _cost(search, c.complexity, sites)) for c in run.front]
+    nats = [saved(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))
-
-
-def _cost(search: Search, complexity: int, sites: int) -> float:
-    return search.nats_per_node * complexity + float(np.log(sites))

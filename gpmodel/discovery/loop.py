@@ -169,7 +169,7 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
     exploration, judged = _explored(loop, calibration, train, rng)
-    passed = tuple(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
+    passed = _one_a_place(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
     new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
     pointed = _pointed(loop, exploration)
     if loop.rounds and not new and pointed == loop.pointed:
@@ -198,6 +198,15 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
         Round(number, (*found.hypotheses, *judged), exploration, (*new, *found.laws), found.null_nats, dropped)
     )
     return found.calibration
+
+
+def _one_a_place(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Of what has no name the first at each place: the others there say the same in other words, or are found next."""
+    out: dict[object, Candidate] = {}
+    for candidate in candidates:
+        place = candidate.place
+        out.setdefault(candidate.name if candidate.family else (place.slot, place.axis), candidate)
+    return tuple(out.values())
 
 
 def _pointed(loop: State, exploration: Exploration) -> frozenset[str] | None:

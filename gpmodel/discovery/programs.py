@@ -1,6 +1,7 @@
 """Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import chain, combinations
 
 import numpy as np
@@ -41,6 +42,21 @@ def parts(program: Program) -> list[Program]:
     count = len(program.outputs)
     fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
     return [program.select(chosen) for chosen in chain(*fewer.values())]
+
+
+def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
+    """Each term by itself of what was evolved in several and has no name; none of one. cost: nats of so many nodes."""
+    label, _, place = candidate.name.rpartition(" on ")
+    bases = label.split(" and ")
+    if candidate.family or len(candidate.effects) == 1:
+        return ()
+    return tuple(
+        replace(
+            candidate, name=f"{basis} on {place}", effects=(replace(effect, name=f"{basis} on {place}"),),
+            cost=cost(Expression(basis).program.complexity),
+        )
+        for basis, effect in zip(bases, candidate.effects, strict=True)
+    )  # fmt: skip
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:

@@ -1,5 +1,6 @@
 """How hard to look: the runs of the search, what they evolve with, and when to stop."""
 
+import math
 from dataclasses import dataclass, field
 
 from gpmodel.evolution.linear import Linear
@@ -54,6 +55,10 @@ class Search:
     def side_by_side(self) -> Workers:
         """What runs independent tasks."""
         return self.executor or Threads(self.workers)
+
+    def cost(self, nodes: int, places: int) -> float:
+        """Nats of a program: of its nodes, and of the place that it acts at among so many."""
+        return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:
         """Of one run; a small one in an opening round where named effects are offered."""

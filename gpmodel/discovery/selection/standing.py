@@ -5,15 +5,17 @@ catalogue needs no row: each of its candidates is a group, and those of one kind
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from dataclasses import dataclass, replace
 
+from gpmodel.discovery.programs import terms
 from gpmodel.discovery.selection import curves, loads, pairs
 from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, joined
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.comb import Comb
 from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Term
 
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
@@ -37,11 +39,14 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
     return build
 
 
-def of_candidates(candidates: Sequence[Candidate]) -> Builder:
-    """Candidates as they are: what genetic programming found."""
+def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
+    """What genetic programming found, its terms as parts. cost: nats of so many nodes."""
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-        return (from_candidate(candidate, shapes) for candidate in candidates)
+        for candidate in candidates:
+            whole = from_candidate(candidate, shapes)
+            parts = tuple(from_candidate(term, shapes) for term in terms(candidate, cost))
+            yield whole and replace(whole, parts=tuple(p for p in parts if p is not None))
 
     return build
 
@@ -81,14 +86,28 @@ class Offering:
 
 
 def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *, blocks: bool = True) -> list[Group]:
-    """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks."""
-    found: dict[object, Group] = {}
-    for builder in builders:
-        for group in builder(mechanism, shapes):
-            if group is not None:
-                found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
-    groups = list(found.values())
+    """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks.
+
+    Terms that were evolved together are offered one by one where one of them has a name by itself.
+    """
+    found = _distinct(group for builder in builders for group in builder(mechanism, shapes) if group is not None)
+    named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
+    groups = _distinct(g for whole in found for g in _apart(whole, named))
     return groups + (shared_kinds(mechanism, groups) if blocks else [])
+
+
+def _distinct(groups: Iterable[Group]) -> list[Group]:
+    """The first of each set of columns."""
+    found: dict[object, Group] = {}
+    for group in groups:
+        found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
+    return list(found.values())
+
+
+def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
+    """A group, or its terms but for those that are offered by name, where there are any. named: terms of those."""
+    left = tuple(part for part in group.parts if part.effects[0].terms not in named)
+    return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
