@@ -1,12 +1,16 @@
-"""One group in the place of several: a move that no exchange of one for one can make."""
+"""One group in the place of several, and several in the place of one: what no exchange of one for one can do."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 import numpy as np
 
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.moves import SETTLED, found, pruned, reestimated
+from gpmodel.discovery.selection.moves import SETTLED, found, grown, pruned, reestimated
 from gpmodel.discovery.selection.scan import scan
+
+LAW = 2
+"""Effects up to which a group is a law itself."""
 
 TRIED = 3
 """Groups tried in the place of several, the best first at the noise as it is."""
@@ -33,6 +37,31 @@ def merged(active: Active) -> Active:
                 active = trial
                 break
     return active
+
+
+def spelled_out(active: Active) -> Active:
+    """The curves found, each against a law in its inputs and what grows beside that, where it raises the evidence.
+
+    A law that needs another effect beside it loses to a curve that has both in it.
+    """
+    for g in found(active):
+        group = active.pool.groups[g]
+        if len(group.effects) <= LAW:
+            continue
+        for h in _laws_in(active, group.inputs):
+            trial = grown(pruned(reestimated(active.without(g).added(h, active.variances[g]))), but={g})
+            if trial.evidence > active.evidence + SETTLED:
+                active = trial
+                break
+    return active
+
+
+def _laws_in(active: Active, inputs: Sequence[str]) -> list[int]:
+    """Groups without a name, not in the model, that read nothing else."""
+    return [
+        h for h, group in enumerate(active.pool.groups)
+        if not group.family and not group.standing and h not in active.variances and set(group.inputs) <= set(inputs)
+    ]  # fmt: skip
 
 
 def _together(active: Active) -> dict[str, list[int]]:

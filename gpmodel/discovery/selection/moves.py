@@ -1,5 +1,6 @@
 """Moves of the selection: re-estimate, prune, add, split; each raises the evidence, until none does."""
 
+from collections.abc import Set
 from dataclasses import replace
 
 import numpy as np
@@ -67,14 +68,14 @@ def _without_idle_parts(active: Active) -> Active:
     return active
 
 
-def grown(active: Active) -> Active:
-    """Add the best group while it saves the least nats beyond its cost; re-estimate and prune after each.
+def grown(active: Active, but: Set[int] = frozenset()) -> Active:
+    """Add the best group but some while it saves the least nats beyond its cost; re-estimate and prune after each.
 
     Where none does at the present noise, one that does at its own comes in.
     After a full scan only its best hundred are looked at again, until none of them is worth adding.
     """
     active = reestimated(active)
-    refused: set[int] = set()
+    refused = set(but)
     among: IntArray | None = None
     for _ in range(MOST_MOVES):
         gains, variances, fit = scan(active, among)
