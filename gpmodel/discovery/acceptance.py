@@ -183,10 +183,14 @@ def tested(
 def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:
     """The same with the largest chance it had: what was evolved first, by itself or among other terms, and chosen among
     groups then was found by two searches, and the groups' shuffled residuals know nothing of the first."""
-    if hypothesis.candidate.family:
-        return hypothesis
-    own = {e.terms for e in hypothesis.candidate.effects}
-    found = [h.chance for h in searched if own <= {e.terms for e in h.candidate.effects}]
+    candidate = hypothesis.candidate
+    own = {effect.terms for effect in candidate.effects}
+
+    def holds_it(other: Candidate) -> bool:
+        among = not candidate.family and own <= {effect.terms for effect in other.effects}
+        return among or other.name == candidate.name
+
+    found = [h.chance for h in searched if holds_it(h.candidate)]
     return replace(hypothesis, chance=larger(hypothesis.chance, *found))
 
 

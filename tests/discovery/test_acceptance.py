@@ -200,3 +200,7 @@ def test_what_was_searched_for_twice_has_the_larger_chance() -> None:
     other = replace(first, candidate=expression("J5*J6", 1.0), chance=replace(first.chance, p=0.9))
     assert acceptance.as_searched(first, [likely, other]).p_value == 0.004
     assert acceptance.as_searched(likely, [first]).p_value == 0.004
+    term = expression("J5*J6", 1.0)
+    both = replace(term, name="both", effects=(*term.effects, *expression("J2", 1.0).effects))
+    found = replace(first, candidate=both, chance=replace(first.chance, p=0.003))
+    assert acceptance.as_searched(replace(first, candidate=term), [found]).p_value == 0.003

@@ -1,9 +1,10 @@
 """One group in the place of several, and what a name is worth while groups are chosen."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from effect_cases import NOISE, measure, mechanism
+from effect_cases import NOISE, Truth, measure, mechanism
 from group_cases import ARM, STANDING
 
 from gpmodel.calibration.gauss_newton import calibrate
@@ -11,37 +12,44 @@ from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.group import Shapes, geometry_groups, group_of
-from gpmodel.discovery.selection.merge import merged
+from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of
+from gpmodel.discovery.selection.merge import merged, spelled_out
 from gpmodel.discovery.selection.moves import pruned, reestimated
 from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.discovery.selection.rows import Rows
-from gpmodel.discovery.selection.standing import offered
+from gpmodel.discovery.selection.standing import of_evolved, offered
+from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
-from gpmodel.model.effect import drive_effect
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.bundles import replicates
+
+
+def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, int]]:
+    """A robot's geometry in the model and groups beside it, by name."""
+    arm, shapes = mechanism(ARM), Shapes(truth.poses.states)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
+    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, 1.0, np.ones(len(truth.poses), bool))
+    noise = blocks_of(linear, replicates(truth.poses.dataset))
+    geometry = geometry_groups(fit.model.effects)
+    rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
+    active = Active(GroupPool(rows, [*geometry, *groups], Criteria()), {}, {}, NOISE**2)
+    for g in range(len(geometry)):
+        active = active.added(g, 1e-6)
+    return active, {g.name: i for i, g in enumerate([*geometry, *groups])}
 
 
 def at_one_place() -> tuple[Active, dict[str, int]]:
     """Joint 3 winds up past its torque: what it truly does beside groups of the catalogue, one after the other in."""
     arm = mechanism(ARM)
     truth = measure(ARM, [drive_effect("true", arm.joints[2], Expression("tanh(torque_J3/400)"))], [1e-3], 5)
-    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
     shapes = Shapes(truth.poses.states)
     true = group_of("true", truth.model.effects[-1:], 3.0, shapes, family="windup")
-    named = [g for g in offered(STANDING, arm, shapes) if g.place == "J3.moving Ry"]
     assert true is not None
     assert true.place == "J3.moving Ry"
-    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, 1.0, np.ones(len(truth.poses), bool))
-    noise = blocks_of(linear, replicates(truth.poses.dataset))
-    groups = [*geometry_groups(fit.model.effects), *named, true]
-    rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
-    active = Active(GroupPool(rows, groups, Criteria()), {}, {}, NOISE**2)
-    for g in range(len(geometry_groups(fit.model.effects))):
-        active = active.added(g, 1e-6)
-    return active, {g.name: i for i, g in enumerate(groups)}
+    return started(truth, [*(g for g in offered(STANDING, arm, shapes) if g.place == true.place), true])
 
 
 def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_what_they_do() -> None:
@@ -56,6 +64,47 @@ def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_wha
     assert not {number[name] for name in several} & set(one.variances)
     assert one.evidence > active.evidence
     assert merged(one) is one
+
+
+def hinge(cost: float) -> Candidate:
+    """Joint 3 gives way beyond half a radian, as evolved in two terms."""
+    bases = ("max(J3, 0.5)", "J3")
+    effects = tuple(effect_at(f"both [{k}]", "J3.moving", "Ry", Expression(b)) for k, b in enumerate(bases, 1))
+    return Candidate(" and ".join(bases) + " on J3.moving Ry", effects, "", cost, "evolved")
+
+
+def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() -> None:
+    active, _ = at_one_place()
+    arm, shapes = mechanism(ARM), active.pool.rows.shapes
+    ratio = Candidate("gear ratio, J3", (replace(hinge(1.0).effects[1], family="gear_ratio"),), "gear_ratio", 4.0)
+
+    def catalogue(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        yield from_candidate(ratio, shapes)
+
+    evolved = of_evolved([hinge(20.0)], lambda nodes: 2.0 * nodes)
+    together = offered([evolved], arm, shapes, blocks=False)
+    assert [(g.name, g.cost, g.parts) for g in together] == [(hinge(20.0).name, 20.0, ())]
+    apart = offered([catalogue, evolved], arm, shapes, blocks=False)
+    assert [(g.name, g.cost) for g in apart] == [("gear ratio, J3", 4.0), ("max(J3, 0.5) on J3.moving Ry", 6.0)]
+
+
+def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
+    """A hinge by two that say it together, neither of them alone."""
+    arm = mechanism(ARM)
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("max(J3, 0.5) - 0.7*J3"))], [2e-3], 5)
+    shapes = Shapes(truth.poses.states)
+    line, law = (
+        group_of(name, [effect_at(name, "J3.moving", "Ry", Expression(basis))], 3.0, shapes, family=family)
+        for name, basis, family in (("line", "J3", "gear_ratio"), ("law", "max(J3, 0.5)", ""))
+    )
+    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    active, number = started(truth, [group for group in (line, law, curve) if group is not None])
+    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    assert set(curved.variances) - set(active.variances) == {number[curve.name]}
+    spelled = spelled_out(curved)
+    assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
+    assert spelled.evidence > curved.evidence
+    assert spelled_out(spelled) is spelled
 
 
 def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
