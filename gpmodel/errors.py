@@ -9,14 +9,14 @@ class GpModelError(Exception):
 
 
 class InputError(GpModelError, ValueError):
-    """Bad input from outside: a table, a mechanism description, an argument.
+    """Bad input from outside: a table, a mechanism description, an argument. Line breaks in what is quoted are spaces.
 
     argument: the argument at fault, which the message then opens with; empty where it is the content of a file.
     said: the message without it, so that a command line can put an option's name there.
     """
 
     def __init__(self, message: str, argument: str = "") -> None:
-        self.argument = argument
+        self.argument, message = argument, " ".join(message.splitlines())
         self.said = message if len(message) <= LONGEST else f"{message[: LONGEST - 200]} … {message[-200:]}"
         super().__init__(f"{argument}: {self.said}" if argument else self.said)
 
