@@ -110,7 +110,10 @@ def test_a_program_of_the_tip_fails_on_poses_not_seen_and_programs_of_the_slots_
 def test_the_committed_extrapolation_is_that_of_the_committed_robots() -> None:
     results = json.loads((COMMITTED.parent / "extrapolation.json").read_text(encoding="utf-8"))
     assert extrapolation.conclusions(results["robots"]) == results["conclusions"]
-    assert set(results["conclusions"].values()) == {f"{len(results['robots'])} of {len(results['robots'])}"}
+    assert len(results["robots"]) >= 20
+    for name, count in results["conclusions"].items():
+        held, of = (int(word) for word in count.split(" of "))
+        assert held >= 0.9 * of, name
 
 
 @pytest.mark.slow
