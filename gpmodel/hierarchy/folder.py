@@ -11,7 +11,7 @@ TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
 """How names of files begin that are no tables; Excel leaves the latter beside a table that is open."""
 ABOUT = "fleet.toml"
-EXPECTED = "expected mechanism = NAME and, below [serials], FILE = SERIAL"
+EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,11 @@ def _said(path: Path) -> tuple[str | None, dict[str, str]]:
         return None, {}
     content = read_toml(path, EXPECTED)
     if unknown := sorted(set(content) - {"mechanism", "serials"}):
-        raise InputError(f"{path}: '{unknown[0]}' is unknown; {EXPECTED}")
+        raise InputError(f"{path}: '{unknown[0]}' is unknown; expected {EXPECTED}")
     mechanism, serials = content.get("mechanism"), content.get("serials", {})
     if not isinstance(mechanism, str | None) or not isinstance(serials, dict):
-        raise InputError(f"{path}: mechanism or serials are of another kind; {EXPECTED}")
+        raise InputError(f"{path}: mechanism or serials are of another kind; expected {EXPECTED}")
     if not all(isinstance(s, str) and s for s in serials.values()):
-        raise InputError(f"{path}: a serial is no text; {EXPECTED}")
+        raise InputError(f"{path}: a serial is no text; expected {EXPECTED}")
     beside = path.parent / (mechanism or "")
     return str(beside) if mechanism and beside.is_file() else mechanism, serials

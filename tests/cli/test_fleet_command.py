@@ -136,7 +136,7 @@ def missing_table(folder: Path) -> None:
         (few_rows, "R-02.csv: 5 distinct poses give 15 measured values"),
         (no_file, "R-04.csv: is no file"),
         (serial_with_a_quote, "without quotes"),
-        (wrong_toml, "'machine' is unknown"),
+        (wrong_toml, "'machine' is unknown; expected mechanism = NAME"),
         (missing_table, "'R-77.csv' is no table of the folder"),
     ],
 )
