@@ -1,6 +1,6 @@
 """Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
 
@@ -33,7 +33,7 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
     label = " and ".join(b.text for b in bases)
     name = f"{label} on {site.name}"
     unit = axis_unit(site.axis)
-    effects = tuple(site.effect(f"{name} [{k}]" if len(bases) > 1 else name, b, unit) for k, b in enumerate(bases, 1))
+    effects = tuple(site.effect(_numbered(name, k, len(bases)), b, unit) for k, b in enumerate(bases, 1))
     return Candidate(name, effects, "", cost, "evolved")
 
 
@@ -44,19 +44,40 @@ def parts(program: Program) -> list[Program]:
     return [program.select(chosen) for chosen in chain(*fewer.values())]
 
 
+def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
+    """What was evolved as one law for each set of inputs that its terms share; as it is where that is one.
+
+    cost: nats of so many nodes.
+    """
+    sets: list[list[int]] = []
+    for k, effect in enumerate(candidate.effects):
+        shared = [own for own in sets if any(set(candidate.effects[i].inputs) & set(effect.inputs) for i in own)]
+        sets = [own for own in sets if own not in shared] + [sorted([*chain(*shared), k])]
+    if candidate.family or len(sets) == 1:
+        return (candidate,)
+    return tuple(_some(candidate, own, cost) for own in sets)
+
+
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
     """Each term by itself of what was evolved in several and has no name; none of one. cost: nats of so many nodes."""
-    label, _, place = candidate.name.rpartition(" on ")
-    bases = label.split(" and ")
     if candidate.family or len(candidate.effects) == 1:
         return ()
-    return tuple(
-        replace(
-            candidate, name=f"{basis} on {place}", effects=(replace(effect, name=f"{basis} on {place}"),),
-            cost=cost(Expression(basis).program.complexity),
-        )
-        for basis, effect in zip(bases, candidate.effects, strict=True)
-    )  # fmt: skip
+    return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
+
+
+def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
+    """A candidate of some of the terms of another."""
+    label, _, place = candidate.name.rpartition(" on ")
+    bases = [label.split(" and ")[k] for k in own]
+    name = f"{' and '.join(bases)} on {place}"
+    effects = tuple(replace(candidate.effects[k], name=_numbered(name, i, len(own))) for i, k in enumerate(own, 1))
+    nodes = sum(Expression(basis).program.complexity for basis in bases)
+    return replace(candidate, name=name, effects=effects, cost=cost(nodes))
+
+
+def _numbered(name: str, number: int, count: int) -> str:
+    """The name of one effect of several."""
+    return f"{name} [{number}]" if count > 1 else name
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:

@@ -11,6 +11,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.discovery.criteria import Criteria
+from gpmodel.discovery.programs import laws
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of
 from gpmodel.discovery.selection.merge import merged, spelled_out
@@ -86,6 +87,24 @@ def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() ->
     assert [(g.name, g.cost, g.parts) for g in together] == [(hinge(20.0).name, 20.0, ())]
     apart = offered([catalogue, evolved], arm, shapes, blocks=False)
     assert [(g.name, g.cost) for g in apart] == [("gear ratio, J3", 4.0), ("max(J3, 0.5) on J3.moving Ry", 6.0)]
+
+
+def test_terms_that_share_no_input_are_laws_of_their_own() -> None:
+    def nats(nodes: int) -> float:
+        return 2.0 * nodes
+
+    place = "J3.moving Ry"
+    texts = ("J1", "sin(J2)", "J1*J4", "J2 + J5")
+    effects = tuple(effect_at(t, "J3.moving", "Ry", Expression(t)) for t in texts)
+    both = Candidate(f"{' and '.join(texts)} on {place}", effects, "", 30.0, "evolved")
+    found = laws(both, nats)
+    assert [(law.name, law.cost) for law in found] == [
+        (f"J1 and J1*J4 on {place}", 8.0), (f"sin(J2) and J2 + J5 on {place}", 10.0)
+    ]  # fmt: skip
+    assert {e.terms for law in found for e in law.effects} == {e.terms for e in effects}
+    assert laws(found[0], nats) == (found[0],)
+    bridged = replace(both, effects=(*effects, effect_at("J1*J2", "J3.moving", "Ry", Expression("J1*J2"))))
+    assert laws(bridged, nats) == (bridged,)
 
 
 def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:

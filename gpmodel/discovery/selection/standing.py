@@ -7,8 +7,9 @@ catalogue needs no row: each of its candidates is a group, and those of one kind
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
+from itertools import chain
 
-from gpmodel.discovery.programs import terms
+from gpmodel.discovery.programs import laws, terms
 from gpmodel.discovery.selection import curves, loads, pairs
 from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, joined
 from gpmodel.families.candidate import Candidate
@@ -40,12 +41,15 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
 
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
-    """What genetic programming found, its terms as parts. cost: nats of so many nodes."""
+    """What genetic programming found, terms that share no input as laws of their own, the terms of each as parts.
+
+    cost: nats of so many nodes.
+    """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-        for candidate in candidates:
-            whole = from_candidate(candidate, shapes)
-            parts = tuple(from_candidate(term, shapes) for term in terms(candidate, cost))
+        for law in chain.from_iterable(laws(candidate, cost) for candidate in candidates):
+            whole = from_candidate(law, shapes)
+            parts = tuple(from_candidate(term, shapes) for term in terms(law, cost))
             yield whole and replace(whole, parts=tuple(p for p in parts if p is not None))
 
     return build
