@@ -87,12 +87,12 @@ def _trials(
 
 def _edits(program: Program, node: int, values: list[Array], kinds: list[int], words: Vocabulary) -> Pieces:
     """What may stand in the place of a node; for one past the last node, what may be an output more."""
-    listed = words.elements
+    known, earlier = np.array(kinds, dtype=np.uint8), range(min(node + 1, len(program.nodes)))
+    repeated = (_repeated(k, values[k], known[k : k + 1], words) for k in earlier)
+    elements = Pieces.chained([words.elements, *repeated])
     if node == len(program.nodes):
-        return replace(listed, growth=listed.growth + 1.0)
+        return replace(elements, growth=elements.growth + 1.0)
     here, value, of_kind = program.nodes[node], values[node], words.typing.of
-    known = np.array(kinds, dtype=np.uint8)
-    elements = Pieces.chained([listed, *(_repeated(k, values[k], known[k : k + 1], words) for k in range(node + 1))])
 
     def joined(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:

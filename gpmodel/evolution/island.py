@@ -21,9 +21,6 @@ EXACT = 1e-20
 PROMISING = 1.0 - 1e-7
 """Gain of a program whose law is looked at at once."""
 
-NEARLY_EXACT = 1e-4
-"""Share of a linked response's variance below which its link may be the law's; above, noise rules what is left."""
-
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """The effort of one population."""
 
@@ -39,7 +36,6 @@ class Island:
         self.kept: dict[int, tuple[float, Population, int]] = {}
         self.climbed_from: set[tuple[LinkTerm, ...]] = set()
         self.record = np.inf
-        self.left = np.inf
         self.idle = 0
 
     @property
@@ -47,11 +43,13 @@ class Island:
         """Whether nothing has improved for so long that the next population is a fresh one."""
         return self.idle >= self.run.budget.restart_after
 
-    def step(self) -> Iterator[Program]:
-        """One generation, or a fresh population where this one is stuck; the new laws that may be exact."""
+    def step(self, guests: Iterable[Population] = ()) -> Iterator[Program]:
+        """One generation, or where this one is stuck a fresh population, which guests join; new laws perhaps exact."""
         if self.is_stuck:
             self.idle, self.record = 0, np.inf
             self.population, self.scores = self.run.start()
+            for guest in guests:
+                self.population, self.scores = self.population.join(guest), self.scores.join(self.run.scores(guest))
         else:
             self.population, self.scores = self.run.following(self.population, self.scores)
         best = float(self.scores.score.min())
@@ -72,15 +70,6 @@ class Island:
             improved.add(size)
         return improved
 
-    def linked_left(self) -> float:
-        """Share of the linked response's variance that its best program leaves; infinite where that says nothing.
-
-        A link's own scale is ruled by the few responses that it spreads.
-        """
-        best = max((gain for gain, _, _ in self.kept.values()), default=0.0)
-        left = self.problem.share * (1.0 - best)
-        return np.inf if left > NEARLY_EXACT else left
-
     def laws(self) -> Iterator[Program]:
         """Laws of all programs kept, the largest gain first."""
         return self._laws(self.kept)
@@ -98,14 +87,19 @@ class Island:
 
     def climbed_from_best(self) -> Iterator[Program]:
         """The same from the program of least description length of all."""
+        for _, population, chosen in self._best():
+            yield from self._climbed(population, chosen)
 
+    def guests(self) -> list[Population]:
+        """That program for other islands, whose laws may be made of the same parts; none where none was kept."""
+        return [population for _, population, _ in self._best()]
+
+    def _best(self) -> list[tuple[float, Population, int]]:
         def nats(size: int) -> float:
             gain, _, chosen = self.kept[size]
             return float(fit_nats(gain, len(self.problem.response), EXACT)) - PRICE * (size + chosen.bit_count())
 
-        if self.kept:
-            _, population, chosen = self.kept[max(self.kept, key=nats)]
-            yield from self._climbed(population, chosen)
+        return [self.kept[max(self.kept, key=nats)]] if self.kept else []
 
     def _climbed(self, population: Population, chosen: int) -> Iterator[Program]:
         terms = self.problem.terms(population.program(0, self.run.layout), chosen)

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.linked_solution import solved
-from gpmodel.evolution.links import Link, LinkTerm
+from gpmodel.evolution.links import BROKEN_POWER, FITS, LARGEST_POWER, POWER, Link, LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
 from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
+Chosen = NDArray[np.int64]
 
 PRICE = 3.0
 """Nats of a node or coefficient (description length; a node is one of some twenty operators and inputs)."""
@@ -42,6 +43,12 @@ class LinkedProblem:
         return self.link.always(self.inputs.mapping())
 
     @cached_property
+    def factors(self) -> Array:
+        """Values (a, N) of these terms."""
+        columns = self.inputs.mapping()
+        return np.stack([term.column(columns, self.response) for term in self.always])
+
+    @cached_property
     def root(self) -> Array:
         """Roots of the points' weights (N,)."""
         return self.link.root_weights(self.response)
@@ -61,32 +68,39 @@ class LinkedProblem:
         energy = max(float(rest @ rest), 1e-300)
         return Targets(ones, orthonormal.T[None], rest[None], energy, (self.link.name,), len(there), ROUNDING_SHARE)
 
-    @cached_property
-    def share(self) -> float:
-        """Share of the linked response's variance that these terms leave."""
-        there = self.link.forward(self.response)
-        rest = there - np.average(there, weights=self.root**2)
-        return self.targets.energy / float(np.sum(np.square(self.root * rest)))
-
-    def offered(self, outputs: Array) -> Array:
-        """Columns (P, k m, N) of the linear problem that outputs (P, m, N) of programs offer."""
-        columns = np.concatenate([outputs, self.link.companions(outputs, self.response)], axis=1)
-        return columns * self.root if self.link.weighted else columns
-
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Description length and gain of decoded programs, what the link makes of their outputs offered as well."""
-        offered = self.offered(values(code, fixed))
-        scores = projected_scores(offered, code, len(fixed), self.targets, PRICE)
+        outputs = values(code, fixed)
+        offered = np.concatenate([outputs, self.link.companions(outputs, self.response)], axis=1)
+        scaled = offered * self.root if self.link.weighted else offered
+        scores = projected_scores(scaled, code, len(fixed), self.targets, PRICE)
         if self.link.quotient:
-            self._score_quotients(scores, np.ascontiguousarray(offered[:, : offered.shape[1] // 2]))
+            self._score_anew(scores, np.ascontiguousarray(scaled[:, : scaled.shape[1] // 2]))
+        elif self.link.weighted:
+            self._score_anew(scores, offered)
         return scores
 
-    def _score_quotients(self, scores: Scores, outputs: Array) -> None:
-        """Scores anew by what quotients of outputs (P, m, N) leave of the response: a denominator shrinks any error."""
+    def share_left(self, columns: Array, chosen: Chosen, left: Array) -> Chosen:
+        """What quotients or products of chosen columns (P, k, N) leave of the response, and nodes that they add (P,).
+
+        left (P,) is overwritten; it stays where nothing is chosen below the bar of a quotient, or for a product.
+        """
+        from gpmodel.evolution.kernels.products import share_left_by_products
         from gpmodel.evolution.kernels.quotients import share_left_by_quotients
 
+        written = np.zeros((len(columns), 2), np.int64)
+        if self.link.quotient:
+            share_left_by_quotients(columns, chosen, self.response, PASSES, left)
+        else:
+            share_left_by_products(
+                columns, chosen, self.factors, self.response, FITS, PRICE * BROKEN_POWER, LARGEST_POWER, left, written
+            )
+        return written @ np.array([BROKEN_POWER, POWER])
+
+    def _score_anew(self, scores: Scores, columns: Array) -> None:
+        """Scores by what is left of the response itself: a denominator shrinks any error, a logarithm spreads small."""
         left = 1.0 - scores.gain
-        share_left_by_quotients(outputs, scores.chosen, self.response, PASSES, left)
+        scores.complexity[:] += self.share_left(columns, scores.chosen, left)
         size = scores.complexity + np.bitwise_count(scores.chosen)
         scores.score[:] = ranked(PRICE * size - fit_nats(1.0 - left, self.targets.components))
         worthless = ~(scores.score < 0)

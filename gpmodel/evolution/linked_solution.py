@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.links import Link, LinkTerm, assembled
+from gpmodel.evolution.links import BROKEN_POWER, FITS, Link, LinkTerm, assembled
 from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
@@ -21,15 +21,18 @@ def solved(
     A term that is worth less is left out, and an exponent becomes the nearest multiple of a half where that costs
     less: only so has the power of a negative number its sign. None where no term is left or the columns are no numbers.
     """
-    root = link.root_weights(response)
-    there = root * link.forward(response)
-    table = root[:, None] * np.stack([term.column(columns, response) for term in terms], axis=1)
+    root, there = link.root_weights(response), link.forward(response)
+    table = np.stack([term.column(columns, response) for term in terms], axis=1)
     if not np.all(np.isfinite(table)):
         return None
     values = np.stack([term.values_below(columns, len(response)) for term in terms])
-    if link.quotient:
-        root = _over_denominator(values, table, response)
-        there, table = root * there, root[:, None] * table
+    with np.errstate(all="ignore"):
+        if link.quotient:
+            root = _over_denominator(values, table, response)
+        for _ in range(FITS - 1 if link.weighted else 0):
+            fit = link.at_fit(response, table @ _solution(root[:, None] * table, root * there))
+            root, there = fit if np.all(np.isfinite(fit)) else (root, there)
+    there, table = root * there, root[:, None] * table
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0).tolist()
     held: dict[int, float] = {}
@@ -45,7 +48,8 @@ def solved(
             [link.simplest(terms[k].program, c) for k, c in zip(free, (found / scale[free]).tolist(), strict=True)]
         )
         loss = _losses(part, rest, found, simple * scale[free], triangle)
-        if loss.min() >= price:
+        worth = price * (BROKEN_POWER if link.logarithms else 1)
+        if loss.min() >= worth:
             held |= dict(zip(free, (found / scale[free]).tolist(), strict=True))
             break
         place = int(loss.argmin())
@@ -62,10 +66,14 @@ def _over_denominator(values: Array, table: Array, response: Array) -> Array:
 
     values (terms, N): what stands below the bar, else 0.
     """
-    scale = np.abs(table).max(axis=0, initial=1e-300)
-    found = np.linalg.lstsq(table / scale, response, rcond=None)[0] / scale
-    size = np.abs(1.0 - found @ (values - values.mean(axis=1, keepdims=True)))
+    size = np.abs(1.0 - _solution(table, response) @ (values - values.mean(axis=1, keepdims=True)))
     return np.asarray(size.min() / size) if size.min() > 0 else np.ones_like(response)
+
+
+def _solution(table: Array, there: Array) -> Array:
+    """Coefficients of columns (N, k) by least squares, whatever their sizes."""
+    scale = np.abs(table).max(axis=0, initial=1e-300)
+    return np.asarray(np.linalg.lstsq(table / scale, there, rcond=None)[0] / scale)
 
 
 def _filled(held: dict[int, float], count: int) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gpmodel.evolution.building_blocks import Vocabulary
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.hill_climb import climbed
-from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.links import LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import unit_rows
@@ -38,22 +38,22 @@ class Terms:
 
     def set_gain(self, values: Array, site: int) -> float:
         """Gain of terms (m, N)."""
-        if self.below:
+        if self.below or self.problem.link.weighted:
             return float(self.set_gains(values[None], site)[0])
-        return self.problem.targets.set_gain(values * self.problem.root, site)[0]
+        return self.problem.targets.set_gain(values, site)[0]
 
     def set_gains(self, values: Array, site: int) -> Array:
-        """Gains (P,) of many sets of terms (P, m, N); those of quotients are of the response itself."""
-        if not self.below:
-            return self.problem.targets.set_gains(values * self.problem.root, site)
-        from gpmodel.evolution.kernels.quotients import share_left_by_quotients
-
+        """Gains (P,) of many sets of terms (P, m, N); those of quotients and products are of the response itself."""
         programs, count, points = values.shape
-        scaled = unit_rows(values.reshape(-1, points)).reshape(values.shape)
-        bits = ((1 << count) - (1 << self.below)) | (((1 << self.below) - 1) << count)
+        if not self.below and not self.problem.link.weighted:
+            return self.problem.targets.set_gains(values, site)
+        above = (1 << count) - (1 << self.below)
+        chosen = np.full(programs, above | ((1 << self.below) - 1) << count)
+        if self.problem.link.quotient:
+            values = unit_rows(values.reshape(-1, points)).reshape(values.shape)
         left = np.ones(programs)
-        share_left_by_quotients(scaled, np.full(programs, bits), self.problem.response, PASSES, left)
-        return 1.0 - left
+        added = self.problem.share_left(values, chosen, left)
+        return 1.0 - left * np.exp(2.0 * PRICE * added / self.problem.targets.components)
 
 
 def climbed_terms(problem: LinkedProblem, terms: list[LinkTerm], words: Vocabulary) -> list[LinkTerm]:

@@ -5,6 +5,7 @@ A law ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,13 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
+
+POWER, BROKEN_POWER = 2, 5
+"""Nodes that an input adds to a product; nodes and constants more of a power that is no multiple of a half:
+exp(c log x) in place of x."""
+
+FITS = 3
+"""Solutions of a weighted link, each at the fit before: a fourth changes hardly any, even if much lies below noise."""
 
 LARGEST_POWER = 8
 """Whole powers up to this one are written as products."""
@@ -62,6 +70,16 @@ class Link:
         root = 1.0 / np.abs(BY_NAME[self.operator].derivatives(response)[0])
         return np.asarray(root / root.max())
 
+    def at_fit(self, response: Array, linked: Array) -> tuple[Array, Array]:
+        """Roots of weights (N,), the largest 1, and the response to solve for (N,) at a fit of the linked response.
+
+        Fisher scoring of the generalized linear model under the logarithm, the response's sign given: with fits m,
+        weights m² and response log m + (|y| - m) / m.
+        """
+        fit = np.exp(linked - linked.max())
+        size = np.abs(response) * np.exp(-linked.max())
+        return fit, linked + (size - fit) / fit
+
     def always(self, inputs: Mapping[str, Array]) -> list["LinkTerm"]:
         """Terms of every sum: one, and where it is said so each input under the same operator."""
         builder = Builder()
@@ -73,7 +91,7 @@ class Link:
 
     def simplest(self, term: Program, coefficient: float) -> float:
         """The coefficient nearest to a term's that is no constant: 0, or the multiple of a half, of an exponent."""
-        is_exponent = self.logarithms and term.nodes[term.outputs[0]].operator == "log"
+        is_exponent = self.logarithms and bool(term.inputs)
         return 0.5 * round(2.0 * coefficient) if is_exponent and abs(coefficient) <= LARGEST_POWER else 0.0
 
     def companions(self, values: Array, response: Array) -> Array:
@@ -172,10 +190,8 @@ def _product(builder: Builder, terms: list[tuple[Program, float]]) -> int:
         else:
             scaled = builder.apply("multiply", builder.constant(_tidy(coefficient)), copies[program.outputs[0]])
             factors.append(builder.apply("exp", scaled))
-    total = builder.constant(_tidy(float(np.exp(constant))))
-    for factor in factors:
-        total = builder.apply("multiply", total, factor)
-    return total
+    number = builder.constant(_tidy(float(np.exp(constant))))
+    return builder.apply("multiply", number, reduce(partial(builder.apply, "multiply"), factors)) if factors else number
 
 
 def _power(builder: Builder, base: int, half: int) -> int:

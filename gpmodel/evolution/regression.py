@@ -1,9 +1,9 @@
 """Symbolic regression: the law of a response over inputs, searched under several links side by side."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.links import LINKS
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
+from gpmodel.evolution.representation import Population
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
@@ -26,9 +27,6 @@ NEGLIGIBLE = 1e-9
 
 FINISHING, POLISHED = 0.1, 12
 """Share of the time that is kept to climb from the best laws and to fit the constants of the best, so many."""
-
-ALWAYS_ON, RANKED_EVERY = 2, 20
-"""Links that have a generation in every turn, and turns after which they are ranked anew."""
 
 CLIMBED = 0.2
 """Share of the time that may go into climbing."""
@@ -57,9 +55,9 @@ def regress(
     """The first law of a response (N,) that is exact, or after ``seconds`` that of least description length.
 
     Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). One population a link
-    (``gpmodel.evolution.links``); the two whose laws leave least have a generation in every turn, the others take
-    turns. The best of a population that is stuck is climbed from before a fresh one takes its place. Raises InputError
-    where the response is constant or holds a number that is not finite.
+    (``gpmodel.evolution.links``), a generation each in turn. The best of a population that is stuck is climbed from
+    before a fresh one takes its place, which the best of the other links join. Raises InputError where the response is
+    constant or holds a number that is not finite.
     """
     regression(response)
     began = clock()
@@ -73,24 +71,24 @@ def regress(
             sums = solved(island.problem.always, link, columns, response, PRICE)
             found += [] if sums is None else _judged([sums], columns, response)
             islands.append(island)
-    turn, climbing = 1, 0.0
+    climbing = 0.0
     while (now := clock() - began) < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
-        for island in _in_turn(islands, turn):
-            if island.is_stuck and climbing <= CLIMBED * now:
-                start = clock()
-                found += _judged(island.climbed(), columns, response)
-                climbing += clock() - start
-            found += _judged(island.step(), columns, response)
-        if turn % RANKED_EVERY == 0:
-            for island in islands:
-                laws = _judged(islice(island.laws(), 1), columns, response)
-                island.left = min([island.left, island.linked_left(), *(law.left for law in laws)])
-        turn += 1
+        for island in islands:
+            guests: list[Population] = []
+            if island.is_stuck:
+                guests = [guest for other in islands if other is not island for guest in other.guests()]
+                if climbing <= CLIMBED * now:
+                    start = clock()
+                    found += _judged(island.climbed(), columns, response)
+                    climbing += clock() - start
+            found += _judged(island.step(guests), columns, response)
     if not any(law.left < EXACT for law in found):
-        found += [law for island in islands for law in _judged(island.laws(), columns, response)]
-        for island in sorted(islands, key=lambda island: island.left):
+        laws = [_judged(island.laws(), columns, response) for island in islands]
+        least = [min((law.nats for law in some), default=np.inf) for some in laws]
+        found += chain.from_iterable(laws)
+        for k in np.argsort(least).tolist():
             if clock() - began < (1.0 - FINISHING / 2) * seconds:
-                found += _judged(island.climbed_from_best(), columns, response)
+                found += _judged(islands[k].climbed_from_best(), columns, response)
         best = sorted(found, key=lambda law: law.nats)[:POLISHED]
         found += _judged(_polished(best, columns, response, representation.constants), columns, response)
     if not found:
@@ -108,12 +106,6 @@ def _polished(
     )  # fmt: skip
     for law in laws:
         yield polish(law.program, plain, 0, columns, held)[0]
-
-
-def _in_turn(islands: Sequence[Island], turn: int) -> list[Island]:
-    ranked = sorted(islands, key=lambda island: island.left)
-    others = ranked[ALWAYS_ON:]
-    return [*ranked[:ALWAYS_ON], *(others[turn % len(others) :][:1] if others else [])]
 
 
 def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> list[Law]:
@@ -147,5 +139,5 @@ def _scaled(program: Program, factor: float) -> Program:
         node = copies[root.arguments[1]]
     if abs(factor - 1.0) > NEGLIGIBLE:
         whole = abs(factor - round(factor)) < NEGLIGIBLE
-        node = builder.apply("multiply", builder.constant(round(factor) if whole else factor), node)
+        node = builder.apply("multiply", builder.constant(float(round(factor)) if whole else factor), node)
     return builder.program([node])

@@ -35,8 +35,8 @@ def share_left_by_quotients(
         weight[:] = 1.0
         left[p] = np.inf
         for _ in range(passes):
-            _multiply(columns, weight, count, normal)
-            if not _solve(normal, sizes, count):
+            multiply(columns, weight, count, normal)
+            if not solve(normal, sizes, count):
                 break
             for j in range(points):
                 rest[j] = 0.0
@@ -85,7 +85,7 @@ def _offer(values: Array, chosen: int, response: Array, plain: Array, columns: A
 
 
 @reduction
-def _multiply(columns: Array, weight: Array, count: int, normal: Array) -> None:
+def multiply(columns: Array, weight: Array, count: int, normal: Array) -> None:
     """Weighted products of every two of ``count`` rows, and of each with the one after them."""
     for a in range(count):
         for b in range(a, count + 1):
@@ -98,7 +98,7 @@ def _multiply(columns: Array, weight: Array, count: int, normal: Array) -> None:
 
 
 @compiled
-def _solve(normal: Array, sizes: Array, count: int) -> bool:
+def solve(normal: Array, sizes: Array, count: int) -> bool:
     """Gauss-Jordan of symmetric normal equations, the right side in the column ``count``; False where singular.
 
     sizes: room for the diagonal before anything was eliminated.
