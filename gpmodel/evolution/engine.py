@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 BLOCK = 128
-"""Poses run at a time: the rows of one program then stay in the first cache."""
+"""Poses run at a time where a program may be dropped after any block: its rows then stay in the first cache."""
+
+LONG_BLOCK = 512
+"""Poses run at a time where all are: rows in the second cache cost less than four times as many jumps (18 %)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,9 @@ def values(code: Code, fixed: Array) -> Array:
     from gpmodel.evolution.kernels import batch
 
     found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
-    batch.output_values(code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed), found)
+    batch.output_values(
+        code.words, code.outputs, code.count, code.constants, fixed, _rows(code, fixed, LONG_BLOCK), found
+    )
     return found
 
 
@@ -70,7 +75,7 @@ def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool
     limit = hopeless**2 if maximum else hopeless**2 * poses
     batch.compensator_fitness(
         code.words, code.outputs, code.count, code.constants,
-        fixed, _rows(code, fixed), measured, maximum, limit, found,
+        fixed, _rows(code, fixed, BLOCK), measured, maximum, limit, found,
     )  # fmt: skip
     return norms(found, poses, maximum)
 
@@ -80,9 +85,9 @@ def norms(found: Array, poses: int, maximum: bool) -> Array:
     return np.sqrt(found if maximum else found / poses)
 
 
-def _rows(code: Code, fixed: Array) -> Array:
+def _rows(code: Code, fixed: Array, block: int) -> Array:
     base, poses = fixed.shape
-    width = min(BLOCK, (poses + 7) // 8 * 8)
+    width = min(block, (poses + 7) // 8 * 8)
     return workspace("rows", (base + int(code.count.max(initial=0)) + 1, width))
 
 

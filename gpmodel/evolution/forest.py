@@ -16,6 +16,9 @@ OPERATOR_CODES = 32
 OWN_CONSTANT = 16384
 """Prefix codes from here name one of the program's own constants."""
 
+OWN_BYTE = 255
+"""What stands for any of these where a tree is packed, a node a byte."""
+
 
 @dataclass(frozen=True)
 class Forest:

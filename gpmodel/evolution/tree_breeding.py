@@ -15,7 +15,8 @@ import numpy as np
 from deap import base, gp
 from numpy.typing import NDArray
 
-from gpmodel.evolution.forest import OPERATOR_CODES
+from gpmodel.errors import InputError
+from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
@@ -53,13 +54,15 @@ class TreeBreeding:
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
-        """Operators and leaves as deap has them."""
+        """Operators and leaves as deap has them. Raises InputError for more leaves than a byte can name."""
         layout = self.layout
         primitives = gp.PrimitiveSet("program", 0)
         for operator in layout.operators:
             primitives._add(OperatorNode(operator.name, operator.arity, operator.code))
             primitives.prims_count += 1
         names = [*layout.inputs, *map(repr, layout.constants)]
+        if len(names) > OWN_BYTE - OPERATOR_CODES:
+            raise InputError(f"inputs: {len(names)} elements, a tree can address {OWN_BYTE - OPERATOR_CODES}")
         for row, name in enumerate(names):
             primitives._add(ElementNode(name, OPERATOR_CODES + row))
             primitives.terms_count += 1

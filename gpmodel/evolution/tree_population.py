@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import chain
-from operator import attrgetter
+from itertools import accumulate, chain
 
 import numpy as np
 from deap import gp
 from numpy.typing import NDArray
 
 from gpmodel.evolution.engine import Code
-from gpmodel.evolution.forest import OPERATOR_CODES, OWN_CONSTANT, Forest
+from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE, OWN_CONSTANT, Forest
 from gpmodel.evolution.machine import Layout
 from gpmodel.formula.operators import BY_CODE
 from gpmodel.formula.program import Builder, Program
@@ -44,15 +43,15 @@ def _standard_normal() -> float:
 
 
 ConstantNode = gp.MetaEphemeral("constant", _standard_normal, object)
-ConstantNode.code = OWN_CONSTANT
-_CODE, _TREES = attrgetter("code"), attrgetter("trees")
+ConstantNode.code = OWN_BYTE
 
 
 @dataclass(slots=True)
 class Individual:
-    """Several trees bred together; ``codes`` are their prefix codes, empty where a tree has not been packed yet.
+    """Several trees bred together; ``codes`` are their prefix codes, a node a byte.
 
-    A tree is never changed after it was packed: who varies it, varies a copy.
+    They are empty where a tree has not been packed yet. A tree is never changed after it was packed: who varies it,
+    varies a copy.
     """
 
     trees: tuple[gp.PrimitiveTree, ...]
@@ -67,7 +66,7 @@ class Individual:
     @property
     def constants(self) -> list[float]:
         """Values of the own constants, in depth-first order."""
-        return [node.value for tree in self.trees for node in tree if node.code == OWN_CONSTANT]
+        return [node.value for tree in self.trees for node in tree if node.code == OWN_BYTE]
 
 
 @dataclass(frozen=True)
@@ -87,15 +86,16 @@ class Trees:
         """
         self._pack()
         parts = list(chain.from_iterable(individual.codes for individual in self.individuals))
-        codes = np.frombuffer(bytearray().join(parts), np.int16)
-        ends = np.concatenate([[0], np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)) // codes.itemsize)])
+        packed = np.frombuffer(b"".join(parts), np.uint8)
+        codes = packed.astype(np.int16)
+        ends = np.concatenate([[0], np.cumsum(np.fromiter(map(len, parts), np.int64, len(parts)))])
         roots = len(parts) // len(self)
         bounds = ends[np.arange(len(self))[:, None] * roots + np.arange(roots + 1)]
-        own = np.flatnonzero(codes == OWN_CONSTANT)
+        own = np.flatnonzero(packed == OWN_BYTE)
         first = np.searchsorted(own, bounds[:, 0])
         row = np.searchsorted(bounds[:, 0], own, side="right") - 1
         number = np.arange(len(own)) - first[row]
-        codes[own] += number.astype(np.int16)
+        codes[own] = OWN_CONSTANT + number
         constants = np.zeros((len(self), int(number.max(initial=0)) + 1))
         if len(own):
             nodes = list(chain.from_iterable(tree for individual in self.individuals for tree in individual.trees))
@@ -107,10 +107,9 @@ class Trees:
         bare = [one for one in self.individuals if not one.codes]
         some = [one for one in self.individuals if b"" in one.codes]
         holed = [(one, k) for one in some for k, code in enumerate(one.codes) if not code]
-        trees = [*chain.from_iterable(map(_TREES, bare)), *(one.trees[k] for one, k in holed)]
-        lengths = np.fromiter(map(len, trees), np.int64, len(trees))
-        ends = np.cumsum(lengths * np.dtype(np.int16).itemsize).tolist()
-        packed = np.fromiter(map(_CODE, chain.from_iterable(trees)), np.int16, int(lengths.sum())).tobytes()
+        trees = [*chain.from_iterable(one.trees for one in bare), *(one.trees[k] for one, k in holed)]
+        ends = list(accumulate(map(len, trees)))
+        packed = bytes([node.code for tree in trees for node in tree])
         codes = map(packed.__getitem__, map(slice, [0, *ends], ends))
         roots = len(self.individuals[0].trees)
         for one, made in zip(bare, zip(*[codes] * roots, strict=False), strict=False):
@@ -145,7 +144,7 @@ class Trees:
         for tree in self.individuals[row].trees:
             copy = gp.PrimitiveTree(tree)
             for k, node in enumerate(tree):
-                if node.code == OWN_CONSTANT:
+                if node.code == OWN_BYTE:
                     own = object.__new__(ConstantNode)
                     own.value = next(remaining)
                     copy[k] = own
@@ -161,7 +160,7 @@ def program_of(individual: Individual, layout: Layout) -> Program:
     builder = Builder()
 
     def leaf(node: gp.Terminal) -> tuple[int, int]:
-        if node.code == OWN_CONSTANT:
+        if node.code == OWN_BYTE:
             return builder.constant(node.value), 0
         row = node.code - OPERATOR_CODES
         if row < len(layout.inputs):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from deap import gp
 
-from gpmodel.evolution.forest import OWN_CONSTANT
+from gpmodel.errors import InputError
+from gpmodel.evolution.forest import OWN_BYTE, OWN_CONSTANT
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.tree_breeding import TreeBreeding, depth_first_crossover, structure_mutation
 from gpmodel.evolution.tree_population import Individual, program_of
@@ -78,6 +79,28 @@ def test_codes_carry_each_constant_of_its_own() -> None:
         own = codes[codes >= OWN_CONSTANT] - OWN_CONSTANT
         np.testing.assert_array_equal(own, np.arange(len(individual.constants)))
         np.testing.assert_array_equal(forest.constants[p, : len(own)], individual.constants)
+
+
+def test_codes_are_those_of_the_nodes_whoever_packed_them_before() -> None:
+    rng = np.random.default_rng(9)
+    breeding = TreeBreeding(LAYOUT)
+    trees = breeding.initial(40, rng)
+    trees.forest  # noqa: B018
+    children = breeding.offspring(trees, *rng.integers(0, 40, (2, 40)), rng)
+    mixed = children.join(breeding.initial(10, rng))
+    fresh = type(trees)(tuple(Individual(one.trees) for one in mixed.individuals))
+    np.testing.assert_array_equal(mixed.forest.codes, fresh.forest.codes)
+    np.testing.assert_array_equal(mixed.forest.bounds, fresh.forest.bounds)
+    for p, one in enumerate(fresh.individuals):
+        codes = fresh.forest.codes[fresh.forest.bounds[p, 0] : fresh.forest.bounds[p, -1]]
+        nodes = [node.code for tree in one.trees for node in tree]
+        np.testing.assert_array_equal(np.minimum(codes, OWN_BYTE), nodes)
+
+
+def test_more_leaves_than_a_tree_can_address_are_one_clear_line() -> None:
+    layout = Layout(tuple(f"x{k}" for k in range(230)), operator_set("thesis"), (), (None,), 1)
+    with pytest.raises(InputError, match="230 elements"):
+        TreeBreeding(layout).initial(4, np.random.default_rng(0))
 
 
 def test_constants_can_be_replaced() -> None:
