@@ -57,8 +57,7 @@ class LinkedProblem:
     def targets(self) -> Targets:
         """What is left of the linked response without these terms."""
         there = self.root * self.link.forward(self.response)
-        columns = self.inputs.mapping()
-        table = np.stack([self.root * term.column(columns, self.response) for term in self.always], axis=1)
+        table = (self.root * self.factors).T
         orthonormal, triangle = np.linalg.qr(table)
         diagonal = np.abs(np.diag(triangle))
         orthonormal = orthonormal[:, diagonal > 1e-9 * diagonal.max()]

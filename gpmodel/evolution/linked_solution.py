@@ -18,8 +18,9 @@ def solved(
 ) -> Program | None:
     """The law of some terms with their coefficients by least squares, as few of them free as ``price`` nats allow.
 
-    A term that is worth less is left out, and an exponent becomes the nearest multiple of a half where that costs
-    less: only so has the power of a negative number its sign. None where no term is left or the columns are no numbers.
+    A term that is worth less is left out, and an exponent becomes the nearest multiple of a half where that costs less
+    than writing another: only so has the power of a negative number its sign. None where no term is left or the columns
+    are no numbers.
     """
     root, there = link.root_weights(response), link.forward(response)
     table = np.stack([term.column(columns, response) for term in terms], axis=1)

@@ -24,7 +24,7 @@ def share_left_by_products(
     left: Array,
     written: NDArray[np.int64],
 ) -> None:
-    """Share (P,) of the variance of a response (N,) left by exp of solved sums, the sign of the response given.
+    """Share (P,) of the variance of a response (N,), nowhere 0, left by exp of solved sums, its sign given.
 
     terms (P, k, N), of which the bits of ``chosen`` are in a program's sum, and always (a, N), which are in every one:
 
@@ -55,7 +55,7 @@ def share_left_by_products(
         for j in range(points):
             size = abs(response[j])
             weight[j] = size * size
-            columns[count, j] = np.log(size) if size > 0.0 else 0.0
+            columns[count, j] = np.log(size)
         left[p] = np.inf
         total = np.inf
         for _ in range(passes):
