@@ -83,7 +83,7 @@ class Active:
 
     @cached_property
     def inverse(self) -> Array:
-        """L⁻¹ (K, K)."""
+        """L⁻¹ (K, K), zero above its diagonal."""
         return linalg.lapack.dtrtri(self.lower, lower=1)[0]
 
     @cached_property
@@ -141,7 +141,7 @@ class Active:
         With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
         """
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
-        half = self.inverse[:, at]
+        half = self.inverse[at[0] :, at]
         h, turn = np.linalg.eigh(self.sigma2 * (half.T @ half))
         h = np.clip(h, 1e-15, 1.0)
         a = self.variances[g]

@@ -35,9 +35,22 @@ def best_by_chance(
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
             pull = pulls[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
             q = np.einsum("gkt,gkl->tgl", pull / active.sigma2, turn)
-            every = np.tile(s, (len(some), 1)), q.reshape(-1, s.shape[1]), np.tile(pool.cap[c.ids], len(some))
-            net = best(*every)[0].reshape(len(some), -1) - pool.cost[c.ids]
-            found[some] = np.maximum(found[some], net.max(axis=1))
+            found[some] = with_the_best(found[some], s, q, pool.cap[c.ids], pool.cost[c.ids])
+    return found
+
+
+def with_the_best(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
+    """The most nats (T,) that were found, or that any of G groups gains, its cost counted, where that is more.
+
+    s: (G, K), q: (T, G, K). No gain exceeds ½ Σ q² / s: the variance is sought of the group for which that is largest
+    on each trial, then of those alone that could still gain more.
+    """
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost
+    first = np.arange(len(q)), np.argmax(most, axis=1)
+    found = np.maximum(found, best(s[first[1]], q[first], cap[first[1]])[0] - cost[first[1]])
+    trial, group = np.nonzero(most > found[:, None])
+    np.maximum.at(found, trial, best(s[group], q[trial, group], cap[group])[0] - cost[group])
     return found
 
 

@@ -81,10 +81,11 @@ class Replacements:
         """
         active, pool = self.active, self.active.pool
         table, right = self._reduced
-        block = active.inverse[:, active.blocks[g]]
+        own = active.blocks[g]
+        block = active.inverse[own.start :, own]
         root = linalg.cholesky(block.T @ block, lower=True, check_finite=False)
         back = linalg.solve_triangular(root, block.T, lower=True, check_finite=False)
-        table, right = table @ back.T, back @ right
+        table, right = table[:, own.start :] @ back.T, back @ right[own.start :]
         gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
         for c, (inner, pull) in zip(pool.classes, self._beside, strict=True):
             for part in _chunks(c, table.shape[1]):
