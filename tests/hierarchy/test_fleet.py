@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from executor_cases import Elsewhere
-from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, machines, written
+from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, machines, two_joint_arms, written
 
 import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
@@ -77,12 +77,14 @@ def test_an_innocent_fleet_has_no_outlier() -> None:
     assert {m.own_mm for m in found.record.machines} == {None}
 
 
-def test_effects_are_those_found_on_most_machines_wherever_these_are_searched() -> None:
-    found = gp.fleet(MECHANISM, machines(2, 2, poses=60), holdout=0.3)
-    assert "base compliance" in [p.name for p in found.record.effects if not p.constant]
-    assert "base compliance on 2" in found.record.chosen
+def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tmp_path: Path) -> None:
+    folder = two_joint_arms(tmp_path / "arms", 2)
+    found = gp.fleet(None, folder, holdout=0.3)
+    gear = "gear error, 2 per turn, J2"
+    assert {gear} == {p.name.split(", sin")[0].split(", cos")[0] for p in found.record.effects if not p.constant}
+    assert f"{gear} on 2" in found.record.chosen
     far = Elsewhere()
-    assert gp.fleet(MECHANISM, machines(2, 2, poses=60), holdout=0.3, executor=far).record == found.record
+    assert gp.fleet(None, folder, holdout=0.3, executor=far).record == found.record
     assert far.functions == {"found"}
 
 
