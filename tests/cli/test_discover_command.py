@@ -147,8 +147,8 @@ def test_progress_says_what_is_tried_and_the_end_what_was_found_and_what_comes_n
 
 
 BAD: dict[str, tuple[list[str], str]] = {
-    "no table": (["--mechanism", "irb6400r"], "expected a TABLE and --mechanism M, or --resume DIR"),
-    "no mechanism": (["{table}"], "expected a TABLE and --mechanism M, or --resume DIR"),
+    "no table": (["--mechanism", "irb6400r"], "expected TABLE and --mechanism M, or --resume DIR"),
+    "no mechanism": (["{table}"], "expected TABLE and --mechanism M, or --resume DIR"),
     "no such table": (["missing.csv", "--mechanism", "irb6400r"], "missing.csv"),
     "unknown mechanism": (["{table}", "--mechanism", "irb9"], "irb9"),
     "holdout": (["{table}", "--mechanism", "irb6400r", "--holdout", "30"], "--holdout: 30.0, expected a share"),
