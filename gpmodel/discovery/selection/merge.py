@@ -15,6 +15,9 @@ LAW = 2
 TRIED = 3
 """Groups tried in the place of several, the best first at the noise as it is."""
 
+LEEWAY = 100.0
+"""Nats that re-estimation may bring beyond what a group saves at the variances as they are; it brings tens."""
+
 
 def merged(active: Active) -> Active:
     """The groups found at each place against the one that does most in their stead, where that raises the evidence.
@@ -31,7 +34,10 @@ def merged(active: Active) -> Active:
         if not others:
             continue
         gains, variances, _ = scan(fewer, np.array(others))
-        for h in np.argsort(active.pool.cost - gains)[:TRIED]:
+        saved = gains - active.pool.cost
+        for h in np.argsort(-saved)[:TRIED]:
+            if saved[h] < active.evidence - fewer.evidence - LEEWAY:
+                break
             trial = pruned(reestimated(fewer.added(int(h), float(variances[h]))))
             if trial.evidence > active.evidence + SETTLED:
                 active = trial
