@@ -58,9 +58,8 @@ class FittedColumns:
         return self.first + int(np.sum(self.calibration.kept[:k]))
 
     def of(self, candidate: Candidate) -> Array:
-        """FittedColumns (M, k) of a candidate's effects."""
-        problem = self.problem
-        return problem.effect_rows(candidate.effects, self.calibration.model)
+        """Columns (M, k) of a candidate's effects."""
+        return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
         """What effect k moves the readings by, less what a candidate of some sizes does (M,)."""

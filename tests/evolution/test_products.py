@@ -2,28 +2,17 @@
 
 import numpy as np
 import pytest
+from linked_cases import COLUMNS, INPUTS, every_other, values_of
 
-from gpmodel.evolution.generations import Generations
-from gpmodel.evolution.island import BUDGET
 from gpmodel.evolution.kernels.products import share_left_by_products
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.linked_terms import Terms
 from gpmodel.evolution.links import BROKEN_POWER, FITS, LARGEST_POWER, LINKS, POWER, LinkTerm
-from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.regression import SEQUENCES
-from gpmodel.evolution.settings import Settings
 from gpmodel.formula.parse import parse
 
-RNG = np.random.default_rng(3)
-COLUMNS = {name: RNG.uniform(1.0, 3.0, 80) for name in "abc"}
-INPUTS = Inputs(tuple(COLUMNS), np.array(list(COLUMNS.values())))
 PRODUCT = next(link for link in LINKS if link.weighted)
 WORTH = PRICE * BROKEN_POWER
-
-
-def values_of(text: str) -> np.ndarray:
-    return parse(text).evaluate(COLUMNS)[0]
 
 
 def noisy(law: str, seed: int = 0) -> np.ndarray:
@@ -119,12 +108,9 @@ def test_at_a_fit_the_response_to_solve_for_is_the_fit_where_nothing_is_left() -
 def test_products_are_scored_by_what_they_leave_of_the_response_and_what_is_written() -> None:
     response = noisy("a*cos(b)/sin(b)")
     problem = LinkedProblem(INPUTS, response, PRODUCT)
-    run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), np.random.default_rng(0))
-    population, scores = run.start()
     used = 0
-    for row in range(0, len(population), 2):
+    for row, program, scores in every_other(problem):
         chosen = int(scores.chosen[row])
-        program = population.program(row, run.layout)
         outputs = program.evaluate(COLUMNS)
         offered = np.vstack([outputs, PRODUCT.companions(outputs[None], response)[0]])
         picked = [k for k in range(8) if chosen >> k & 1]

@@ -1,27 +1,16 @@
 """Quotients of solved sums: what they leave of a response, how they are solved under noise, and how they are scored."""
 
 import numpy as np
+from linked_cases import COLUMNS, INPUTS, every_other, values_of
 
-from gpmodel.evolution.generations import Generations
-from gpmodel.evolution.island import BUDGET
 from gpmodel.evolution.kernels.quotients import share_left_by_quotients
 from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
 from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.links import LINKS, LinkTerm
-from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import unit_rows
-from gpmodel.evolution.regression import SEQUENCES
-from gpmodel.evolution.settings import Settings
 from gpmodel.formula.parse import parse
 
-RNG = np.random.default_rng(3)
-COLUMNS = {name: RNG.uniform(1.0, 3.0, 80) for name in "abc"}
-INPUTS = Inputs(tuple(COLUMNS), np.array(list(COLUMNS.values())))
 QUOTIENT = next(link for link in LINKS if link.quotient)
-
-
-def values_of(text: str) -> np.ndarray:
-    return parse(text).evaluate(COLUMNS)[0]
 
 
 def left_by_quotient(outputs: np.ndarray, chosen: int, response: np.ndarray) -> float:
@@ -75,12 +64,10 @@ def test_a_denominator_that_is_infinite_somewhere_is_not_solved() -> None:
 def test_quotients_are_scored_by_what_they_leave_of_the_response() -> None:
     response = values_of("0.02*a*b/c + 0.1/(1 + a)")
     problem = LinkedProblem(INPUTS, response, QUOTIENT)
-    run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), np.random.default_rng(0))
-    population, scores = run.start()
     used = 0
-    for row in range(0, len(population), 2):
+    for row, program, scores in every_other(problem):
         chosen = int(scores.chosen[row])
-        outputs = population.program(row, run.layout).evaluate(COLUMNS)
+        outputs = program.evaluate(COLUMNS)
         picked = [k for k in range(8) if chosen >> k & 1]
         table = unit_rows(np.vstack([np.ones(80), outputs, problem.link.companions(outputs[None], response)[0]]))
         if chosen >> 4 and np.linalg.cond(table[[0, *(k + 1 for k in picked)]].T) < 1e4:

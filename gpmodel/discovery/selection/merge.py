@@ -52,7 +52,7 @@ def spelled_out(active: Active) -> Active:
     """
     for g in found(active):
         group = active.pool.groups[g]
-        if len(group.effects) <= LAW:
+        if g not in active.variances or len(group.effects) <= LAW:
             continue
         for h in _laws_in(active, group.inputs):
             trial = grown(pruned(reestimated(active.without(g).added(h, active.variances[g]))), but={g})
