@@ -15,6 +15,7 @@ from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Node, Program
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 TURNS = (2.0, 3.0)
 """Multiples of an angle among the pieces: gears and bearings err twice and three times a turn."""
@@ -24,37 +25,53 @@ SCREENED = 300
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of programs: values (E, N), about how many nodes each adds (E,), its kind (E,), and how to build one.
+    """Pieces of programs (E of them): about how many nodes each adds (E,), its kind (E,), values, and how to build one.
 
-    kinds: numbers of a ``Typing``, ``NONE`` for a piece that may not be. build: from a builder, the copies of a
-    program's nodes so far and the piece's number to its node.
+    kinds: numbers of a ``Typing``, ``NONE`` for a piece that may not be. at: values (R, N) of pieces of some numbers
+    (R,), ascending. build: from a builder, the copies of a program's nodes so far and the piece's number to its node.
     """
 
-    values: Array
     growth: Array
     kinds: NDArray[np.uint8]
+    at: Callable[[Rows], Array]
     build: Callable[[Builder, list[int], int], int]
+
+    @cached_property
+    def values(self) -> Array:
+        """Values (E, N) of all."""
+        return self.at(np.arange(len(self.growth)))
 
     @staticmethod
     def chained(parts: Sequence["Pieces"]) -> "Pieces":
         """Several one after another."""
-        starts = np.cumsum([0, *(len(part.values) for part in parts)])
+        starts = np.cumsum([0, *(len(part.growth) for part in parts)])
+
+        def at(rows: Rows) -> Array:
+            cuts = np.searchsorted(rows, starts)
+            some = [
+                part.at(rows[begin:end] - start)
+                for part, start, begin, end in zip(parts, starts, cuts, cuts[1:], strict=False)
+                if begin < end
+            ]
+            return np.concatenate(some) if some else parts[0].at(rows)
 
         def build(builder: Builder, copies: list[int], k: int) -> int:
             part = int(np.searchsorted(starts, k, side="right")) - 1
             return parts[part].build(builder, copies, k - int(starts[part]))
 
         growth, kinds = (np.concatenate([getattr(p, name) for p in parts]) for name in ("growth", "kinds"))
-        return Pieces(np.vstack([p.values for p in parts]), growth, kinds, build)
+        return Pieces(growth, kinds, at, build)
 
     def of_kinds(self, kinds: Sequence[int]) -> "Pieces":
         """Those of some kinds."""
-        rows = np.flatnonzero(np.isin(self.kinds, kinds))
+        wanted = np.zeros(NONE + 1, dtype=bool)
+        wanted[list(kinds)] = True
+        rows = np.flatnonzero(wanted[self.kinds])
 
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return self.build(builder, copies, int(rows[k]))
 
-        return Pieces(self.values[rows], self.growth[rows], self.kinds[rows], build)
+        return Pieces(self.growth[rows], self.kinds[rows], lambda some: self.at(rows[some]), build)
 
 
 @dataclass(frozen=True)
@@ -97,7 +114,7 @@ class Vocabulary:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return builder.copy(programs[k])[programs[k].outputs[0]]
 
-        return Pieces(values, sizes, numbers, build)
+        return Pieces(sizes, numbers, values.__getitem__, build)
 
     def _elements(self) -> Iterator[Program]:
         for value in self.constants:
@@ -128,7 +145,11 @@ class Vocabulary:
 
         sizes = elements.growth[first] + elements.growth[second] + 1.0
         kinds = self.typing.of(BY_NAME["multiply"], elements.kinds[first], elements.kinds[second])
-        return Pieces(elements.values[first] * elements.values[second], sizes, kinds, build)
+
+        def at(rows: Rows) -> Array:
+            return elements.values[first[rows]] * elements.values[second[rows]]
+
+        return Pieces(sizes, kinds, at, build)
 
     def _combined(self) -> Iterator[Pieces]:
         names, values = self.inputs.names, self.inputs.values
@@ -143,7 +164,7 @@ class Vocabulary:
                 return builder.apply(operator.name, joined)
 
             kinds = self.typing.of(operator, self.typing.of(BY_NAME[join], numbers[first], numbers[second]))
-            return Pieces(operator.function(rows), np.full(len(rows), 4.0), kinds, build)
+            return Pieces(np.full(len(rows), 4.0), kinds, lambda some: operator.function(rows[some]), build)
 
         for join, sign in (("add", 1.0), ("subtract", -1.0)):
             for operator in self.unary:

@@ -1,6 +1,6 @@
 """Single edits of a slot's program, all tried at once: what evolution nearly found is finished by climbing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gpmodel.evolution.building_blocks import Pieces, Vocabulary
+from gpmodel.evolution.building_blocks import Pieces, Rows, Vocabulary
 from gpmodel.evolution.problems import Inputs
 from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Program
@@ -38,8 +38,11 @@ class Hill(Protocol):
         """Gain of a program's outputs (m, N) at a site."""
         ...
 
-    def set_gains(self, values: Array, site: int) -> Array:
-        """Gains (P,) of the outputs (P, m, N) of many programs at a site, about as ``set_gain`` does."""
+    def set_gains(self, values: Sequence[Array], site: int) -> Array:
+        """Gains (P,) of many programs at a site, about as ``set_gain`` does.
+
+        values: (P, N) of each of their outputs, (1, N) of one that all of them share.
+        """
         ...
 
 
@@ -90,6 +93,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
     known, earlier = np.array(kinds, dtype=np.uint8), range(min(node + 1, len(program.nodes)))
     repeated = (_repeated(k, values[k], known[k : k + 1], words) for k in earlier)
     elements = Pieces.chained([words.elements, *repeated])
+    held = elements.values
     if node == len(program.nodes):
         return replace(elements, growth=elements.growth + 1.0)
     here, value, of_kind = program.nodes[node], values[node], words.typing.of
@@ -99,7 +103,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
             return builder.apply(operator.name, copies[node], elements.build(builder, copies, k))
 
         made = of_kind(operator, known[node : node + 1], elements.kinds)
-        return Pieces(operator.function(value, elements.values), elements.growth + 1.0, made, build)
+        return Pieces(elements.growth + 1.0, made, lambda rows: operator.function(value, held[rows]), build)
 
     def wrapped(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
@@ -107,16 +111,19 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
             return builder.apply(operator.name, twice)
 
         made = of_kind(operator, np.repeat(known[node], 2))
-        return Pieces(operator.function(np.stack([value, 2.0 * value])), np.array([1.0, 3.0]), made, build)
+        turns = np.array([[1.0], [2.0]])
+        return Pieces(np.array([1.0, 3.0]), made, lambda rows: operator.function(turns[rows] * value), build)
 
     def swapped(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
             return builder.apply(operator.name, *(copies[argument] for argument in here.arguments))
 
         made = of_kind(operator, *(known[k : k + 1] for k in here.arguments))
-        return Pieces(operator.function(*(values[k] for k in here.arguments))[None], np.zeros(1), made, build)
+        return Pieces(
+            np.zeros(1), made, lambda _: operator.function(*(values[k] for k in here.arguments))[None], build
+        )
 
-    parts = [replace(elements, growth=elements.growth - _written_out(program, node))]
+    parts = [replace(elements, growth=elements.growth - _written_out(program, node), at=held.__getitem__)]
     parts += [joined(operator) for operator in words.binary]
     parts += [wrapped(operator) for operator in words.unary]
     parts += [swapped(o) for o in words.operators if o.arity == len(here.arguments)]
@@ -132,8 +139,11 @@ def _repeated(node: int, value: Array, kind: Kinds, words: Vocabulary) -> Pieces
         return builder.apply(unary[k - 1].name, copies[node]) if k else copies[node]
 
     kinds = np.concatenate([kind, *(words.typing.of(operator, kind) for operator in unary)])
-    rows = np.stack([value, *(operator.function(value) for operator in unary)])
-    return Pieces(rows, np.array([0.0] + [1.0] * len(unary)), kinds, build)
+
+    def at(rows: Rows) -> Array:
+        return np.stack([unary[k - 1].function(value) if k else value for k in rows.tolist()])
+
+    return Pieces(np.array([0.0] + [1.0] * len(unary)), kinds, at, build)
 
 
 def _written_out(program: Program, node: int) -> float:
@@ -144,16 +154,17 @@ def _written_out(program: Program, node: int) -> float:
     return sizes[node]
 
 
-def _outputs_after(program: Program, node: int, values: list[Array], rows: Array) -> Array:
-    """Outputs (E, m, N) of the program with each of the rows (E, N) in the place of a node, or as an output more."""
+def _outputs_after(program: Program, node: int, values: list[Array], rows: Array) -> list[Array]:
+    """Outputs of the program, with each of the rows (E, N) in the place of a node or as an output more: (E, N) of one
+    that depends on it, (1, N) of the others."""
     changed: dict[int, Array] = {node: rows}
     for later in range(node + 1, len(program.nodes)):
         arguments = program.nodes[later].arguments
         if any(k in changed for k in arguments):
             function = BY_NAME[program.nodes[later].operator].function
             changed[later] = function(*(changed.get(k, values[k]) for k in arguments))
-    outputs = [changed.get(k, values[k]) for k in program.outputs] + ([rows] if node == len(program.nodes) else [])
-    return np.stack([np.broadcast_to(output, rows.shape) for output in outputs], axis=1)
+    outputs = [changed[k] if k in changed else values[k][None] for k in program.outputs]
+    return [*outputs, rows] if node == len(program.nodes) else outputs
 
 
 def _rebuilt(program: Program, node: int, edits: Pieces, k: int) -> Program:

@@ -8,7 +8,7 @@ are added to their own kind only; clocks make ramps, steps and exponential appro
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,9 +113,16 @@ class Typing:
 
     def of(self, operator: Operator, *kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Kinds that an operator makes of arrays of kinds; nothing is made of ``NONE``."""
-        broken = reduce(np.logical_or, [kind == NONE for kind in kinds])
-        found = self.results(operator)[tuple(np.where(broken, 0, kind) for kind in kinds)]
-        return np.where(broken, NONE, found).astype(np.uint8)
+        found: NDArray[np.uint8] = self._bordered[operator.name][kinds]
+        return found
+
+    @cached_property
+    def _bordered(self) -> dict[str, NDArray[np.uint8]]:
+        """The results by any two numbers of eight bits: of what is no kind nothing is made."""
+        return {
+            name: np.pad(table, [(0, NONE + 1 - len(self.kinds))] * table.ndim, constant_values=NONE)
+            for name, table in self._results.items()
+        }
 
     @cached_property
     def _results(self) -> dict[str, NDArray[np.uint8]]:

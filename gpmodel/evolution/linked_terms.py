@@ -1,5 +1,6 @@
 """The terms of a law under a link as a hill: single edits of all of them, tried at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,20 +40,24 @@ class Terms:
     def set_gain(self, values: Array, site: int) -> float:
         """Gain of terms (m, N)."""
         if self.below or self.problem.link.weighted:
-            return float(self.set_gains(values[None], site)[0])
+            return float(self.set_gains([row[None] for row in values], site)[0])
         return self.problem.targets.set_gain(values, site)[0]
 
-    def set_gains(self, values: Array, site: int) -> Array:
-        """Gains (P,) of many sets of terms (P, m, N); those of quotients and products are of the response itself."""
-        programs, count, points = values.shape
+    def set_gains(self, values: Sequence[Array], site: int) -> Array:
+        """Gains (P,) of many sets of terms; those of quotients and products are of the response itself.
+
+        values: (P, N) of each term, or (1, N) of one that all sets share.
+        """
         if not self.below and not self.problem.link.weighted:
             return self.problem.targets.set_gains(values, site)
+        table = np.stack(np.broadcast_arrays(*values), axis=1)
+        programs, count, points = table.shape
         above = (1 << count) - (1 << self.below)
         chosen = np.full(programs, above | ((1 << self.below) - 1) << count)
         if self.problem.link.quotient:
-            values = unit_rows(values.reshape(-1, points)).reshape(values.shape)
+            table = unit_rows(table.reshape(-1, points)).reshape(table.shape)
         left = np.ones(programs)
-        added = self.problem.share_left(values, chosen, left)
+        added = self.problem.share_left(table, chosen, left)
         return 1.0 - left * np.exp(2.0 * PRICE * added / self.problem.targets.components)
 
 

@@ -42,7 +42,7 @@ class Archive:
         self.problem, self.layout = problem, layout
         self.best_gain = 0.0
         self._nats = np.zeros(64)
-        self._kept: dict[int, tuple[Population, int]] = {}
+        self._kept: dict[int, tuple[Population, int, int]] = {}
 
     def add(self, population: Population, scores: Scores) -> None:
         """Take in the programs that beat what is known at their complexity."""
@@ -54,7 +54,7 @@ class Archive:
         for row in better[np.argsort(nats[better], kind="stable")].tolist():
             size = int(scores.complexity[row])
             self._nats[size] = nats[row]
-            self._kept[size] = (population.take(np.array([row])), int(scores.chosen[row]))
+            self._kept[size] = population.take(np.array([row])), int(scores.chosen[row]), int(scores.site[row])
             self.best_gain = max(self.best_gain, float(scores.gain[row]))
 
     def front(self) -> tuple[Solution, ...]:
@@ -68,8 +68,8 @@ class Archive:
         problem = self.problem
         return min(front, key=lambda solution: description_length(solution, problem))
 
-    def _solution(self, population: Population, chosen: int) -> Solution:
-        return scored(program_at(population, 0, chosen, self.layout), self.problem)
+    def _solution(self, population: Population, chosen: int, site: int) -> Solution:
+        return scored(program_at(population, 0, chosen, self.layout), self.problem, site)
 
     def _nothing(self) -> Solution:
         nothing = "x, y, z" if isinstance(self.problem, CartesianProblem) else "0"
@@ -95,12 +95,12 @@ def program_at(population: Population, row: int, chosen: int, layout: Layout) ->
     return population.program(row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
-def scored(program: Program, problem: Problem) -> Solution:
-    """A program as a solution of a problem: its best site, gain and coefficients.
+def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
+    """A program as a solution of a problem at a site: its gain and coefficients.
 
-    Slot: all outputs are solved together at each site (``Targets.set_gain``) and the site of the largest gain is
-    taken; where the problem has validation poses, the same coefficients are judged there. Compensator: the norm of the
-    outputs' distances, coefficients of one. Raises InputError where the program reads an input that is not there.
+    Slot: all outputs are solved together (``Targets.set_gain``); where the problem has validation poses, the same
+    coefficients are judged there. Compensator: the norm of the outputs' distances, coefficients of one. Raises
+    InputError where the program reads an input that is not there.
     """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):
@@ -108,9 +108,7 @@ def scored(program: Program, problem: Problem) -> Solution:
         gain = 1.0 - problem.norm_of(values) / initial if len(values) else 0.0
         return Solution(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
     targets = problem.targets
-    solved = [targets.set_gain(values, site) for site in range(targets.sites)]
-    site = int(np.argmax(gain_nats(np.array([gain for gain, _ in solved]))))
-    gain, coefficients = solved[site]
+    gain, coefficients = targets.set_gain(values, site)
     validation = None
     if problem.validation is not None and problem.validation_inputs is not None and len(values):
         held_out = program.evaluate(problem.validation_inputs.mapping())

@@ -181,8 +181,8 @@ class SlotProblem:
         """Gain of a program's outputs (m, N) at a site, solved together."""
         return self.targets.set_gain(values, site)[0]
 
-    def set_gains(self, values: Array, site: int) -> Array:
-        """Gains (P,) of the outputs (P, m, N) of many programs at a site."""
+    def set_gains(self, values: Sequence[Array], site: int) -> Array:
+        """Gains (P,) of many programs at a site; values: (P, N) of each of their outputs, (1, N) of one for all."""
         return self.targets.set_gains(values, site)
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:

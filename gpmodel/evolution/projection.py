@@ -9,6 +9,7 @@ the share of the residual energy that the column removes is ``(phi.g)^2 / (phi^T
 solved together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -133,25 +134,31 @@ class Targets:
         coefficients[chosen] = solution / scale[chosen]
         return self.gain_of(values, coefficients, site), coefficients
 
-    def set_gains(self, values: Array, site: int) -> Array:
-        """Gains (P,) of many sets of bases (P, m, N), each set solved together at one site, as ``set_gain`` does.
+    def set_gains(self, values: Sequence[Array], site: int) -> Array:
+        """Gains (P,) of many sets of bases, each set solved together at one site, as ``set_gain`` does.
 
-        By the eigenvalues of the correlations within a set rather than by forward selection: where rows of a set are
-        nearly alike the two differ a little.
+        values: the m bases of every set (P, N), or (1, N) where all sets share one. By the eigenvalues of the
+        correlations within a set rather than by forward selection: where rows of a set are nearly alike the two differ
+        a little.
         """
-        programs, count, poses = values.shape
-        scaled = unit_rows(values.reshape(-1, poses))
-        seen = (scaled @ self.cross[site].T).reshape(programs, count, -1)
-        scaled = scaled.reshape(programs, count, poses)
-        gram = (scaled * self.weight[site]) @ scaled.transpose(0, 2, 1)
-        total = np.einsum("pii->pi", gram).copy()
-        gram = gram - seen @ seen.transpose(0, 2, 1)
+        programs, count = max(map(len, values)), len(values)
+        scaled = [unit_rows(rows) for rows in values]
+        seen = [rows @ self.cross[site].T for rows in scaled]
+        gram, total, pull = np.empty((programs, count, count)), np.empty((programs, count)), np.empty((programs, count))
+        for i in range(count):
+            weighted = scaled[i] * self.weight[site]
+            for j in range(i, count):
+                product = _row_products(weighted, scaled[j])
+                gram[:, i, j] = gram[:, j, i] = product - _row_products(seen[i], seen[j])
+                if i == j:
+                    total[:, i] = product
+            pull[:, i] = scaled[i] @ self.pull[site]
         unique = np.einsum("pii->pi", gram)
         usable = (total > 0) & (unique > self.unique_share * total)
         scale = np.where(usable, np.sqrt(np.where(usable, unique, 1.0)), np.inf)
         correlation = gram / scale[:, :, None] / scale[:, None, :] + np.eye(count) * ~usable[:, None, :]
         share, turn = np.linalg.eigh(correlation)
-        pull = np.einsum("pij,pi->pj", turn, (scaled @ self.pull[site]) / scale)
+        pull = np.einsum("pij,pi->pj", turn, pull / scale)
         present = share > self.unique_share
         return np.sum(np.where(present, pull**2 / np.where(present, share, 1.0), 0.0), axis=1) / self.energy
 
@@ -206,9 +213,18 @@ def regression(response: Array, name: str = "response") -> Targets:
 def unit_rows(values: Array) -> Array:
     """Rows divided by their largest magnitude; rows with a number that is not finite become zero."""
     with np.errstate(invalid="ignore"):
-        scale = np.abs(values).max(axis=1, keepdims=True, initial=0.0)
+        scale = np.maximum(values.max(axis=1, initial=0.0), -values.min(axis=1, initial=0.0))
     usable = np.isfinite(scale) & (scale > 0)
-    return np.where(usable, values / np.where(usable, scale, 1.0), 0.0)
+    scaled: Array = values / np.where(usable, scale, 1.0)[:, None]
+    scaled[~usable] = 0.0
+    return scaled
+
+
+def _row_products(first: Array, second: Array) -> Array:
+    """Products (P,) of the rows (P, K) of two tables, of which one may have a single row for all."""
+    if len(first) == 1:
+        return second @ first[0]
+    return first @ second[0] if len(second) == 1 else np.einsum("pk,pk->p", first, second)
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:

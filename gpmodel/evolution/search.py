@@ -133,5 +133,5 @@ def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout,
     best = sorted(front, key=lambda solution: description_length(solution, problem))[:count]
     starts = [(solution.program, solution.site) for solution in best]
     starts += promising(problem, words, count)
-    tops = [climbed(program, problem, site, words, layout.outputs) for program, site in starts]
-    return pareto([*front, *(scored(top, problem) for top in tops)])
+    tops = [(climbed(program, problem, site, words, layout.outputs), site) for program, site in starts]
+    return pareto([*front, *(scored(top, problem, site) for top, site in tops)])

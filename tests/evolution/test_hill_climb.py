@@ -40,7 +40,8 @@ def test_every_edit_has_the_values_of_the_program_that_it_builds(text: str) -> N
         for node in range(len(program.nodes) + (len(program.outputs) < 3)):
             edits = _edits(program, node, values, [0] * len(values), WORDS)
             assert len(edits.values) == len(edits.growth)
-            expected = _outputs_after(program, node, values, edits.values)
+            outputs = np.broadcast_arrays(*_outputs_after(program, node, values, edits.values))
+            expected = np.stack(outputs, axis=1)
             for k in rng.integers(0, len(edits.values), 60).tolist():
                 built = _rebuilt(program, node, edits, k)
                 np.testing.assert_allclose(built.evaluate(INPUTS.mapping()), expected[k], rtol=1e-9, atol=1e-12)

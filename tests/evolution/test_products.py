@@ -133,6 +133,6 @@ def test_climbing_sees_the_price_of_exponents_that_are_not_simple() -> None:
     simple, near = (np.stack([values_of(text) for text in texts]) for texts in (
         ("log(cos(b))", "log(sin(b))"), ("log(cos(b))", "b")
     ))  # fmt: skip
-    gains = terms.set_gains(np.stack([simple, near]), 0)
+    gains = terms.set_gains(list(np.stack([simple, near], axis=1)), 0)
     assert terms.nats(gains[0], 6.0) > terms.nats(gains[1], 5.0) + WORTH
     assert terms.set_gain(simple, 0) == pytest.approx(gains[0])

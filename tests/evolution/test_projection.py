@@ -134,7 +134,7 @@ def test_many_sets_at_once_are_solved_as_each_alone(members: int) -> None:
     values = np.random.default_rng(5).normal(size=(20, members, POSES)) * np.logspace(-4, 4, 20)[:, None, None]
     values[3, 0] = 0.0
     values[4, 0] = np.nan
-    gains = targets.set_gains(values, 1)
+    gains = targets.set_gains(list(values.swapaxes(0, 1)), 1)
     for one, gain in zip(values, gains, strict=True):
         usable = one[np.isfinite(one).all(axis=1)]
         assert gain == pytest.approx(targets.set_gain(usable, 1)[0] if len(usable) else 0.0, rel=1e-9, abs=1e-12)
