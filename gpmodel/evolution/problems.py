@@ -151,7 +151,7 @@ class SlotProblem:
     validation: Targets | None = None
     validation_inputs: Inputs | None = None
     parsimony: float = 1.0
-    slice: ClassVar[int] = 128
+    slice: ClassVar[int] = 512
     start: ClassVar[tuple[str, ...]] = ()
     can_drop_the_hopeless: ClassVar[bool] = False
 
