@@ -119,9 +119,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
             return builder.apply(operator.name, *(copies[argument] for argument in here.arguments))
 
         made = of_kind(operator, *(known[k : k + 1] for k in here.arguments))
-        return Pieces(
-            np.zeros(1), made, lambda _: operator.function(*(values[k] for k in here.arguments))[None], build
-        )
+        return Pieces(np.zeros(1), made, lambda _: operator.function(*(values[k] for k in here.arguments))[None], build)
 
     parts = [replace(elements, growth=elements.growth - _written_out(program, node), at=held.__getitem__)]
     parts += [joined(operator) for operator in words.binary]
