@@ -18,7 +18,7 @@ import numpy as np
 from gpmodel.errors import InputError, WriteError
 
 LOCK = ".gpmodel.lock"
-_NUMBERS = re.compile(r"\[\n[-+0-9.eE,\snul]*\]")
+_NUMBERS = {int, float, type(None)}
 _DRAFT = ".gpmodel-draft"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -142,8 +142,7 @@ def told_of(path: Path) -> Iterator[None]:
 
 def to_json(value: object) -> str:
     """JSON text of nested dicts, sequences and NumPy numbers; a row of numbers is a line, not finite ones are null."""
-    text = json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False)
-    return _NUMBERS.sub(lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text) + "\n"
+    return "".join(_laid_out(plain(value), "\n")) + "\n"
 
 
 def plain(value: object) -> object:
@@ -153,6 +152,8 @@ def plain(value: object) -> object:
             return {str(k): plain(v) for k, v in value.items()}
         case list() | tuple():
             return [plain(v) for v in value]
+        case np.ndarray() if value.dtype.kind == "f" and np.isfinite(value).all():
+            return value.tolist()
         case np.ndarray():
             return plain(value.tolist())
         case np.generic():
@@ -162,6 +163,24 @@ def plain(value: object) -> object:
         case Path():
             return str(value)
     return value
+
+
+def _laid_out(value: object, line: str) -> Iterator[str]:
+    """The pieces of a text with an entry a line. line: how a line of the outer content begins."""
+    inner = f"{line} "
+    match value:
+        case dict() if value:
+            for k, (name, part) in enumerate(value.items()):
+                yield f"{',' if k else '{'}{inner}{json.dumps(name, ensure_ascii=False)}: "
+                yield from _laid_out(part, inner)
+            yield f"{line}}}"
+        case list() if not _NUMBERS.issuperset(map(type, value)):
+            for k, part in enumerate(value):
+                yield f"{',' if k else '['}{inner}"
+                yield from _laid_out(part, inner)
+            yield f"{line}]"
+        case _:
+            yield json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _mine() -> str:

@@ -1,6 +1,6 @@
 """model.json: a fitted model as text, enough to predict and to compensate."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -121,7 +121,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             _effect_content(effect, value, stderr)
             for effect, value, stderr in zip(saved.model.effects, saved.theta, saved.stderr, strict=True)
         ],
-        "covariance": saved.covariance.values,
+        "covariance": [row[: k + 1] for k, row in enumerate(saved.covariance.values)],
         "unknowns": saved.covariance.placement,
         "centre_m": saved.covariance.centre,
         "ranges": {name: list(limits) for name, limits in saved.ranges.items()},
@@ -213,9 +213,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         model=ErrorModel(mechanism, effects),
         theta=np.array([e.value for e in part.effects]),
         stderr=np.array([np.nan if e.stderr is None else e.stderr for e in part.effects]),
-        covariance=Covariance(
-            np.array(part.covariance).reshape(2 * (len(part.covariance),)), part.unknowns, np.array(part.centre_m)
-        ),
+        covariance=Covariance(_symmetric(part.covariance), part.unknowns, np.array(part.centre_m)),
         placement=Placement(
             {k: np.array(v) for k, v in part.registration.items()},
             {k: np.array(v) for k, v in part.tool.items()},
@@ -228,6 +226,14 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         ranges=part.ranges,
         measured=None if part.measured is None else measured_from(part.measured, mechanism),
     )
+
+
+def _symmetric(rows: Sequence[Sequence[float]]) -> Array:
+    """A symmetric matrix (K, K) from its rows up to the diagonal, or farther."""
+    lower = np.zeros((len(rows), len(rows)))
+    for k, row in enumerate(rows):
+        lower[k, : k + 1] = row[: k + 1]
+    return lower + np.tril(lower, -1).T
 
 
 def _effect_content(effect: Effect, value: float, stderr: float) -> dict[str, object]:

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMA, EffectPart, MeasuredPart, ModelPart
+from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, EffectPart, MeasuredPart, ModelPart
 from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, parse_json, seal
 
@@ -16,16 +16,16 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True)
 class Sealed(Generic[Part]):
-    """A kind of sealed file. kind, schema: as it says itself; part: of what form it is; word, expected: in messages."""
+    """A kind of sealed file. kind, schemas: as it says itself; part: of what form it is; word, expected: in messages."""
 
     kind: str
-    schema: int
+    schemas: tuple[int, ...]
     part: type[Part]
     word: str
     expected: str
 
 
-MODEL = Sealed(KIND, SCHEMA, ModelPart, "model", "a model.json")
+MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 
 
 def read_part(path: Path) -> ModelPart:
@@ -45,8 +45,9 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
     content = _content(path, of.expected)
     if not isinstance(content, dict) or content.get("kind") != of.kind:
         raise InputError(f"{path}: is no {of.word} of gpmodel; expected {of.expected}")
-    if content.get("schema") != of.schema:
-        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {of.schema}")
+    if content.get("schema") not in of.schemas:
+        read = " and ".join(map(str, of.schemas))
+        raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {read}")
     try:
         part = _converted(content, of.part, of.word)
     except InputError as error:

@@ -12,7 +12,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 
-KIND, SCHEMA = "gpmodel model", 2
+KIND, SCHEMA = "gpmodel model", 3
+SCHEMAS = (2, SCHEMA)
+"""That are read: before 3 the covariance was whole, now its rows end at the diagonal."""
 LARGEST_FILE = 64 << 20
 """Bytes: a hundred times a model of all families, with the description of a humanoid in it."""
 MOST_EFFECTS = 2000
@@ -141,8 +143,9 @@ class ModelPart(msgspec.Struct, frozen=True):
             for name, rows in transforms.items():
                 _check_rigid(np.array(rows), f"{label}[{name!r}]")
         size = len(self.effects) + len(self.unknowns)
-        if {len(self.covariance), *map(len, self.covariance)} != {size} and size:
-            raise ValueError(f"expected {size} rows of {size} numbers, one an unknown - at `$.covariance`")
+        lengths = {2: [size] * size, SCHEMA: [*range(1, size + 1)]}
+        if [len(row) for row in self.covariance] != lengths[self.schema]:
+            raise ValueError(f"expected {size} rows, one an unknown, up to the diagonal - at `$.covariance`")
         for name, (low, high) in self.ranges.items():
             if low > high:
                 raise ValueError(f"expected the lower value first - at `$.ranges[{name!r}]`")

@@ -180,7 +180,7 @@ class FleetPart(msgspec.Struct, frozen=True):
         return min(self.parts, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
 
 
-FILE = Sealed(KIND, SCHEMA, FleetPart, "fleet", f"the {NAME} of gpmodel fleet")
+FILE = Sealed(KIND, (SCHEMA,), FleetPart, "fleet", f"the {NAME} of gpmodel fleet")
 
 
 def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:

@@ -190,6 +190,15 @@ def test_a_model_that_was_changed_is_refused(content: dict[str, Any], tmp_path: 
     load_model(tmp_path / "model.json")
 
 
+def test_a_model_of_before_with_its_whole_covariance_is_read(content: dict[str, Any], tmp_path: Path) -> None:
+    whole = fitted("load")[0].covariance.values
+    path = tmp_path / "model.json"
+    path.write_text(sealed(content, schema=2, covariance=whole.tolist()))
+    np.testing.assert_allclose(load_model(path).covariance.values, whole, rtol=1e-12)
+    refused(sealed(content, covariance=whole.tolist()), "covariance: expected", path)
+    refused(sealed(content, schema=2), "covariance: expected", path)
+
+
 def test_files_that_are_no_model_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         load_model(tmp_path / "none.json")
