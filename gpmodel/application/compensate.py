@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
 from gpmodel.application.matching import matched, remembered
@@ -22,6 +23,7 @@ from gpmodel.table.write import joint_column
 
 OK, LARGE, SINGULAR = "ok", "large move", "near singular"
 LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
+Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE)
 """Statuses of rows that have corrected values."""
 MAX_MOVE = float(np.radians(2.0))
@@ -135,22 +137,10 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
     orientation as the limit allows. Raises InputError where an effect is not finite at a target.
     """
-    saved = of_the_mechanism(saved)
-    check_finite(saved, targets.dataset)
-    dataset, start = targets.dataset, np.array(targets.dataset.q)
-    q, left = solve(saved, replace(dataset, q=start.copy()), targets.frames, targets.whole, nominal=False)
-    far = _moves(saved.mechanism, q - start) > max_move
-    status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
-    again = np.flatnonzero(status != OK)
-    if targets.whole and len(again):
-        within = TargetPoses(dataset.subset(again), targets.frames[again], True)
-        damped, reached = _damped(saved, within, max_move)
-        q[again[reached]] = damped[reached]
-        status[again[reached]] = SINGULAR
+    saved, dataset = of_the_mechanism(saved), targets.dataset
+    q, status = corrected(saved, targets, max_move)
     poses, observed = tips(saved, replace(dataset, q=q.copy()), nominal=False)
     beyond = outside(saved, poses.states)
-    for k in np.flatnonzero(_beyond_limits(saved.mechanism, q) & np.isin(status, (OK, SINGULAR))):
-        status[k] = LIMIT
     for k in np.flatnonzero((np.array(beyond, dtype=object) != "") & (status == OK)):
         status[k] = RANGE
     without = tips(saved, dataset, nominal=False)[1].tip
@@ -164,6 +154,27 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
         sigma=point_deviation(saved, poses, observed, placed=False),
         outside=beyond,
     )
+
+
+def corrected(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> tuple[Array, Words]:
+    """Joint values (N, n) and what became of each target (N,), as `compensate` has them, wherever it was measured.
+
+    saved: without the errors of the instrument. Raises InputError likewise.
+    """
+    check_finite(saved, targets.dataset)
+    dataset, start = targets.dataset, np.array(targets.dataset.q)
+    q, left = solve(saved, replace(dataset, q=start.copy()), targets.frames, targets.whole, nominal=False)
+    far = _moves(saved.mechanism, q - start) > max_move
+    status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
+    again = np.flatnonzero(status != OK)
+    if targets.whole and len(again):
+        within = TargetPoses(dataset.subset(again), targets.frames[again], True)
+        damped, reached = _damped(saved, within, max_move)
+        q[again[reached]] = damped[reached]
+        status[again[reached]] = SINGULAR
+    for k in np.flatnonzero(_beyond_limits(saved.mechanism, q) & np.isin(status, (OK, SINGULAR))):
+        status[k] = LIMIT
+    return q, status
 
 
 def _moves(mechanism: Mechanism, change: Array) -> Array:

@@ -16,7 +16,7 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True)
 class Sealed(Generic[Part]):
-    """A kind of sealed file. kind, schemas: as it says itself; part: of what form it is; word, expected: in messages."""
+    """A kind of sealed file. kind, schemas: as it says itself; part: its form; word, expected: in messages."""
 
     kind: str
     schemas: tuple[int, ...]

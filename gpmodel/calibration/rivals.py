@@ -97,8 +97,8 @@ def rivals_of_constants(
 
     With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave, those of curves as far
     as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ.
-    All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥, so that one projection of a
-    candidate serves every constant.
+    All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥ and at right angles to it, so that
+    one projection of a candidate serves every constant, and its triangle R of QR R and ĉᵀC say all of C⊥.
     seed: of the poses tried.
     """
     model, theta = calibration.model, calibration.theta
@@ -109,20 +109,21 @@ def rivals_of_constants(
         for k in np.flatnonzero(calibration.kept)
         if model.effects[k].constant and abs(theta[k]) > SIGNIFICANT * calibration.stderr[k]
     ]
-    alone = {k: here.apart.alone(here.number(k)) for k in sure}
+    alone = [here.apart.alone(here.number(k)) for k in sure]
+    lengths = [float(np.linalg.norm(column)) for column in alone]
+    units = np.array([c / max(size, ident.NEGLIGIBLE) for c, size in zip(alone, lengths, strict=True)])
     found: list[tuple[int, Candidate, Array, float]] = []
-    for candidate in (c for c in pool if not own & {effect.name for effect in c.effects}):
+    for candidate in (c for c in pool if sure and not own & {effect.name for effect in c.effects}):
         shapes = here.over_all_rows(here.of(candidate))
-        beside = ident.remove(here.apart.u, shapes)
+        beside = np.linalg.qr(ident.remove(here.apart.u, shapes), mode="r")
         visible = ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes)
-        for k in sure:
-            size = float(np.linalg.norm(alone[k]))
-            unit = alone[k] / max(size, ident.NEGLIGIBLE)
-            left = beside + np.outer(unit, unit @ shapes)
+        for k, size, along in zip(sure, lengths, units @ shapes, strict=True):
+            left = np.vstack([beside, along])
             if np.linalg.norm(left) < visible:
                 continue
-            sizes: Array = np.linalg.lstsq(left, theta[k] * alone[k], rcond=None)[0].astype(float)
-            apart = float(np.linalg.norm(theta[k] * alone[k] - left @ sizes)) / calibration.sigma
+            target = np.append(np.zeros(len(beside)), theta[k] * size)
+            sizes: Array = np.linalg.lstsq(left, target, rcond=None)[0].astype(float)
+            apart = float(np.linalg.norm(target - left @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
                 found.append((k, candidate, sizes, apart))
     fresh = FittedColumns.at(calibration, _anywhere(calibration, poses, seed)) if found else here

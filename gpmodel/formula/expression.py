@@ -78,7 +78,7 @@ class Expression:
 
     def __call__(self, states: Columns) -> Array:
         value = self.program.values(states, len(states))[self.program.outputs[0]]
-        return np.broadcast_to(value, (len(states),))
+        return value if value.shape == (len(states),) else np.broadcast_to(value, (len(states),))
 
     def __str__(self) -> str:
         return self.text

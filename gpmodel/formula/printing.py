@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Literal
 
 import sympy
@@ -48,7 +49,10 @@ def as_in_latex(program: Program) -> Program:
     return from_sympy(outputs, pieces)
 
 
+@lru_cache(maxsize=1)
 def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
+    """Pieces and outputs with numbers of DIGITS; of the last program, which is written and then read."""
+
     def rounded(expression: sympy.Expr) -> sympy.Expr:
         return expression.xreplace({n: sympy.Float(f"{float(n):.{DIGITS}g}") for n in expression.atoms(sympy.Float)})
 

@@ -110,9 +110,7 @@ class Program:
 
     def select(self, outputs: Iterable[int]) -> "Program":
         """The program of some of the outputs, by position; nodes that reach none of them are left out."""
-        builder = Builder()
-        copies = builder.copy(self)
-        return builder.program(copies[self.outputs[k]] for k in outputs)
+        return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
         """The same program with other constants, in the order of ``constants``; equal ones become one node.

@@ -80,12 +80,18 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
 
-def tool_displacement(calibration: Calibration | SavedModel, poses: Poses, effects: Sequence[Effect]) -> Array:
-    """How far (N,) some effects of a fitted model move the measured point, m."""
-    names = {e.name for e in effects}
-    without = np.where([e.name in names for e in calibration.model.effects], 0.0, calibration.theta)
-    tips = [observe(calibration.model, poses, t, calibration.placement).tip for t in (calibration.theta, without)]
-    return np.asarray(np.linalg.norm((tips[0] - tips[1])[:, :3, 3], axis=1))
+def tool_displacements(
+    calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
+) -> list[Array]:
+    """How far (N,) each group of effects of a fitted model moves the measured point, m."""
+
+    def points(group: Sequence[Effect]) -> Array:
+        names = {e.name for e in group}
+        theta = np.where([e.name in names for e in calibration.model.effects], 0.0, calibration.theta)
+        return observe(calibration.model, poses, theta, calibration.placement).tip[:, :3, 3]
+
+    whole = points(())
+    return [np.asarray(np.linalg.norm(whole - points(group), axis=1)) for group in groups]
 
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:

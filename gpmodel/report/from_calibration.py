@@ -38,8 +38,8 @@ def _effect(ladder: Ladder, candidate: Candidate) -> EffectRecord:
     poses = resolved(final, ladder.poses)
     kept = bool(final.kept[indices(final, candidate)].all())
     number = quantity(final, candidate, poses.states)
-    moved = fitted.statistics_mm(fitted.tool_displacement(final, poses, effects))
-    anywhere = over_the_workspace(final, ladder.poses, effects)
+    moved = fitted.statistics_mm(fitted.tool_displacements(final, poses, [effects])[0])
+    anywhere = over_the_workspace(final, ladder.poses, [effects])[0]
     terms = tuple(term for effect in effects for term in effect.terms)
     bases = "; ".join(dict.fromkeys(str(t.basis) for t in terms))
     return EffectRecord(

@@ -16,7 +16,7 @@ from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin, names_of, ranges
 from gpmodel.report.quantity import quantity, read_columns, translate
 from gpmodel.report.referenced import histogram_record
-from gpmodel.report.schema import ConfirmationRecord, Report
+from gpmodel.report.schema import ConfirmationRecord, ErrorsMm, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
@@ -43,7 +43,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
     report = replace(
         common,
-        effects=tuple(_effect(discovery, i, names) for i in range(len(discovery.findings))),
+        effects=_effects(discovery, names),
         histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
@@ -68,15 +68,26 @@ def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogr
     return tuple(histogram_record(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
-def _effect(discovery: Discovery, i: int, names: Mapping[str, str]) -> EffectRecord:
+def _effects(discovery: Discovery, names: Mapping[str, str]) -> tuple[EffectRecord, ...]:
+    """All findings, each with what it moves the tool by at the measured poses and anywhere."""
+    final, groups = discovery.found, [c.effects for c in discovery.fitted.candidates]
+    if not groups:
+        return ()
+    moved = fitted.tool_displacements(final, resolved(final, discovery.poses), groups)
+    anywhere = over_the_workspace(final, discovery.poses, groups)
+    sizes = zip(map(fitted.statistics_mm, moved), anywhere, strict=True)
+    return tuple(_effect(discovery, i, names, *size) for i, size in enumerate(sizes))
+
+
+def _effect(
+    discovery: Discovery, i: int, names: Mapping[str, str], moved: ErrorsMm, anywhere: ErrorsMm
+) -> EffectRecord:
     finding, final, states = discovery.findings[i], discovery.found, discovery.poses.states
     candidate, hypothesis = discovery.fitted.candidates[i], finding.hypothesis
     number = quantity(final, candidate, states)
     first = candidate.place
     inputs = candidate.inputs
     step = next((s for s in discovery.steps if s.finding == i), None)
-    moved = fitted.statistics_mm(fitted.tool_displacement(final, resolved(final, discovery.poses), candidate.effects))
-    anywhere = over_the_workspace(final, discovery.poses, candidate.effects)
     return EffectRecord(
         name=translate(candidate.name, names),
         slot=translate(first.slot, names),

@@ -15,7 +15,7 @@ from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.report.explain import explain, html, text
-from gpmodel.report.fitted import tool_displacement
+from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import Correlation, RivalRecord
 from gpmodel.report.workspace import over_the_workspace
@@ -90,7 +90,7 @@ def test_the_size_over_the_workspace_is_that_of_the_true_effect_where_nobody_mea
     thetas = (made.theta, np.append(made.theta[:-1], 0.0))
     tips = [observe(made.model, anywhere, theta, made.placement).tip[:, :3, 3] for theta in thetas]
     truth = 1e3 * np.linalg.norm(tips[0] - tips[1], axis=1)
-    found = over_the_workspace(fit, poses, asked)
+    found = over_the_workspace(fit, poses, [asked])[0]
     assert found.rms_mm == pytest.approx(np.sqrt(np.mean(truth**2)), rel=0.1)
     assert 0.8 * truth.max() < found.max_mm < 1.1 * truth.max()
-    assert found.rms_mm > 1.2e3 * np.sqrt(np.mean(tool_displacement(fit, poses, asked) ** 2))
+    assert found.rms_mm > 1.2e3 * np.sqrt(np.mean(tool_displacements(fit, poses, [asked])[0] ** 2))

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import RegularGridInterpolator
 
-from gpmodel.application.compensate import MAX_MOVE, TargetPoses, compensate
+from gpmodel.application.compensate import GIVEN, MAX_MOVE, TargetPoses, corrected
 from gpmodel.application.exports.sample import Place, measured_table
 from gpmodel.application.kinematics import REACHED, look_at, solve, tips
 from gpmodel.application.model_file import SavedModel
@@ -79,7 +79,7 @@ def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator) -> Gr
     start = held.nominal(fresh)
     moved = start + between(fresh)
     use = np.isfinite(moved).all(axis=1)
-    before, after = (held.misses(values[use], fresh[use]) for values in (start, moved))
+    before, after = np.split(held.misses(np.vstack([start[use], moved[use]]), np.vstack(2 * [fresh[use]])), 2)
     return Grid(_frame(held.saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
 
 
@@ -150,7 +150,8 @@ class _Held:
         moves = np.full_like(q, np.nan)
         here = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(here):
-            moves[here] = compensate(self.saved, self.targets(points[here], q[here]), MAX_MOVE).q - q[here]
+            real, status = corrected(self.saved, self.targets(points[here], q[here]), MAX_MOVE)
+            moves[here] = np.where(np.isin(status, GIVEN)[:, None], real - q[here], np.nan)
         return q, moves
 
     def misses(self, q: Array, points: Array) -> Array:
