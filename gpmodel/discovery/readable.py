@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs
 from gpmodel.model.memory import read_by
@@ -13,18 +13,26 @@ from gpmodel.model.states import States
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
 """What a column is a measure of, by its unit; other units are kinds of their own."""
 
+ALIKE = 1e-4
+"""Share of a load's variance that a length may leave of it and still say the same: a hundredth of its spread, as a
+wrist's weight makes of what a carriage does."""
+
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
 
-    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns.
+    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
+    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly.
     """
     names, values, written = [], [], {}
+    lengths = [column for name, column in states.columns.items() if states.units[name] == "m"]
     for name, column in states.columns.items():
         if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
             continue
         spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
         if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if states.units[name] in ("Nm", "N") and any(in_proportion(column, length) for length in lengths):
             continue
         if states.units[name] in ("rad", "m"):
             offset, scale = 0.0, 1.0
@@ -40,6 +48,12 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
         written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
     kinds = tuple(kind_of(name, states) for name in names)
     return Inputs(tuple(names), np.array(values), kinds), written
+
+
+def in_proportion(first: Array, second: Array) -> bool:
+    """Whether two columns (N,) are one but for origin, scale, and ``ALIKE`` of their variance."""
+    first, second = (column - column.mean() for column in (first, second))
+    return bool((first @ second) ** 2 > (1.0 - ALIKE) * (first @ first) * (second @ second) > 0)
 
 
 def kind_of(name: str, states: States) -> str:

@@ -50,13 +50,15 @@ def _by_elevation(name: str, shape: str, family: str) -> Effect:
 
 
 def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Offset and scale of the distances that the instrument reads."""
+    """Offset and scale of the distances that the instrument reads; a scale that one linear axis can have is rather the
+    pitch of its screw."""
     if states.seen:
         family = "instrument_range"
-        for name, factor, unit, prior in (
-            ("range offset of the instrument", "1", "m", LENGTH), ("range scale of the instrument", R, "1", SCALE),
-        ):  # fmt: skip
-            yield Candidate(name, (_shift(name, factor, unit, family, prior),), family, 4.0)
+        for name, factor, unit, prior, cost in (
+            ("range offset of the instrument", "1", "m", LENGTH, 4.0),
+            ("range scale of the instrument", R, "1", SCALE, 4.5),
+        ):
+            yield Candidate(name, (_shift(name, factor, unit, family, prior),), family, cost)
 
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

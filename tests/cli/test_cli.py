@@ -30,6 +30,11 @@ def test_no_arguments_show_the_help() -> None:
     assert run().stdout == run("--help").stdout
 
 
+def test_the_package_runs_as_the_program_does() -> None:
+    done = subprocess.run([sys.executable, "-m", "gpmodel", "--help"], capture_output=True, text=True, check=True)
+    assert done.stdout == run("--help").stdout
+
+
 def test_help_imports_no_numbers() -> None:
     code = "import sys; from gpmodel.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
     code += "print(sorted({'numpy', 'pandas', 'pint', 'pinocchio', 'matplotlib'} & set(sys.modules)))"

@@ -1,6 +1,7 @@
 """Evolved programs as effects, and the histogram of the inputs they refer to."""
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -80,6 +81,19 @@ def test_constant_columns_and_reactions_are_not_offered() -> None:
     assert not {"payload", "force_base_z"} & set(names)
     assert not any(n.startswith(("force_", "moment_J")) for n in names)
     assert {"torque_J2", "moment_base_x"} <= set(names)
+
+
+def test_a_load_in_proportion_to_a_length_is_not_offered_beside_it() -> None:
+    """A carriage's weight turns the foot in proportion to where it stands."""
+    states = states_of(mechanism("irb6400r"), bare("irb6400r", 20))
+    rng = np.random.default_rng(0)
+    share = {"unlike": 0.03, "alike": 0.003}
+    for kind, part in share.items():
+        moment = 3e3 * (states["x"] - 1.0 + part * np.std(states["x"]) * rng.normal(size=20))
+        columns = MappingProxyType({**states.columns, "moment_base_x": moment})
+        names = readable_inputs(replace(states, columns=columns), np.arange(20))[0].names
+        assert ("moment_base_x" in names) is (kind == "unlike")
+        assert "x" in names
 
 
 def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
