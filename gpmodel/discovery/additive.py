@@ -224,8 +224,9 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
     """The verdict on a kept group beside all the others; residual: without it."""
+    before = cross_validated(residual, ())
+    rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
-    rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
     by_chance = chance(worth(residual.criteria, nats, candidate), chosen.by_chance)
-    return tested(residual, candidate, score, by_chance, cross_validated(residual, ()), rivals)
+    return tested(residual, candidate, score, by_chance, before, rivals)

@@ -1,16 +1,16 @@
 """Cross-validation: how well a model with candidate effects predicts poses that did not fit it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array
 from gpmodel.discovery.residual import Residual
 from gpmodel.model.effect import Effect
-from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.rank import NEGLIGIBLE
 
 
 @dataclass(frozen=True)
@@ -24,19 +24,27 @@ class Predicted:
 
 
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
-    """Predictions with these effects in the model, all of it refitted without each fold."""
-    extra = residual.columns(effects)
-    scale = np.linalg.norm(extra, axis=0)
+    """Predictions with these effects in the model, all of it refitted without each fold.
+
+    With X (M + B, E) the effects' columns and r what the system leaves of both, x and r_f in the rows of a fold, and A
+    = I - H of these rows, H what the system fits: the columns without the fold have the products XᵀX - xᵀA⁻¹x and
+    Xᵀr - xᵀA⁻¹r_f, their coefficients β miss it by A⁻¹ (r_f - x β). Source: Cook and Weisberg (1982), 2.2.
+    """
+    scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     sigma = np.sqrt(residual.energy / residual.freedom)
-    extra, belief = extra / scale, np.array([sigma / e.prior for e in effects]) / scale
-    fits = _updated if residual.system.shape[1] + extra.shape[1] >= MANY_COLUMNS else _refitted
-    target, system = residual.target[: residual.measured], residual.system[: residual.measured]
+    belief = np.array([sigma / e.prior for e in effects]) / scale
+    left, shares = residual.projected(effects)
+    both = np.column_stack([left * (shares > NEGLIGIBLE), residual.values])
+    products = both[:, :-1].T @ both
+    products[:, :-1] += np.diag(belief**2)
     per_pose = np.zeros(len(residual.poses))
     coefficients = []
-    for test, old, new in fits(residual, extra, belief):
-        miss = target[test] - system[test] @ old - extra[test] @ new
-        np.add.at(per_pose, residual.problem.pose_of_row[test], miss**2)
+    for fold in residual.omitted:
+        freed = fold.freed(both[fold.rows])
+        apart = products - both[fold.rows, :-1].T @ freed
+        new = linalg.lstsq(apart[:, :-1], apart[:, -1], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
+        np.add.at(per_pose, residual.problem.pose_of_row[fold.rows], (freed[:, -1] - freed[:, :-1] @ new) ** 2)
         coefficients.append(new / scale)
     per_unit = np.bincount(residual.unit_of_pose, per_pose).astype(float)
     return Predicted(float(np.sqrt(per_pose.mean())), per_unit, np.array(coefficients))
@@ -62,31 +70,3 @@ def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Ef
     """The paired t by which effects predict better than others, unit by unit of independent poses."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
-
-
-def _refitted(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:
-    """Of each fold: its rows, and coefficients of the system and of the extra columns solved together without them."""
-    count, below = residual.system.shape[1], len(residual.target) - residual.measured
-    columns = np.hstack([residual.system, np.vstack([extra, np.zeros((below, extra.shape[1]))])])
-    rows = np.hstack([np.zeros((len(belief), count)), np.diag(belief)])[belief > 0]
-    for fold in np.unique(residual.fold_of_row):
-        test = residual.fold_of_row == fold
-        keep = np.concatenate([~test, np.ones(below, dtype=bool)])
-        solved = solve(np.vstack([columns[keep], rows]), np.concatenate([residual.target[keep], np.zeros(len(rows))]))
-        yield test, solved[:count], solved[count:]
-
-
-def _updated(residual: Residual, extra: Array, belief: Array) -> Iterator[tuple[Mask, Array, Array]]:
-    """The same from each fold's factored normal equations, by block elimination of the extra columns.
-
-    Products over all rows less those of the fold are the products without it.
-    """
-    system, target = residual.system[: residual.measured], residual.target[: residual.measured]
-    across, own, pull = system.T @ extra, extra.T @ extra + np.diag(belief**2), extra.T @ target
-    for test, factor, base in residual.without_folds:
-        between = across - system[test].T @ extra[test]
-        solved = linalg.cho_solve(factor, between, check_finite=False)
-        inner = own - extra[test].T @ extra[test] - between.T @ solved
-        right = pull - extra[test].T @ target[test] - between.T @ base
-        new = linalg.lstsq(inner, right, cond=1e-12)[0]
-        yield test, base - solved @ new, new

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
@@ -17,6 +16,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored
+from gpmodel.numerics.omitted import Omitted
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import folds, stretches
 
@@ -33,7 +33,8 @@ class Residual:
     system, target: the columns (M + B, K), of unit length, and right side these came from. names: of the effects that
     the columns after those of the placement are of. fold_of_row: (M,).
     unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
-    criteria: the limits everything about it is held to. sliced: products of the columns where a larger system had them.
+    criteria: the limits everything about it is held to. gram: (K, K) products of the columns, empty where none has a
+    prior.
     """
 
     calibration: Calibration
@@ -48,7 +49,7 @@ class Residual:
     unit_of_pose: IntArray
     shrink: Array
     criteria: Criteria
-    sliced: "Products | None" = None
+    gram: Array
 
     @property
     def winsorised(self) -> Mask:
@@ -81,6 +82,20 @@ class Residual:
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (M + B, E) less what is enabled, and the share (E,) of each left; zero where past numbers."""
+        asked = tuple(effects)
+        found = self._projected.get(asked)
+        if found is None:
+            found = self._without_enabled(asked)
+            self._projected.clear()
+            self._projected[asked] = found
+        return found
+
+    @cached_property
+    def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
+        """The projections that were asked for last: the tests of a candidate ask for the same again."""
+        return {}
+
+    def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
             columns = self.columns(effects)
         columns[:, ~(np.abs(columns) < LARGEST).all(axis=0)] = 0.0
@@ -89,6 +104,7 @@ class Residual:
         padded = np.zeros((len(self.values), len(norms)))
         padded[: self.measured] = columns / np.where(alive, norms, 1.0)
         left = self.span.remove(padded) * alive
+        left.setflags(write=False)
         return left, np.linalg.norm(left, axis=0)
 
     def poses_at_work(self, effects: Sequence[Effect]) -> Array:
@@ -101,15 +117,6 @@ class Residual:
         np.add.at(energy, self.problem.pose_of_row, left)
         return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
-    @cached_property
-    def products(self) -> "Products":
-        """Of all columns of the system with one another."""
-        if self.sliced is not None:
-            return self.sliced
-        measured = self.system[: self.measured]
-        tests = (measured[self.fold_of_row == fold] for fold in np.unique(self.fold_of_row))
-        return Products(self.system.T @ self.system, tuple(part.T @ part for part in tests))
-
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The same with the part of some of its model's effects given back, as if they were not in it."""
         given = [e.name for e in effects]
@@ -121,11 +128,12 @@ class Residual:
         back = self.problem.columns[:, self.problem.placement :][:, returned] @ self.calibration.theta[returned]
         target = self.target.copy()
         target[: self.measured] += back
-        system, products = self.system[np.ix_(rows, kept)], self.products.of(kept)
-        span = _spanned(system, believed[kept], products.whole)
+        system = self.system[np.ix_(rows, kept)]
+        gram = self.gram[np.ix_(kept, kept)] if believed.any() else self.gram
+        span = _spanned(system, believed[kept], gram)
         return replace(
             self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
-            names=tuple(n for n in self.names if n not in set(given)), sliced=products,
+            names=tuple(n for n in self.names if n not in set(given)), gram=gram,
         )  # fmt: skip
 
     @cached_property
@@ -134,31 +142,13 @@ class Residual:
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
-        return replace(self, fold_of_row=stretch[self.problem.pose_of_row], sliced=None)
+        return replace(self, fold_of_row=stretch[self.problem.pose_of_row])
 
     @cached_property
-    def without_folds(self) -> tuple[tuple[Mask, tuple[Array, bool], Array], ...]:
-        """Of every fold: its rows (M,), the factored normal equations of the system without them, their solution."""
-        pull, out = self.system.T @ self.target, []
-        for fold, part in zip(np.unique(self.fold_of_row), self.products.folds, strict=True):
-            test = self.fold_of_row == fold
-            right = self.system[: self.measured][test].T @ self.target[: self.measured][test]
-            factor = factored(self.products.whole - part)
-            out.append((test, factor, linalg.cho_solve(factor, pull - right, check_finite=False)))
-        return tuple(out)
-
-
-@dataclass(frozen=True)
-class Products:
-    """SᵀS (K, K) of columns S, and of their rows in each fold alone."""
-
-    whole: Array
-    folds: tuple[Array, ...]
-
-    def of(self, columns: Mask) -> "Products":
-        """Those of some of the columns."""
-        at = np.ix_(columns, columns)
-        return Products(self.whole[at], tuple(fold[at] for fold in self.folds))
+    def omitted(self) -> tuple[Omitted, ...]:
+        """The rows of every fold, beside the system without them."""
+        folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
+        return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
 
 
 def residual_of(
@@ -174,11 +164,12 @@ def residual_of(
         shrink[trusted] = 1.0
     system, target, names = _system(calibration, problem, shrink)
     believed = np.any(system[len(problem.residual) :] != 0, axis=0)
-    span = _spanned(system, believed, system.T @ system if believed.any() else system[:0, :0])
+    gram = system.T @ system if believed.any() else system[:0, :0]
+    span = _spanned(system, believed, gram)
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     return Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
-        independent_units(poses.dataset, criteria), shrink, criteria,
+        independent_units(poses.dataset, criteria), shrink, criteria, gram,
     )  # fmt: skip
 
 
