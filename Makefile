@@ -23,6 +23,7 @@ test: $(BIN)/pytest
 
 conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py
+	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k slot_histogram_points_at
 
 lint: $(BIN)/pytest
 	$(BIN)/ruff check .

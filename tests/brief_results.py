@@ -12,10 +12,17 @@ _every = figures.pictures
 
 
 @contextmanager
+def one_picture() -> Iterator[None]:
+    """For what does not depend on how much is drawn."""
+    with mock.patch.object(figures, "pictures", lambda report: islice(_every(report), 1)):
+        yield
+
+
+@contextmanager
 def brief() -> Iterator[None]:
     """For what does not depend on how much is drawn and exported: every step of writing it is still taken."""
     with (
-        mock.patch.object(figures, "pictures", lambda report: islice(_every(report), 1)),
+        one_picture(),
         mock.patch("gpmodel.application.exports.make.lookup_grid", side_effect=InputError("left out by a test")),
     ):
         yield

@@ -1,7 +1,9 @@
 """Options and fixtures of the tests."""
 
 import os
+import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,33 @@ def pytest_configure(config: pytest.Config) -> None:
     that take longest, and a long one left to the end keeps the others waiting."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+
+
+SHARED = re.compile(r"^from (loop_cases|report_runs) import", re.MULTILINE)
+
+
+@cache
+def reads_the_loop(file: Path) -> bool:
+    """Whether its tests read runs of the whole loop that other files read, too."""
+    return SHARED.search(file.read_text(encoding="utf-8")) is not None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Those files come first: together they take longest."""
+    items.sort(key=lambda item: not reads_the_loop(item.path))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """`--dist loadfile`, with those files dealt to one worker: another would make each of the runs again."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Dealt(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return "runs of the loop" if reads_the_loop(config.rootpath / file) else str(file)
+
+    return Dealt(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -80,6 +80,7 @@ def test_slot_programs_hold_on_poses_not_seen_where_a_cartesian_one_does_not(tmp
     assert saved(tmp_path, "extrapolation")
 
 
+@pytest.mark.slow
 def test_the_slot_histogram_points_at_j2_or_j3_until_base_and_j5_are_in(tmp_path):
     sizes = ["--seeds", "1", "--cartesian", "1", "--runs", "6", "--population", "256", "--generations", "5"]
     found = histogram.main([*sizes, "--slot_population", "128", "--slot_generations", "15", "--out", str(tmp_path)])
@@ -94,6 +95,7 @@ def test_the_slot_histogram_points_at_j2_or_j3_until_base_and_j5_are_in(tmp_path
     assert saved(tmp_path, "histogram")
 
 
+@pytest.mark.slow
 def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_that():
     """Robot 2, small runs; on how many of all robots it does is in the committed results and the slow test."""
     case, size = measured_robot(2), Namespace(runs=6, slot_population=256, slot_generations=20)
