@@ -113,17 +113,22 @@ def rivals_of_constants(
     lengths = [float(np.linalg.norm(column)) for column in alone]
     units = np.array([c / max(size, ident.NEGLIGIBLE) for c, size in zip(alone, lengths, strict=True)])
     found: list[tuple[int, Candidate, Array, float]] = []
-    for candidate in (c for c in pool if sure and not own & {effect.name for effect in c.effects}):
-        shapes = here.over_all_rows(here.of(candidate))
-        beside = np.linalg.qr(ident.remove(here.apart.u, shapes), mode="r")
+    offered = [c for c in pool if not own & {effect.name for effect in c.effects}]
+    if not sure or not offered:
+        return ()
+    columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in offered]))
+    ends = np.cumsum([len(candidate.effects) for candidate in offered])[:-1]
+    parts = (np.split(each, ends, axis=1) for each in (columns, ident.remove(here.apart.u, columns)))
+    for candidate, shapes, left in zip(offered, *parts, strict=True):
+        beside = np.linalg.qr(left, mode="r")
         visible = ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes)
         for k, size, along in zip(sure, lengths, units @ shapes, strict=True):
-            left = np.vstack([beside, along])
-            if np.linalg.norm(left) < visible:
+            seen = np.vstack([beside, along])
+            if np.linalg.norm(seen) < visible:
                 continue
             target = np.append(np.zeros(len(beside)), theta[k] * size)
-            sizes: Array = np.linalg.lstsq(left, target, rcond=None)[0].astype(float)
-            apart = float(np.linalg.norm(target - left @ sizes)) / calibration.sigma
+            sizes: Array = np.linalg.lstsq(seen, target, rcond=None)[0].astype(float)
+            apart = float(np.linalg.norm(target - seen @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
                 found.append((k, candidate, sizes, apart))
     fresh = FittedColumns.at(calibration, _anywhere(calibration, poses, seed)) if found else here

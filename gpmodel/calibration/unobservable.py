@@ -23,6 +23,8 @@ def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequen
 
 def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
     """The model's constant effects, and the catalogue's families, of which free joints leave nothing at all."""
+    if not free_joints(calibration.model.mechanism):
+        return ()
     pool = catalogue.candidates(calibration.model.mechanism, poses.states)
     hidden = iter(unobservable_effects(calibration, poses, [e for c in pool for e in c.effects]))
     families: dict[str, bool] = {}
