@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from effect_cases import NOISE, Truth, measure, mechanism
 from group_cases import ARM, STANDING
 
@@ -12,6 +13,7 @@ from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.programs import laws
+from gpmodel.discovery.selection import merge
 from gpmodel.discovery.selection.active import Active
 from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of
 from gpmodel.discovery.selection.merge import merged, spelled_out
@@ -124,6 +126,21 @@ def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
     assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
     assert spelled.evidence > curved.evidence
     assert spelled_out(spelled) is spelled
+
+
+def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curve(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    arm = mechanism(ARM)
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("sin(2*J3)"))], [2e-3], 5)
+    shapes = Shapes(truth.poses.states)
+    law = group_of("law", [effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)"))], 3.0, shapes)
+    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    active, number = started(truth, [group for group in (law, curve) if group is not None])
+    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    assert number[curve.name] in curved.variances
+    monkeypatch.setattr(merge, "grown", lambda *_, **__: pytest.fail("grown beside a law that is left out"))
+    assert spelled_out(curved) is curved
 
 
 def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:

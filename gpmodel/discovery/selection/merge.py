@@ -48,14 +48,18 @@ def merged(active: Active) -> Active:
 def spelled_out(active: Active) -> Active:
     """The curves found, each against a law in its inputs and what grows beside that, where it raises the evidence.
 
-    A law that needs another effect beside it loses to a curve that has both in it.
+    A law that needs another effect beside it loses to a curve that has both in it. One that saves nothing in the place
+    of the curve is no trial: what would grow is what grows without it.
     """
     for g in found(active):
         group = active.pool.groups[g]
         if g not in active.variances or len(group.effects) <= LAW:
             continue
         for h in _laws_in(active, group.inputs):
-            trial = grown(pruned(reestimated(active.without(g).added(h, active.variances[g]))), but={g})
+            fewer = pruned(reestimated(active.without(g).added(h, active.variances[g])))
+            if h not in fewer.variances:
+                continue
+            trial = grown(fewer, but={g})
             if trial.evidence > active.evidence + SETTLED:
                 active = trial
                 break

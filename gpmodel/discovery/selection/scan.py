@@ -45,7 +45,8 @@ def reduced(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]
         crossed = active.pool.crossed(g) if rows is None else active.pool.crossed(g)[rows]
         whole = len(active.chosen[g]) == crossed.shape[1]
         parts.append(np.sqrt(a) * (crossed if whole else crossed[:, active.chosen[g]]))
-    return np.hstack(parts) @ active.inverse.T, active.inverse @ active.pull
+    table = linalg.blas.dtrmm(1.0, active.inverse, np.hstack(parts).T, lower=1, overwrite_b=1).T
+    return table, active.inverse @ active.pull
 
 
 def beside(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
