@@ -17,6 +17,7 @@ from experiments.blind.robot import Robot
 from experiments.coverage.cases import DECLARED
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
+from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import saved_model
@@ -35,7 +36,6 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.report.origin import Origin
 from gpmodel.table.bundles import replicates
 from gpmodel.table.split import hold_out
-from robots import load_mechanism
 
 HELD_OUT = 0.3
 MATERIAL = 1.002
