@@ -25,6 +25,7 @@ from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
+from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
@@ -153,14 +154,20 @@ def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[
 
 
 def _ladder(loop: State, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
-    """Registration, the standard model, and the findings one after the other, each with its errors."""
+    """Registration, the standard model, and the findings one after the other, each with its errors.
+
+    The fits go on from the standard model, side by side.
+    """
     loop.climb("registration", base)
     loop.climb("standard", standard_fit)
-    rung = standard_fit
+
+    def fit(count: int) -> Calibration:
+        return loop.fit(loop.model(loop.found[:count]), standard_fit)
+
+    counts = range(1, len(loop.findings))
+    rungs = {counts[k]: rung for k, rung in Threads(loop.search.workers)(fit, counts)}
     for i in range(len(loop.findings)):
-        last = i + 1 == len(loop.findings)
-        rung = calibration if last else loop.fit(loop.model(loop.found[: i + 1]), rung)
-        loop.climb(f"effect {i + 1}", rung, i)
+        loop.climb(f"effect {i + 1}", rungs.get(i + 1, calibration), i)
 
 
 def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
