@@ -32,6 +32,9 @@ ATTEMPTS = 4
 RATIO_SETTLED = 0.1
 """Change of the logarithm of a pose's whole variance that moves no standard deviation by more than a twentieth."""
 
+UNSETTLED = 1.1
+"""Factor on σ for which a fit that converges is preferred to one of another limit that does not."""
+
 ROUNDING = 1e-6
 """Relative rise of a sum of squares that is rounding and no worse fit."""
 
@@ -57,7 +60,8 @@ def calibrate(
     """Fit every parameter by damped Gauss-Newton on the analytic columns; never worse than where it started.
 
     condition_limit: constant effects whose share is under 1 / limit are dropped and named; None chooses it by
-    cross-validation over rank.LIMITS, and goes down from there until the fit converges. start: a calibration to go on
+    cross-validation over rank.LIMITS, and goes down from there until the fit converges, where that does not cost more
+    than a tenth of the error. start: a calibration to go on
     from (its placement, the values of effects of the same name); without it, registration and tool are fitted first.
     Where the fit ends above its start, the numbers of the start are kept and the status says so.
     Raises InputError with fewer observations than unknowns or poses all alike.
@@ -87,11 +91,11 @@ def _calibrate(
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])
     fresh = poses.dataset.has_rotation and start is None
     manner = _Manner(robust, fresh, seed)
-    found = _fit(fitting, theta, placement, condition_limit, manner)
-    for lower in sorted((c.condition_limit for c in found.rank_curve), reverse=True):
-        if lower < found.condition_limit and found.status != "converged":
-            found = replace(_fit(fitting, theta, placement, lower, manner), rank_curve=found.rank_curve)
-    return found
+    tried = [_fit(fitting, theta, placement, condition_limit, manner)]
+    for lower in sorted((c.condition_limit for c in tried[0].rank_curve), reverse=True):
+        if lower < tried[-1].condition_limit and tried[-1].status != "converged":
+            tried.append(replace(_fit(fitting, theta, placement, lower, manner), rank_curve=tried[0].rank_curve))
+    return min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
 
 
 @dataclass(frozen=True)

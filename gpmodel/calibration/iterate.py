@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton: steps on the analytic columns, halved until the error falls."""
+"""Damped Gauss-Newton: steps on the analytic columns, halved until the error falls enough."""
 
 from dataclasses import dataclass, replace
 
@@ -17,6 +17,9 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
 REGAINED = 2
 """Halvings of the step before that the next one tries without: where a step is cut it is long before one is whole."""
+SUFFICIENT = 0.5
+"""Share of what the linear problem foresees of a step that the cost has to fall by (Armijo 1966). A step that only just
+lowers it goes from side to side of a valley and down it by little."""
 NEAR, BENT = 1e-6, 1e-4
 """Columns stay as they are over steps that move no reading by more, metres, while what they foresee of each is right to
 such a share: of residuals of a tenth of a millimetre that moves where the iterations end by less than
@@ -82,15 +85,15 @@ def iterate(
     """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,). problem: at that point,
     where it is known.
 
-    A step that does not lower the cost is halved until it does. Where free joints are eliminated, the rows change with
-    the point and costs cannot be compared: steps are taken whole.
+    A step that does not lower the cost sufficiently is halved until it does. Where free joints are eliminated, the rows
+    change with the point and costs cannot be compared: steps are taken whole.
     """
     problem = problem or fitting.at(theta, placement)
     last, cut, since, gram = np.inf, 0, 0.0, None
     for iteration in range(1, MAX_ITERATIONS + 1):
         if gram is None and problem.placement + kept.sum() >= MANY_COLUMNS:
             gram = problem.columns.T @ problem.columns
-        step = _step(fitting, problem, theta, placement, kept, gram)
+        step, fall = _step(fitting, problem, theta, placement, kept, gram)
         motion = problem.columns @ step
         moved = float(np.max(np.abs(motion), initial=0.0))
         if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
@@ -104,7 +107,7 @@ def iterate(
             values = theta + part[problem.placement :]
             there = fitting.beside(problem, values, tried) if near or halvings else fitting.at(values, tried)
             whole = problem.left is not None or moved < STEP_TOLERANCE
-            if whole or fitting.cost(there, values, tried, sigma) <= before:
+            if whole or fitting.cost(there, values, tried, sigma) <= before - SUFFICIENT * fall / 2**halvings:
                 break
         else:
             return Fitted(placement, theta, problem, iteration, "stalled")
@@ -125,8 +128,9 @@ def _straight(fallen: Array, foreseen: Array) -> bool:
 
 def _step(
     fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
-) -> Array:
-    """The whole step (K,): least squares over columns scaled to unit length, zero for what is not kept.
+) -> tuple[Array, float]:
+    """The whole step (K,): least squares over columns scaled to unit length, zero for what is not kept; and what it
+    takes off the cost of the linear problem, m².
 
     gram: products (K, K) of the columns where these are so many that the normal equations are solved.
     """
@@ -141,11 +145,14 @@ def _step(
     step = np.zeros(len(free))
     if gram is None:
         system = np.vstack([problem.columns[:, free] / scale, rows])
-        step[free] = solve(system, np.concatenate([problem.residual, pulls])) / scale
-        return step
+        right = np.concatenate([problem.residual, pulls])
+        scaled = solve(system, right)
+        step[free] = scaled / scale
+        return step, float((system @ scaled) @ right)
     inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
     inner[np.diag_indices_from(inner)] += np.sum(rows[: len(pull)] ** 2, axis=0)
     inner += rows[len(pull) :].T @ rows[len(pull) :]
     right = (problem.columns.T @ problem.residual)[free] / scale + rows.T @ pulls
-    step[free] = linalg.cho_solve(factored(inner), right, check_finite=False) / scale
-    return step
+    scaled = linalg.cho_solve(factored(inner), right, check_finite=False)
+    step[free] = scaled / scale
+    return step, float(scaled @ right)

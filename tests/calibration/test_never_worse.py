@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, true_tips
 
+from gpmodel.calibration import iterate
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
@@ -92,6 +93,25 @@ def test_a_fit_that_ends_above_its_start_keeps_the_start_and_says_so() -> None:
     assert "mm a component after the fit" in kept.reason
     np.testing.assert_array_equal(kept.theta, good.theta)
     assert rms(kept.error) == pytest.approx(rms(good.error))
+
+
+def test_of_limits_of_which_none_lets_a_fit_converge_the_one_that_leaves_least_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A lower limit is tried where the one that predicts best still moves, and throws away what the start knew."""
+    curve = [Expression(f"tanh({k}*J2)*cos(J3)") for k in range(1, 4)]
+    arm = mechanism("irb6400r")
+    effects = [drive_effect(f"curve {k}", arm.joints[1], basis) for k, basis in enumerate(curve)]
+    truth = measure("irb6400r", effects, [3e-3] * 3, 3, count=60)
+    standard = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
+    monkeypatch.setattr(iterate, "MAX_ITERATIONS", 2)
+    start = without_outlier_marks(standard)
+    fit = calibrate(truth.model, truth.poses, start=start)
+    limits = [choice.condition_limit for choice in fit.rank_curve]
+    each = [calibrate(truth.model, truth.poses, start=start, condition_limit=limit) for limit in limits]
+    assert not [other.status for other in each if other.status == "converged"]
+    assert fit.sigma == pytest.approx(min(other.sigma for other in each), rel=0.1)
+    assert fit.sigma < 0.5 * max(other.sigma for other in each)
 
 
 @pytest.mark.parametrize("name", ARMS)
