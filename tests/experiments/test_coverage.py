@@ -1,6 +1,7 @@
 """The experiment on coverage: what is measured twice is counted once, and nothing is found where nothing is."""
 
 import numpy as np
+import pytest
 
 from experiments.coverage.__main__ import counted
 from experiments.coverage.cases import DECLARED, FAMILIES
@@ -19,6 +20,24 @@ def test_an_innocent_robot_keeps_its_standard_model() -> None:
     assert row["found"] == row["unconfirmed"] == []
     assert not row["worse"]
     assert counted([row])["false additions"] == {"count": 0, "robots": []}
+
+
+@pytest.mark.parametrize(
+    ("case", "families"),
+    [
+        ("gantry_screws", ["screw pitch", "screw pitch", "cyclic error"]),
+        ("scara_straightness", ["J3 on J3.moving Ry", "straightness EXZ"]),
+    ],
+)
+def test_linear_axes_are_told_apart_from_the_instrument_and_from_the_tool(case: str, families: list[str]) -> None:
+    """Two pitches are no scale of the instrument beside a third axis that makes up for it.
+
+    The turn of a sliding axis beside a tool point along it, which hardly shows, is a valley that a fit gets down.
+    """
+    row = found(FAMILIES["linear"][case], 20, Search(runs=0))
+    assert sorted(name.split(",")[0].split(" @")[0] for name in row["found"]) == sorted(families)
+    assert row["false"] == 0
+    assert row["fresh_mm"] < 0.6 * row["standard_mm"]
 
 
 def test_every_known_robot_says_what_its_effect_is_called() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.merge import merged, spelled_out
+from gpmodel.discovery.selection.merge import acquitted, merged, spelled_out
 from gpmodel.discovery.selection.moves import SETTLED, found, grown, pruned, reestimated, split
 from gpmodel.discovery.selection.scan import Replacements
 
@@ -44,7 +44,7 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
     """
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
-        active = split(spelled_out(merged(active)))
+        active = split(acquitted(spelled_out(merged(active))))
         rivals, changed, replacements = {}, False, Replacements(active)
         for g in found(active):
             if g not in active.variances:
