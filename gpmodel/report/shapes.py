@@ -23,7 +23,8 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Own contribution plus what the final model leaves along its column, pose by pose; None where it is not enabled.
 
-    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual.
+    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual, measured
+    rotations weighted as in the fit.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -32,12 +33,11 @@ def shape_record(
     observed = observe(final.model, poses, final.theta, final.placement)
     difference = measured_minus(observed, poses.dataset)
     measured, residual = np.isfinite(difference), np.nan_to_num(difference)
-    residual[:, 3:6] = 0.0
+    weights = measured * np.where(observed.turns, final.rotation_weight, 1.0)
     term = candidate.place
     sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
     column = sensitivity[:, :, AXES.index(term.axis)] * term.weight
-    column[:, 3:6] = 0.0
-    column, residual = (what_is_left(mechanism, observed, measured, v) for v in (column, residual))
+    column, residual = (what_is_left(mechanism, observed, measured, weights * v) for v in (column, residual))
     strength = np.sum(column**2, axis=1)
     seen = strength > WEAK * np.max(strength, initial=1e-30)
     own = shape(final, candidate, poses.states) / term.weight
