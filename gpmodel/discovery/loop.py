@@ -154,20 +154,14 @@ def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[
 
 
 def _ladder(loop: State, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
-    """Registration, the standard model, and the findings one after the other, each with its errors.
-
-    The fits go on from the standard model, side by side.
-    """
+    """Registration, the standard model, and the findings one after the other, each with its errors; the fits go on from
+    the standard model, side by side."""
     loop.climb("registration", base)
     loop.climb("standard", standard_fit)
-
-    def fit(count: int) -> Calibration:
-        return loop.fit(loop.model(loop.found[:count]), standard_fit)
-
-    counts = range(1, len(loop.findings))
-    rungs = {counts[k]: rung for k, rung in Threads(loop.search.workers)(fit, counts)}
+    models = [loop.model(loop.found[:count]) for count in range(1, len(loop.findings))]
+    rungs = dict(Threads(loop.search.workers)(lambda model: loop.fit(model, standard_fit), models))
     for i in range(len(loop.findings)):
-        loop.climb(f"effect {i + 1}", rungs.get(i + 1, calibration), i)
+        loop.climb(f"effect {i + 1}", rungs.get(i, calibration), i)
 
 
 def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
