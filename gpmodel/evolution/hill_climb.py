@@ -92,8 +92,8 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
     """What may stand in the place of a node; for one past the last node, what may be an output more."""
     known, earlier = np.array(kinds, dtype=np.uint8), range(min(node + 1, len(program.nodes)))
     repeated = (_repeated(k, values[k], known[k : k + 1], words) for k in earlier)
-    elements = Pieces.chained([words.elements, *repeated])
-    held = elements.values
+    chained = Pieces.chained([words.elements, *repeated])
+    elements = replace(chained, at=chained.values.__getitem__)
     if node == len(program.nodes):
         return replace(elements, growth=elements.growth + 1.0)
     here, value, of_kind = program.nodes[node], values[node], words.typing.of
@@ -103,7 +103,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
             return builder.apply(operator.name, copies[node], elements.build(builder, copies, k))
 
         made = of_kind(operator, known[node : node + 1], elements.kinds)
-        return Pieces(elements.growth + 1.0, made, lambda rows: operator.function(value, held[rows]), build)
+        return Pieces(elements.growth + 1.0, made, lambda rows: operator.function(value, elements.at(rows)), build)
 
     def wrapped(operator: Operator) -> Pieces:
         def build(builder: Builder, copies: list[int], k: int) -> int:
@@ -121,7 +121,7 @@ def _edits(program: Program, node: int, values: list[Array], kinds: list[int], w
         made = of_kind(operator, *(known[k : k + 1] for k in here.arguments))
         return Pieces(np.zeros(1), made, lambda _: operator.function(*(values[k] for k in here.arguments))[None], build)
 
-    parts = [replace(elements, growth=elements.growth - _written_out(program, node), at=held.__getitem__)]
+    parts = [replace(elements, growth=elements.growth - _written_out(program, node))]
     parts += [joined(operator) for operator in words.binary]
     parts += [wrapped(operator) for operator in words.unary]
     parts += [swapped(o) for o in words.operators if o.arity == len(here.arguments)]

@@ -20,9 +20,7 @@ POSES = 400
 """Random joint values within the limits: an RMS over them is known to 4 % (1 / √(2·400))."""
 
 
-def over_the_workspace(
-    final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]
-) -> tuple[ErrorsMm, ...]:  # fmt: skip
+def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> tuple[ErrorsMm, ...]:
     """RMS and maximum, mm, of what groups of effects of a fit move the tool by at joint values anywhere within the
     limits.
 
