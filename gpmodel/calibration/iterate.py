@@ -1,17 +1,16 @@
-"""Damped Gauss-Newton: steps on the analytic columns, halved until the error falls enough."""
+"""Damped Gauss-Newton: steps on the analytic columns, bent and halved until the error falls enough."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linear_step import LinearStep, linear_step
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
 from gpmodel.calibration.noise import decorrelated, decorrelated_rows
-from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean, prior_rows, tool_rows
+from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
-from gpmodel.numerics import rank as ident
-from gpmodel.numerics.least_squares import MANY_COLUMNS, factored, solve
+from gpmodel.numerics.least_squares import MANY_COLUMNS
 
 MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
@@ -20,6 +19,9 @@ REGAINED = 2
 SUFFICIENT = 0.5
 """Share of what the linear problem foresees of a step that the cost has to fall by (Armijo 1966). A step that only just
 lowers it goes from side to side of a valley and down it by little."""
+CORRECTIONS = 2
+"""How often a step that falls short is corrected by what its columns missed, before it is halved. Along a valley that
+bends, as where a twist, an offset and the tool nearly stand for each other, a straight step can only be short."""
 NEAR, BENT = 1e-6, 1e-4
 """Columns stay as they are over steps that move no reading by more, metres, while what they foresee of each is right to
 such a share: of residuals of a tenth of a millimetre that moves where the iterations end by less than
@@ -69,14 +71,36 @@ class Fitting:
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """Where the iterations ended. status: a key of REASONS."""
+class Reached:
+    """Where the iterations are: problem is the linear one there, its columns perhaps those of a point close by."""
 
     placement: Placement
     theta: Array
     problem: Linearised
+
+
+@dataclass(frozen=True)
+class Fitted(Reached):
+    """Where the iterations ended. status: a key of REASONS."""
+
     iterations: int
     status: str
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step from a point: `whole` (K,) by the linear problem, what that takes off the cost, and how far it moves a
+    reading at most, metres. anyway: it is taken whatever the cost."""
+
+    linear: LinearStep
+    whole: Array
+    fall: float
+    motion: Array
+    anyway: bool
+
+    @property
+    def moved(self) -> float:
+        return float(np.max(np.abs(self.motion), initial=0.0))
 
 
 def iterate(
@@ -85,74 +109,62 @@ def iterate(
     """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,). problem: at that point,
     where it is known.
 
-    A step that does not lower the cost sufficiently is halved until it does. Where free joints are eliminated, the rows
-    change with the point and costs cannot be compared: steps are taken whole.
+    A step that does not lower the cost sufficiently is corrected by what its columns missed, and halved until it does.
+    Where free joints are eliminated, the rows change with the point and costs cannot be compared: steps are whole.
     """
-    problem = problem or fitting.at(theta, placement)
-    last, cut, since, gram = np.inf, 0, 0.0, None
+    here = Reached(placement, theta, problem or fitting.at(theta, placement))
+    last, cut, short, since, gram = np.inf, 0, False, 0.0, None
     for iteration in range(1, MAX_ITERATIONS + 1):
-        if gram is None and problem.placement + kept.sum() >= MANY_COLUMNS:
-            gram = problem.columns.T @ problem.columns
-        step, fall = _step(fitting, problem, theta, placement, kept, gram)
-        motion = problem.columns @ step
-        moved = float(np.max(np.abs(motion), initial=0.0))
-        if not np.isfinite(moved) or moved > 1e3 * max(last, 1.0):
-            return Fitted(placement, theta, problem, iteration, "diverged")
-        sigma = noise_sigma(fitting.model, problem)
-        before = fitting.cost(problem, theta, placement, sigma)
-        near = problem.left is None and since + moved < NEAR
-        for halvings in range(max(0, cut - REGAINED), MAX_HALVINGS + 1):
-            part = step / 2**halvings
-            tried = placement_after(fitting.poses, problem.observed, placement, part[: problem.placement])
-            values = theta + part[problem.placement :]
-            there = fitting.beside(problem, values, tried) if near or halvings else fitting.at(values, tried)
-            whole = problem.left is not None or moved < STEP_TOLERANCE
-            if whole or fitting.cost(there, values, tried, sigma) <= before - SUFFICIENT * fall / 2**halvings:
-                break
-        else:
-            return Fitted(placement, theta, problem, iteration, "stalled")
-        near = near and _straight(problem.residual - there.residual, motion / 2**halvings)
-        if there.columns is problem.columns and not near:
-            there = fitting.at(values, tried)
-        placement, theta, problem, last, cut = tried, values, there, moved, halvings
-        since, gram = (since + moved, gram) if near else (0.0, None)
-        if moved < STEP_TOLERANCE:
-            return Fitted(placement, theta, problem, iteration, "converged")
-    return Fitted(placement, theta, problem, MAX_ITERATIONS, "stalled")
+        if gram is None and here.problem.placement + kept.sum() >= MANY_COLUMNS:
+            gram = here.problem.columns.T @ here.problem.columns
+        step = _step(fitting, here, kept, gram)
+        if not np.isfinite(step.moved) or step.moved > 1e3 * max(last, 1.0):
+            return Fitted(**vars(here), iterations=iteration, status="diverged")
+        near = here.problem.left is None and since + step.moved < NEAR
+        reached = _lower(fitting, here, step, max(0, cut - REGAINED), near or short)
+        if reached is None:
+            return Fitted(**vars(here), iterations=iteration, status="stalled")
+        there, cut, short = reached
+        near = near and _straight(here.problem.residual - there.problem.residual, step.motion / 2**cut)
+        if there.problem.columns is here.problem.columns and not near:
+            there = replace(there, problem=fitting.at(there.theta, there.placement))
+        here, last = there, step.moved
+        since, gram = (since + last, gram) if near else (0.0, None)
+        if last < STEP_TOLERANCE:
+            return Fitted(**vars(here), iterations=iteration, status="converged")
+    return Fitted(**vars(here), iterations=MAX_ITERATIONS, status="stalled")
+
+
+def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:
+    linear = linear_step(fitting.model, here.problem, here.theta, here.placement, kept, gram)
+    whole, fall = linear.solved(here.problem.residual, linear.pulls)
+    step = _Step(linear, whole, fall, here.problem.columns @ whole, False)
+    return replace(step, anyway=here.problem.left is not None or step.moved < STEP_TOLERANCE)
+
+
+def _lower(
+    fitting: Fitting, here: Reached, step: _Step, cut: int, columns_kept: bool
+) -> tuple[Reached, int, bool] | None:
+    """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on; its halvings, and whether it took
+    more than the first try. columns_kept: even that one leaves the columns as they are, as all others do."""
+    sigma = noise_sigma(fitting.model, here.problem)
+    before = fitting.cost(here.problem, here.theta, here.placement, sigma)
+    count = here.problem.placement
+    for halvings in range(cut, MAX_HALVINGS + 1):
+        part, foreseen = step.whole / 2**halvings, here.problem.residual - step.motion / 2**halvings
+        enough = before - SUFFICIENT * step.fall / 2**halvings
+        for corrections in range(CORRECTIONS + 1):
+            tried = placement_after(fitting.poses, here.problem.observed, here.placement, part[:count])
+            values = here.theta + part[count:]
+            first = halvings == corrections == 0
+            whole = first and not columns_kept
+            problem = fitting.at(values, tried) if whole else fitting.beside(here.problem, values, tried)
+            if step.anyway or fitting.cost(problem, values, tried, sigma) <= enough:
+                return Reached(tried, values, problem), halvings, not first
+            part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
+    return None
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
     """Whether a residual (M,) fell by what its columns foresaw, so that they still hold."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())
-
-
-def _step(
-    fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
-) -> tuple[Array, float]:
-    """The whole step (K,): least squares over columns scaled to unit length, zero for what is not kept; and what it
-    takes off the cost of the linear problem, m².
-
-    gram: products (K, K) of the columns where these are so many that the normal equations are solved.
-    """
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    prior, pull = prior_rows(fitting.model, theta, problem, kept)
-    tool, tool_pull = tool_rows(problem, placement)
-    rows = np.vstack([prior, tool])[:, free]
-    scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
-    scale[scale < ident.NEGLIGIBLE] = np.inf
-    rows /= scale
-    pulls = np.concatenate([pull, tool_pull])
-    step = np.zeros(len(free))
-    if gram is None:
-        system = np.vstack([problem.columns[:, free] / scale, rows])
-        right = np.concatenate([problem.residual, pulls])
-        scaled = solve(system, right)
-        step[free] = scaled / scale
-        return step, float((system @ scaled) @ right)
-    inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
-    inner[np.diag_indices_from(inner)] += np.sum(rows[: len(pull)] ** 2, axis=0)
-    inner += rows[len(pull) :].T @ rows[len(pull) :]
-    right = (problem.columns.T @ problem.residual)[free] / scale + rows.T @ pulls
-    scaled = linalg.cho_solve(factored(inner), right, check_finite=False)
-    step[free] = scaled / scale
-    return step, float(scaled @ right)

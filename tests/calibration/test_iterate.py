@@ -1,16 +1,20 @@
 """Where the iterations of a fit end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from effect_cases import measure, mechanism
+from effect_cases import NOISE, bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.iterate import STEP_TOLERANCE
+from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.priors import prior_rows, tool_rows
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.table.bundles import sharing
 
 
 @pytest.mark.parametrize("harmonics", [3, 30])
@@ -35,3 +39,27 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     step = np.linalg.lstsq(system / scale, target, rcond=1e-12)[0] / scale
     assert fit.status == "converged"
     assert np.abs(problem.columns[:, free] @ step).max() < 2 * STEP_TOLERANCE
+
+
+@pytest.mark.parametrize("twist", [-0.27, 0.1, 0.4])
+def test_a_fit_follows_a_valley_that_bends(twist: float) -> None:
+    """A tool point close to the axis of the flange: a twist before it, the offset of the wrist and the length of the
+    tool nearly stand for each other, and from the best fit with a wrong twist the way is long, flat and curved."""
+    arm, rng = mechanism("ur10"), np.random.default_rng(0)
+    model, data = ErrorModel(arm, geometric_effects(arm)), bare("ur10", 60)
+    tool = np.eye(4)
+    tool[:3, 3] = 1e-4, 3e-4, 0.068
+    placement = Placement({"": np.eye(4)}, {"": tool}, {})
+    truth = 3e-4 * rng.normal(size=len(model.effects))
+    tips = observe(model, prepare(arm, data), truth, placement).tip[:, :3, 3]
+    poses = prepare(arm, replace(data, position=tips + rng.normal(0.0, NOISE, tips.shape)))
+    names = [e.name for e in model.effects]
+    kept = calibrate(model, poses, robust=False, condition_limit=100.0).kept
+    kept[[names.index(f"wrist_{name}") for name in ("1_joint Tz", "2_joint Tx", "2_joint Rx")]] = True
+    fitting = Fitting(model, poses, np.ones(len(poses), dtype=bool), 1.0, sharing(data))
+    start = np.where(np.array(names) == "wrist_2_joint Rx", twist, 0.0)
+    astray = iterate(fitting, start, placement, kept & (start == 0.0))
+    found = iterate(fitting, astray.theta, astray.placement, kept)
+    assert found.status == "converged"
+    assert np.sqrt(np.mean(found.problem.residual**2)) < NOISE
+    assert abs(found.theta[names.index("wrist_2_joint Rx")]) < 0.01
