@@ -156,10 +156,13 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     )
 
 
-def corrected(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> tuple[Array, Words]:
+def corrected(
+    saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE, *, part: bool = True
+) -> tuple[Array, Words]:
     """Joint values (N, n) and what became of each target (N,), as `compensate` has them, wherever it was measured.
 
-    saved: without the errors of the instrument. Raises InputError likewise.
+    saved: without the errors of the instrument. part: near singular poses a part of the orientation is given up;
+    without it these are not reached, or far. Raises InputError likewise.
     """
     check_finite(saved, targets.dataset)
     dataset, start = targets.dataset, np.array(targets.dataset.q)
@@ -167,7 +170,7 @@ def corrected(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOV
     far = _moves(saved.mechanism, q - start) > max_move
     status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
     again = np.flatnonzero(status != OK)
-    if targets.whole and len(again):
+    if part and targets.whole and len(again):
         within = TargetPoses(dataset.subset(again), targets.frames[again], True)
         damped, reached = _damped(saved, within, max_move)
         q[again[reached]] = damped[reached]

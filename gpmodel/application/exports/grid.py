@@ -55,7 +55,7 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
 
     The tool keeps the orientation, and the arm the configuration, of that measured pose near the middle that is
     farthest from a singular one. Without a box it is the largest cube, of SIZES, about a measured pose near the middle
-    in which all of it is reached and corrected. Between nodes corrections are linear.
+    in which all of it is reached and corrected with its orientation. Between nodes corrections are linear.
     Raises InputError where no node, or no point between nodes, can be reached.
     """
     saved = of_the_mechanism(usable(saved))
@@ -71,9 +71,9 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
     return grid
 
 
-def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator) -> Grid:
+def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, part: bool = True) -> Grid:
     sides, nodes = _nodes(box, count)
-    q, moves = held.corrections(nodes)
+    q, moves = held.corrections(nodes, part)
     between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
     fresh = rng.uniform(box[0], box[1], (CHECKS, 3))
     start = held.nominal(fresh)
@@ -100,8 +100,8 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Whether every node, and every point between them, is reached and its error gone but for LEFT."""
-    tried = _over(pose, cube, PROBES, np.random.default_rng(0))
+    """Whether every node, and every point between them, is reached as it is held and its error gone but for LEFT."""
+    tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == CHECKS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
 
@@ -144,13 +144,14 @@ class _Held:
         q[left > REACHED] = np.nan
         return q
 
-    def corrections(self, points: Array) -> tuple[Array, Array]:
-        """Nominal joint values and what is to be added to them (N, n), NaN where nothing can be."""
+    def corrections(self, points: Array, part: bool) -> tuple[Array, Array]:
+        """Nominal joint values and what is to be added to them (N, n), NaN where nothing can be. part: as in
+        `corrected`."""
         q = self.nominal(points)
         moves = np.full_like(q, np.nan)
         here = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(here):
-            real, status = corrected(self.saved, self.targets(points[here], q[here]), MAX_MOVE)
+            real, status = corrected(self.saved, self.targets(points[here], q[here]), MAX_MOVE, part=part)
             moves[here] = np.where(np.isin(status, GIVEN)[:, None], real - q[here], np.nan)
         return q, moves
 
