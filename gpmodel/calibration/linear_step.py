@@ -7,7 +7,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import prior_rows, tool_rows
+from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored, solve
@@ -53,15 +53,17 @@ def linear_step(
     """
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior, pull = prior_rows(model, theta, problem, kept)
+    geometry, geometry_pull = geometry_rows(model, theta, problem, kept)
     tool, tool_pull = tool_rows(problem, placement)
-    rows = np.vstack([prior, tool])[:, free]
+    single = len(prior) + len(geometry)
+    rows = np.vstack([prior, geometry, tool])[:, free]
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
     rows /= scale
     factor = None
     if gram is not None:
         inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
-        inner[np.diag_indices_from(inner)] += np.sum(rows[: len(pull)] ** 2, axis=0)
-        inner += rows[len(pull) :].T @ rows[len(pull) :]
+        inner[np.diag_indices_from(inner)] += np.sum(rows[:single] ** 2, axis=0)
+        inner += rows[single:].T @ rows[single:]
         factor = factored(inner)
-    return LinearStep(problem, free, scale, rows, np.concatenate([pull, tool_pull]), factor)
+    return LinearStep(problem, free, scale, rows, np.concatenate([pull, geometry_pull, tool_pull]), factor)

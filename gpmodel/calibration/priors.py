@@ -9,6 +9,10 @@ from gpmodel.model.error_model import ErrorModel, Placement
 TOOL_REACH = 1.0
 """Metres: no tool point is much farther from the flange. It decides only where the poses say nothing of the tool."""
 
+GEOMETRY_REACH = 0.01
+"""Metres or radians: a description of a mechanism is right to about so much. It decides only where the poses say nearly
+nothing of a length or a twist, as of those that hundreds of harmonics have taken over."""
+
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
     """Rows (B, K) and right side (B,) of the priors, (θ - mean) σ / prior = 0, one a kept effect that has one."""
@@ -23,6 +27,21 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 def off_mean(model: ErrorModel, theta: Array) -> Array:
     """By how much the unknowns (E,) differ from what is believed of them."""
     return theta - np.array([e.mean for e in model.effects])
+
+
+def of_the_description(model: ErrorModel, problem: Linearised) -> Mask:
+    """The constants (E,) of which no more is believed than that they are within GEOMETRY_REACH of zero."""
+    return np.array([e.constant and e.prior == np.inf and problem.left is None for e in model.effects], dtype=bool)
+
+
+def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
+    """The same for the geometry, θ σ / GEOMETRY_REACH = 0. Not beside free joints: what the poses do not show is left
+    out of the columns already."""
+    at = np.flatnonzero(kept & of_the_description(model, problem))
+    weight = residual_sigma(problem) / GEOMETRY_REACH
+    rows = np.zeros((len(at), problem.columns.shape[1]))
+    rows[np.arange(len(at)), problem.placement + at] = weight
+    return rows, -weight * theta[at]
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import prior_rows, tool_rows
+from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
 from gpmodel.calibration.result import Covariance, Placed
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
@@ -36,7 +36,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
     informed = np.vstack([problem.columns, prior])[:, free]
-    columns = np.vstack([informed, tool_rows(problem, fitted.placement)[0][:, free]])
+    geometry = geometry_rows(fitting.model, fitted.theta, problem, kept)[0]
+    columns = np.vstack([informed, np.vstack([geometry, tool_rows(problem, fitted.placement)[0]])[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     many = columns.shape[1] >= MANY_COLUMNS
