@@ -46,13 +46,14 @@ def test_a_compensator_is_scored_in_millimetres():
 
 
 def test_every_machine_of_the_thesis_lowers_the_largest_error(tmp_path):
-    sizes = ["--seeds", "1", "--generations", "15", "--population", "4096", "--tree_population", "4096"]
+    """By the median of three runs: one in four of the thesis' trees ends metres away."""
+    sizes = ["--seeds", "3", "--generations", "15", "--population", "2048", "--tree_population", "2048"]
     found = fitness.main([*sizes, "--islands", "4", "--longer", "2", "--out", str(tmp_path)])
     engines = found["engines"]
     assert len(engines) == 7
     for engine in engines.values():
         assert engine["median_final_mm"] < found["standard_model_mm"]
-        assert len(engine["shuffled_final_mm"]) == 1
+        assert len(engine["shuffled_final_mm"]) == 3
     assert engines[fitness.ISLANDS]["evaluations"] == engines["linear, thesis, 5 %, longer"]["evaluations"]
     assert saved(tmp_path, "fitness")
 
@@ -111,7 +112,7 @@ def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_tha
 
 def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
     """Shuffled errors are fitted as well as real ones, by the maximum, the root mean square, and on unseen poses."""
-    sizes = ["--robots", "1", "--runs", "4", "--population", "256", "--generations", "40", "--most_poses", "40"]
+    sizes = ["--robots", "1", "--runs", "8", "--population", "256", "--generations", "20", "--most_poses", "40"]
     found = cartesian_histogram.main([*sizes, "--out", str(tmp_path)])
     assert [row["fitness"] for row in found["summary"]] == list(cartesian_histogram.FITNESS)
     for row in found["summary"]:
