@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, log_axis, numbers
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, broken, log_axis, numbers
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, minus, pretty_unit, short_name
@@ -72,7 +72,7 @@ def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
     axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train", rasterized=many)
     if held.any():
         axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3, rasterized=many)
-    curve_x, curve_y = numbers(shape.curve_x), numbers(shape.curve_y)
+    curve_x, curve_y = broken(numbers(shape.curve_x), numbers(shape.curve_y))
     if len(curve_x):
         axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)
     axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.y_unit}".rstrip(", "))

@@ -25,6 +25,10 @@ CLIP = 3.0
 MOST_VECTORS = 1500
 """Above this many poses dots are drawn as pixels inside the vector picture, which would be megabytes of text."""
 
+GAP, FEW = 0.1, 9
+"""A line through measured poses says nothing over a gap of more than this share of its width; one through so few values
+has nothing but gaps."""
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -45,6 +49,12 @@ class Picture:
 def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -> Array:
     """The list as floats, None as NaN."""
     return np.array(values, dtype=float)
+
+
+def broken(x: Array, y: Array) -> tuple[Array, Array]:
+    """A line through points (N,), x ascending, with NaN where a GAP has none; whole where x has but FEW values."""
+    wide = np.flatnonzero(np.diff(x) > GAP * np.ptp(x)) + 1 if len(np.unique(x)) > FEW else []
+    return np.insert(x, wide, np.nan), np.insert(y, wide, np.nan)
 
 
 def rms(values: Array) -> float:

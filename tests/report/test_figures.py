@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from report_runs import REPORTS, calibrated, discovered
 
 from gpmodel.report import figures
-from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER
+from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER, broken
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import SideErrors
 from gpmodel.report.schema_search import HistogramRecord
@@ -153,3 +153,15 @@ def test_the_pages_do_not_load_matplotlib() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize(
+    ("x", "gaps"), [(np.r_[0:30, 40:60], 1), (np.r_[0:60], 0), (np.repeat([-1.0, 1.0], 30), 0), (np.zeros(0), 0)]
+)
+def test_a_line_is_not_drawn_where_nobody_measured(x: np.ndarray, gaps: int) -> None:
+    drawn_x, drawn_y = broken(x.astype(float), 2.0 * x)
+    assert np.isnan(drawn_x).sum() == np.isnan(drawn_y).sum() == gaps
+    assert drawn_x[np.isfinite(drawn_x)].tolist() == x.tolist()
+    if gaps:
+        assert drawn_x[29] == 29
+        assert np.isnan(drawn_x[30])
