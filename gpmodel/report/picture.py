@@ -53,7 +53,8 @@ def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -
 
 def broken(x: Array, y: Array) -> tuple[Array, Array]:
     """A line through points (N,), x ascending, with NaN where a GAP has none; whole where x has but FEW values."""
-    wide = np.flatnonzero(np.diff(x) > GAP * np.ptp(x)) + 1 if len(np.unique(x)) > FEW else []
+    widest = GAP * np.ptp(x) if len(np.unique(x)) > FEW else np.inf
+    wide = np.flatnonzero(np.diff(x) > widest) + 1
     return np.insert(x, wide, np.nan), np.insert(y, wide, np.nan)
 
 

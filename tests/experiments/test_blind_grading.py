@@ -119,7 +119,7 @@ def test_every_effect_is_counted_by_itself_and_hidden_ones_are_not():
 def test_worse_is_judged_pose_by_pose():
     standard = np.random.default_rng(0).normal(size=(400, 3))
     assert worse(1.05 * standard, standard)
-    assert not worse(standard, standard)
+    assert not worse(1.0001 * standard, standard)
     assert not worse(np.random.default_rng(1).normal(size=(400, 3)), standard)
 
 
