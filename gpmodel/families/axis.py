@@ -5,6 +5,7 @@ Letters are those of the joint's own frame.
 """
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from gpmodel.model.states import States
 LENGTH, ANGLE = 5e-5, 5e-5
 """m and rad over the travel: between a machine tool's 10 µm and a robot track's 0.2 mm."""
 
-WAVES = 6
-"""Half waves over the travel: guideways bend and sag over parts of their length, not over less than its sixth."""
+WAVES = 4
+"""Half waves over the travel: guideways bend and sag over parts of their length, not over less than its quarter."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """mm, nominal leads of ball screws (ISO 3408-2)."""
@@ -61,17 +62,21 @@ def _called(joint: Joint, axis: str) -> str:
 
 
 def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> Iterator[Effect]:
-    """cos(π k u), k = 1.., u from 0 to 1 over the travel, falling as 1/k."""
+    """sin(π k u) and cos(π k u), k = 1.., u from 0 to 1 over the travel, falling as 1/k.
+
+    Waves over twice the travel: a smooth curve that does not end as it began is short in them, where cosines alone
+    fall off as 1/k² (Huybrechs 2010).
+    """
     orders = np.arange(1, WAVES + 1)
-    share = (1.0 / orders) / np.linalg.norm(1.0 / orders)
-    for k, part in zip(orders, share, strict=True):
-        basis = Expression(f"cos({np.pi * k / travel:.6g}*({joint.name} - {start:.6g}))")
+    share = (1.0 / orders) / np.linalg.norm(1.0 / orders) / np.sqrt(2.0)
+    for (k, part), wave in product(zip(orders, share, strict=True), ("sin", "cos")):
+        basis = Expression(f"{wave}({np.pi * k / travel:.6g}*({joint.name} - {start:.6g}))")
         prior = float(part) * (LENGTH if axis[0] == "T" else ANGLE)
+        said = f"{name}, half wave {k}, {wave}"
         if axis == joint.drive[0][1]:
-            yield drive_effect(f"{name}, half wave {k}", joint, basis, family="linear_axis", prior=prior)
+            yield drive_effect(said, joint, basis, family="linear_axis", prior=prior)
         else:
-            slot = joint.drive[0][0]
-            yield effect_at(f"{name}, half wave {k}", slot, axis, basis, family="linear_axis", prior=prior)
+            yield effect_at(said, joint.drive[0][0], axis, basis, family="linear_axis", prior=prior)
 
 
 def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -15,9 +15,9 @@ from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.programs import laws
 from gpmodel.discovery.selection import merge
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of
-from gpmodel.discovery.selection.merge import merged, spelled_out
-from gpmodel.discovery.selection.moves import pruned, reestimated
+from gpmodel.discovery.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
+from gpmodel.discovery.selection.merge import acquitted, merged, spelled_out
+from gpmodel.discovery.selection.moves import found, grown, pruned, reestimated
 from gpmodel.discovery.selection.pool import GroupPool
 from gpmodel.discovery.selection.rows import Rows
 from gpmodel.discovery.selection.standing import of_evolved, offered
@@ -45,19 +45,23 @@ def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, in
 
 
 def at_one_place() -> tuple[Active, dict[str, int]]:
-    """Joint 3 winds up past its torque: what it truly does beside groups of the catalogue, one after the other in."""
+    """Joint 3 winds up past its torque: what it truly does beside groups of the catalogue, one after the other in; and
+    a curve of several joints of which that of joint 3 is left."""
     arm = mechanism(ARM)
     truth = measure(ARM, [drive_effect("true", arm.joints[2], Expression("tanh(torque_J3/400)"))], [1e-3], 5)
     shapes = Shapes(truth.poses.states)
     true = group_of("true", truth.model.effects[-1:], 3.0, shapes, family="windup")
     assert true is not None
     assert true.place == "J3.moving Ry"
-    return started(truth, [*(g for g in offered(STANDING, arm, shapes) if g.place == true.place), true])
+    there = [g for g in offered(STANDING, arm, shapes) if g.place == true.place]
+    curve = next(g for g in there if g.name == "error curve of the angle, J3")
+    return started(truth, [*there, true, joined("error curve of the angle, several joints", [curve], 5.0)])
 
 
-def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_what_they_do() -> None:
+@pytest.mark.parametrize("joints", ["J3", "several joints"])
+def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_what_they_do(joints: str) -> None:
     active, number = at_one_place()
-    several = ["joint compliance, J3", "error curve of the angle, J3", "hardening stiffness, J3"]
+    several = ["joint compliance, J3", f"error curve of the angle, {joints}", "hardening stiffness, J3"]
     for name in several:
         active = active.added(number[name], 1e-7)
     active = pruned(reestimated(active))
@@ -150,3 +154,28 @@ def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
     both = GroupPool(pool.rows, [*pool.groups, unnamed], pool.criteria)
     assert both.cost[-1] - both.cost[number["true"]] == Criteria().head_start
     assert unnamed.cost == pool.groups[number["true"]].cost
+
+
+def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_each_of_them() -> None:
+    """Two waves, which a group with a size for each of several inputs has in one of its effects, and a third nearly."""
+    both = "sin(J2) + sin(3*J5)"
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression(both))], [1e-3], 5)
+    shapes = Shapes(truth.poses.states)
+
+    def group(name: str, cost: float, *bases: str) -> Group:
+        effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
+        made = group_of(name, effects, cost, shapes, family="known")
+        assert made is not None
+        return made
+
+    groups = [
+        group("broad", 12.0, both, "cos(2*J6)", "sin(2*J4)"), group("nearly", 3.0, f"{both} + 0.3*sin(J4)"),
+        group("one", 3.0, "sin(J2)"), group("other", 3.0, "sin(3*J5)"),
+    ]  # fmt: skip
+    active, number = started(truth, groups)
+    broad = reestimated(active.added(number["broad"], 1e-7))
+    greedy = grown(active, but={number["broad"]})
+    assert {greedy.pool.groups[g].name for g in found(greedy)} == {"nearly"}
+    apart = acquitted(broad)
+    assert {apart.pool.groups[g].name for g in found(apart)} == {"one", "other"}
+    assert apart.evidence > max(broad.evidence, greedy.evidence)

@@ -44,7 +44,7 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
     """
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
-        active = split(acquitted(spelled_out(merged(active))))
+        active = merged(split(acquitted(spelled_out(merged(active)))))
         rivals, changed, replacements = {}, False, Replacements(active)
         for g in found(active):
             if g not in active.variances:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.moves import SETTLED, found, grown, pruned, reestimated
+from gpmodel.discovery.selection.group import Group
+from gpmodel.discovery.selection.moves import SETTLED, found, grown, parts_left, pruned, reestimated
 from gpmodel.discovery.selection.scan import scan
 
 LAW = 2
@@ -14,6 +15,9 @@ LAW = 2
 
 TRIED = 3
 """Groups tried in the place of several, the best first at the noise as it is."""
+
+PAIRED = 30
+"""Groups of which two are tried in the place of one, the best first."""
 
 LEEWAY = 100.0
 """Nats that re-estimation may bring beyond what a group saves at the variances as they are; it brings tens."""
@@ -67,17 +71,42 @@ def spelled_out(active: Active) -> Active:
 
 
 def acquitted(active: Active) -> Active:
-    """The errors of the instrument that were found, each against what grows of the robot in its stead.
+    """What can stand for several effects of the robot, each against what grows of the others in its stead.
 
-    Where that raises the evidence: one scale comes before the pitches of two screws, and then needs a third to make up
-    for it.
+    Where that raises the evidence: an error of the instrument is as large everywhere, one scale comes before the
+    pitches of two screws and then needs a third to make up for it; and the weights of all links beyond a joint, each
+    by itself, say what a tilting base and a wave of the joint's own angle do together, none of which comes first alone.
     """
     for g in found(active):
-        if g in active.variances and active.pool.groups[g].effects[0].of_the_instrument:
-            trial = grown(pruned(reestimated(active.without(g))), but={g})
-            if trial.evidence > active.evidence + SETTLED:
-                active = trial
+        if g in active.variances and _broad(active.pool.groups[g]):
+            fewer = pruned(reestimated(active.without(g)))
+            active = max((active, *(grown(s, but={g}) for s in (fewer, _with_two(fewer, g)))), key=lambda a: a.evidence)
     return active
+
+
+def _broad(group: Group) -> bool:
+    """Whether it is the instrument's, or at one place with a size of its own for each of several inputs."""
+    several = not group.parts and len(group.inputs) >= len(group.effects) > LAW
+    return several or group.effects[0].of_the_instrument
+
+
+def _with_two(active: Active, but: int) -> Active:
+    """With the two groups but one that do most together, of those that do most alone."""
+    cost = active.pool.cost
+    gains, variances, _ = scan(active)
+    gains = gains - cost
+    gains[[*active.variances, but]] = -np.inf
+    among = np.argsort(-gains)[:PAIRED]
+    pairs: dict[tuple[int, ...], tuple[float, Active]] = {}
+    for h in among.tolist():
+        one = active.added(h, float(variances[h]))
+        saved, sizes, _ = scan(one, among)
+        saved = saved + gains[h] - cost
+        saved[list(one.variances)] = -np.inf
+        for other in np.argsort(-saved)[:TRIED].tolist():
+            pairs[tuple(sorted((h, other)))] = saved[other], one.added(other, float(sizes[other]))
+    likely = sorted(pairs.values(), key=lambda pair: -pair[0])[: PAIRED // TRIED]
+    return max((reestimated(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
 
 
 def _laws_in(active: Active, inputs: Sequence[str]) -> list[int]:
@@ -92,5 +121,12 @@ def _together(active: Active) -> dict[str, list[int]]:
     """The groups that were found, by place, where there are several at one."""
     at = defaultdict(list)
     for g in found(active):
-        at[active.pool.groups[g].place].append(g)
+        at[_place(active, g)].append(g)
     return {place: several for place, several in at.items() if len(several) > 1}
+
+
+def _place(active: Active, g: int) -> str:
+    """Where a group acts; of one of several places, of which but one is left, that one."""
+    group = active.pool.groups[g]
+    left = {group.parts[part].place for part in parts_left(active, g)} if group.parts else {group.place}
+    return left.pop() if len(left) == 1 else group.place

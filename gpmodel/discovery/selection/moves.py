@@ -54,7 +54,7 @@ def _without_idle_parts(active: Active) -> Active:
         parts = active.pool.groups[g].parts
         if not parts:
             continue
-        of_column = np.repeat(np.arange(len(parts)), [len(p.effects) for p in parts])[active.chosen[g]]
+        of_column = parts_left(active, g)
         for part in np.unique(of_column)[::-1]:
             mine = np.flatnonzero(of_column == part)
             if len(mine) == len(of_column):
@@ -66,6 +66,12 @@ def _without_idle_parts(active: Active) -> Active:
                 active = replace(active, chosen={**active.chosen, g: active.chosen[g][left]})
                 of_column = of_column[left]
     return active
+
+
+def parts_left(active: Active, g: int) -> IntArray:
+    """Of each column that a group of several places still has, the number of its part."""
+    sizes = [len(part.effects) for part in active.pool.groups[g].parts]
+    return np.asarray(np.repeat(np.arange(len(sizes)), sizes)[active.chosen[g]])
 
 
 def grown(active: Active, but: Set[int] = frozenset()) -> Active:
@@ -107,7 +113,7 @@ def split(active: Active) -> Active:
         parts = active.pool.groups[g].parts
         if not parts:
             continue
-        of_column = np.repeat(np.arange(len(parts)), [len(p.effects) for p in parts])[active.chosen[g]]
+        of_column = parts_left(active, g)
         trial = active.without(g)
         for part in np.unique(of_column):
             trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
