@@ -70,8 +70,10 @@ class State:
 
     @property
     def repeating(self) -> bool:
-        """Whether another round would see what the last one saw."""
-        return bool(self.rounds) and not (self.rounds[-1].evolved or (len(self.rounds) == 1 and self.findings))
+        """Whether another round would see what the last one saw: that neither found nor dropped anything, whatever was
+        evolved in it."""
+        last = self.rounds[-1] if self.rounds else None
+        return last is not None and not last.dropped and all(f.round < last.number for f in self.findings)
 
     def model(self, found: Sequence[Candidate]) -> ErrorModel:
         """The standard model with what is known and what was found."""

@@ -20,12 +20,15 @@ from loop_cases import (
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
+from gpmodel.discovery import loop
 from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.tree import Tree
 from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.progress import Progress
@@ -127,6 +130,25 @@ def test_the_number_of_workers_changes_no_number() -> None:
     truth, train, heldout = robot("gear", 0)
     two = discover(truth.model.mechanism, truth.poses, train, heldout, search=replace(QUICK, workers=2))
     assert numbers(two) == numbers(quick())
+
+
+def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every round another wave passes by itself, and the joint choice wants none of them."""
+    truth, train, heldout = robot("gear", 0)
+    asked: list[Candidate] = []
+
+    def another(_: object) -> tuple[Candidate, ...]:
+        name = f"sin({17 + len(asked)}*J6) on J6.moving Rz"
+        effect = effect_at(name, "J6.moving", "Rz", Expression(f"sin({17 + len(asked)}*J6)"))
+        asked.append(Candidate(name, (effect,), "", 15.0, "evolved"))
+        assert len(asked) <= 2, "no end"
+        return (asked[-1],)
+
+    monkeypatch.setattr(loop, "_one_a_place", another)
+    answer = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK)
+    assert [f.candidate for f in answer.findings] == [f.candidate for f in quick().findings]
+    assert [r.evolved for r in answer.rounds] == [(candidate,) for candidate in asked]
+    assert answer.stopped == "nothing else stands out of chance"
 
 
 def test_limits_of_effects_and_time_are_kept_and_told() -> None:
