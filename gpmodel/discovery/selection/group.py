@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.calibration.priors import GEOMETRY_REACH
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Inner
 from gpmodel.formula.expression import Basis
@@ -15,8 +16,8 @@ from gpmodel.model.states import States
 
 CAP = 5e-3
 """Radians or metres, as √a: no undeclared effect of a machine in service moves its place further."""
-GEOMETRY_CAP = 0.3
-"""Likewise of the geometry: a wrong zero or mounting, a third of a radian or metre."""
+DECLARED_CAP = 0.3
+"""Likewise, in its own unit, of an effect that is known to be there."""
 FLAT = 1e-6
 """Relative variance of a basis below which it is a constant, which the geometry holds."""
 
@@ -126,7 +127,11 @@ def from_candidate(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Constant errors as two groups that are always in, lengths and angles; declared effects as one each."""
+    """Constant errors as two groups that are always in, lengths and angles; declared effects as one each.
+
+    All together stay within what is believed of a description: along a direction that the poses hardly show, a wrist
+    29 cm away would say in the linear problem what the curves of two joints do.
+    """
     constant = [e for e in effects if e.constant]
     declared = [e for e in effects if not e.constant]
     out = []
@@ -134,9 +139,9 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
         chosen = tuple(e for e in constant if (e.unit == "m") == (unit == "m"))
         if chosen:
             spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
-            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_CAP, standing=True))
+            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_REACH, standing=True))
     for e in declared:
-        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=GEOMETRY_CAP, standing=True))
+        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=DECLARED_CAP, standing=True))
     return tuple(out)
 
 
