@@ -81,7 +81,7 @@ def main() -> None:
     rows = saved(settings.results)
     done = {key for key, row in rows.items() if "failed" not in row and row.get("options") == asked.said()}
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    jobs = [job for job in product(names, seeds) if job not in done]
+    jobs = [(name, seed) for seed, name in product(seeds, names) if (name, seed) not in done]
     command = shlex.join(["python", "-m", "experiments.blind.run", *sys.argv[1:]])
     for row in judged(jobs, settings.work, settings.workers, asked):
         rows[row["case"], row["seed"]] = row
