@@ -80,7 +80,9 @@ def acquitted(active: Active) -> Active:
     for g in found(active):
         if g in active.variances and _broad(active.pool.groups[g]):
             fewer = pruned(reestimated(active.without(g)))
-            active = max((active, *(grown(s, but={g}) for s in (fewer, _with_two(fewer, g)))), key=lambda a: a.evidence)
+            trial = max((grown(s, but={g}) for s in (fewer, _with_two(fewer, g))), key=lambda a: a.evidence)
+            if trial.evidence > active.evidence + SETTLED:
+                active = trial
     return active
 
 
@@ -96,14 +98,14 @@ def _with_two(active: Active, but: int) -> Active:
     gains, variances, _ = scan(active)
     gains = gains - cost
     gains[[*active.variances, but]] = -np.inf
-    among = np.argsort(-gains)[:PAIRED]
+    among = np.argsort(-gains)[: min(PAIRED, int(np.isfinite(gains).sum()))]
     pairs: dict[tuple[int, ...], tuple[float, Active]] = {}
     for h in among.tolist():
         one = active.added(h, float(variances[h]))
         saved, sizes, _ = scan(one, among)
         saved = saved + gains[h] - cost
         saved[list(one.variances)] = -np.inf
-        for other in np.argsort(-saved)[:TRIED].tolist():
+        for other in np.argsort(-saved)[: min(TRIED, int(np.isfinite(saved).sum()))].tolist():
             pairs[tuple(sorted((h, other)))] = saved[other], one.added(other, float(sizes[other]))
     likely = sorted(pairs.values(), key=lambda pair: -pair[0])[: PAIRED // TRIED]
     return max((reestimated(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
