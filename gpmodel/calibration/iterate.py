@@ -90,18 +90,23 @@ class Fitted(Reached):
 
 @dataclass(frozen=True)
 class _Step:
-    """A step from a point: `whole` (K,) by the linear problem, what that takes off the cost, and how far it moves a
-    reading at most, metres. anyway: it is taken whatever the cost."""
+    """A step from a point: `whole` (K,) by the linear problem, what that takes off the cost, m², and the motion (M,) of
+    the readings, metres."""
 
     linear: LinearStep
     whole: Array
     fall: float
     motion: Array
-    anyway: bool
 
     @property
     def moved(self) -> float:
+        """How far it moves a reading at most, metres."""
         return float(np.max(np.abs(self.motion), initial=0.0))
+
+    @property
+    def anyway(self) -> bool:
+        """Whether it is taken whatever the cost."""
+        return self.linear.problem.left is not None or self.moved < STEP_TOLERANCE
 
 
 def iterate(
@@ -139,8 +144,7 @@ def iterate(
 def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:
     linear = linear_step(fitting.model, here.problem, here.theta, here.placement, kept, gram)
     whole, fall = linear.solved(here.problem.residual, linear.pulls)
-    step = _Step(linear, whole, fall, here.problem.columns @ whole, False)
-    return replace(step, anyway=here.problem.left is not None or step.moved < STEP_TOLERANCE)
+    return _Step(linear, whole, fall, here.problem.columns @ whole)
 
 
 def _lower(
@@ -162,7 +166,8 @@ def _lower(
             problem = fitting.at(values, tried) if whole else fitting.beside(here.problem, values, tried)
             if step.anyway or fitting.cost(problem, values, tried, sigma) <= enough:
                 return Reached(tried, values, problem), halvings, not first
-            part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
+            if corrections < CORRECTIONS:
+                part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
     return None
 
 

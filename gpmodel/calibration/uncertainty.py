@@ -37,7 +37,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
     informed = np.vstack([problem.columns, prior])[:, free]
     geometry = geometry_rows(fitting.model, fitted.theta, problem, kept)[0]
-    columns = np.vstack([informed, np.vstack([geometry, tool_rows(problem, fitted.placement)[0]])[:, free]])
+    tool = tool_rows(problem, fitted.placement)[0]
+    columns = np.vstack([informed, geometry[:, free], tool[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     many = columns.shape[1] >= MANY_COLUMNS
