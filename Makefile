@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test conclusions lint types clean
+.PHONY: install demo test conclusions lint types wheel clean
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -24,6 +24,9 @@ test: $(BIN)/pytest
 conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py
 	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k slot_histogram_points_at
+
+wheel: $(BIN)/pytest
+	.ci/installed $(PYTHON)
 
 lint: $(BIN)/pytest
 	$(BIN)/ruff check .

@@ -132,10 +132,13 @@ def set_aside(path: Path) -> Path:
 
 @contextmanager
 def told_of(path: Path) -> Iterator[None]:
-    """What the system will not do is a WriteError that says to which file or folder of ours."""
+    """What the system refuses below `path` is a WriteError that names `path`; an error of any other file names that."""
     try:
         yield
     except OSError as error:
+        failed = Path(error.filename) if isinstance(error.filename, str) else path
+        if not failed.absolute().is_relative_to(path.absolute().parent):
+            raise
         hint = "; free some space, or choose another folder" if error.errno in _FULL else ""
         raise WriteError(f"{path}: cannot be written ({error.strerror or error}){hint}") from None
 

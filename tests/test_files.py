@@ -53,6 +53,13 @@ def test_a_folder_is_finished_or_as_it_was(there: bool, tmp_path: Path) -> None:
     assert {p.name for p in out.iterdir()} == ({"old", "new"} if there else {"new"})
 
 
+def test_an_error_of_another_file_is_not_told_of_the_folder(tmp_path: Path) -> None:
+    missing = tmp_path / "installed" / "page.js"
+    with pytest.raises(FileNotFoundError, match=r"page\.js"), files.finished_folder(tmp_path / "user" / "out"):
+        missing.read_text()
+    assert list((tmp_path / "user").iterdir()) == []
+
+
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
     with files.alone_in(out), pytest.raises(InputError, match="another gpmodel is at work in it"), files.alone_in(out):
