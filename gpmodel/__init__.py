@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from gpmodel.api.poses import choose_poses
     from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
-    from gpmodel.discovery.criteria import Criteria
     from gpmodel.discovery.search import Search
     from gpmodel.errors import InputError
+    from gpmodel.evidence.criteria import Criteria
     from gpmodel.evolution.linear import Linear
     from gpmodel.evolution.tree import Tree
     from gpmodel.families.candidate import Candidate
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Candidate": "families.candidate",
-    "Criteria": "discovery.criteria",
+    "Criteria": "evidence.criteria",
     "Dataset": "table.dataset",
     "Effect": "model.effect",
     "Expression": "formula.expression",

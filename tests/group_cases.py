@@ -8,15 +8,15 @@ from effect_cases import bare, measure
 
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.selection.active import Active
-from gpmodel.discovery.selection.group import Shapes, geometry_groups
-from gpmodel.discovery.selection.pool import GroupPool
-from gpmodel.discovery.selection.rows import Rows
-from gpmodel.discovery.selection.standing import GENERIC, of_offers, offered
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import Shapes, geometry_groups
+from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.rows import Rows
+from gpmodel.selection.standing import GENERIC, of_offers, offered
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"

@@ -5,8 +5,8 @@ from functools import cache
 from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import Residual, residual_of
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, prepare

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import POSITION, THESIS_INPUTS, cartesian, effects_of, options, save
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import RunRecord, histogram
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution

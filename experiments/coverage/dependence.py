@@ -20,11 +20,11 @@ import numpy as np
 from experiments.blind.case import Case
 from experiments.coverage.measure import bench
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.dependence import inflation, regions
-from gpmodel.discovery.null import shuffled
-from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import best_nats, deflated, scores
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.dependence import inflation, regions
+from gpmodel.evidence.null import shuffled
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import best_nats, deflated, scores
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates

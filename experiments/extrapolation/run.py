@@ -20,18 +20,18 @@ from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.problems import MILLIMETRE
-from gpmodel.discovery.programs import as_candidate, without_poles
-from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.score import scores
 from gpmodel.discovery.targets import targets
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import sites_of
+from gpmodel.selection.programs import as_candidate, without_poles
 
 COLUMNS = ("train mean", "train max", "held-out mean", "held-out max")
 

@@ -19,10 +19,10 @@ from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.score import scores
 from gpmodel.discovery.targets import targets
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from experiments.chapter5 import KINDS, THESIS_INPUTS, against_chance, cartesian, fit, options, save
 from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.targets import targets
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, Problem, SlotProblem
 from gpmodel.evolution.search import evolve

@@ -19,12 +19,12 @@ from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.simulate import simulate
 from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.explore import Turn, explore
 from gpmodel.discovery.journal import Forgetful
-from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evolution.device import check_device
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear

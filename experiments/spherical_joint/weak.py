@@ -14,10 +14,10 @@ from scipy.stats import norm
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
 from gpmodel.evolution.linear import Linear
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate

@@ -17,12 +17,12 @@ from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import check_kept, saved_model
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import catalogue

@@ -21,8 +21,8 @@ from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.device import check_device
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.kept import KeptRuns, NothingKept

@@ -24,15 +24,15 @@ from gpmodel.cli.options import (
 )
 from gpmodel.cli.request import Request, Typed
 from gpmodel.cli.watch import Watch, on_screen
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.journal import JournalFiles
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers, scheduled
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say, silent
+from gpmodel.records.journal_files import JournalFiles
 
 WATCHED = 0.5
 """Minutes after which no new round begins for a batch of a table that is followed, where none are given."""

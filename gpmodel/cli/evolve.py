@@ -25,7 +25,6 @@ from gpmodel.cli.options import (
     workers_option,
 )
 from gpmodel.cli.request import Request, Typed
-from gpmodel.discovery.journal import JournalFiles
 from gpmodel.errors import InputError
 from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.representation import Representation, label
@@ -33,6 +32,7 @@ from gpmodel.evolution.settings import DEVICES
 from gpmodel.executor import Workers, scheduled
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
+from gpmodel.records.journal_files import JournalFiles
 
 
 @click.command()

@@ -19,8 +19,8 @@ from gpmodel.cli.options import (
     workers_option,
 )
 from gpmodel.cli.request import Typed
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import scheduled
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.kept import MachineFiles

@@ -13,12 +13,12 @@ import click
 from click.core import ParameterSource
 
 from gpmodel._version import __version__
-from gpmodel.discovery.unfinished import Unfinished, unfinished
 from gpmodel.errors import InputError, WriteError
 from gpmodel.files import alone_in, folder_for
 from gpmodel.hierarchy.folder import files_of
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
+from gpmodel.records.unfinished import Unfinished, unfinished
 from gpmodel.texts import parse_json, seal
 
 Journal = TypeVar("Journal")

@@ -7,15 +7,15 @@ import numpy as np
 
 from gpmodel import wording
 from gpmodel.arrays import Array
-from gpmodel.discovery.criteria import Criteria, Test, Verdict
-from gpmodel.discovery.cross_validation import Predicted, better_by, cross_validated, gained
-from gpmodel.discovery.dependence import inflation, order_matters
 from gpmodel.discovery.naming import named, rivals
 from gpmodel.discovery.pool import Pool
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import Score, deflated
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.walk import beyond_a_walk
+from gpmodel.evidence.criteria import Criteria, Test, Verdict
+from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
+from gpmodel.evidence.dependence import inflation, order_matters
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import Score, deflated
 from gpmodel.evolution.chance import Chance, larger
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident

@@ -11,19 +11,14 @@ from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested, worth
 from gpmodel.discovery.compact import compact_laws
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.cross_validation import better_by, cross_validated
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.refinement import refined_fit, told_apart
-from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.selection.group import Group
-from gpmodel.discovery.selection.result import Kept, Selection
-from gpmodel.discovery.selection.select import select
-from gpmodel.discovery.selection.standing import GENERIC, PAIRS, Offering, of_evolved, of_offers, only
-from gpmodel.discovery.selection.waves import combs_of
 from gpmodel.discovery.together import standing_together
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import better_by, cross_validated
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
 from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
@@ -32,6 +27,11 @@ from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
+from gpmodel.selection.group import Group
+from gpmodel.selection.result import Kept, Selection
+from gpmodel.selection.select import select
+from gpmodel.selection.standing import GENERIC, PAIRS, Offering, of_evolved, of_offers, only
+from gpmodel.selection.waves import combs_of
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""

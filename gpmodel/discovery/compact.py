@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.discovery.programs import as_candidate, without_poles
 from gpmodel.discovery.readable import readable_inputs
-from gpmodel.discovery.residual import Residual
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
+from gpmodel.evidence.residual import Residual
 from gpmodel.evolution.laws import shortest_laws
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.programs import as_candidate, without_poles
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.criteria import Test, Verdict
-from gpmodel.discovery.cross_validation import cross_validated
 from gpmodel.discovery.explore import Turn, candidates_of, posed, run
-from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import scores
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.sign_flips import sign_flip_chance
+from gpmodel.evidence.criteria import Test, Verdict
+from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import scores
+from gpmodel.evidence.sign_flips import sign_flip_chance
 from gpmodel.evolution.chance import larger
 from gpmodel.evolution.runs import Task
 from gpmodel.evolution.settings import Settings

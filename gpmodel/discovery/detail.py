@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import scores
-from gpmodel.discovery.selection.curves import continued
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
+from gpmodel.selection.curves import continued
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:

@@ -8,13 +8,12 @@ from itertools import chain
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.null import shuffled
-from gpmodel.discovery.programs import as_candidate, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import saved, scores
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
+from gpmodel.evidence.null import shuffled
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import saved, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
@@ -29,6 +28,7 @@ from gpmodel.formula.program import Program
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.progress import Teller
+from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.inner_constants import InnerChange, inner_changes
 from gpmodel.discovery.refinement import WINDOW, profile, refined_fit
-from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.result import FinalFit, Known
 from gpmodel.discovery.state import State
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel
 

@@ -13,18 +13,18 @@ from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
-from gpmodel.discovery.confirmation import confirmation
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.cross_fitting import cross_fitted
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Forgetful, Journal
 from gpmodel.discovery.pool import pool_of
-from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
 from gpmodel.errors import InputError
+from gpmodel.evidence.confirmation import confirmation
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
 from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of

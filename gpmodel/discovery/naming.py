@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.cross_validation import cross_validated
 from gpmodel.discovery.pool import Pool
-from gpmodel.discovery.residual import Residual
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.residual import Residual
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 

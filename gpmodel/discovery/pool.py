@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gpmodel.arrays import Array
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import Score, scores
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import Score, scores
 from gpmodel.evolution.chance import Chance, chance
 from gpmodel.families.candidate import Candidate
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.readable import readable_inputs
-from gpmodel.discovery.residual import residual_of
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
 from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
 from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.formula.program import Program
 from gpmodel.mechanism.protocol import Mechanism

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.residual import Residual
+from gpmodel.evidence.residual import Residual
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import DIGITS, Inner

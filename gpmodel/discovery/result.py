@@ -6,8 +6,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.confirmation import Confirmation
 from gpmodel.discovery.explore import Exploration
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect

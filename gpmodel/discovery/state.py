@@ -9,10 +9,10 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism

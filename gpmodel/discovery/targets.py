@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.residual import Residual
+from gpmodel.evidence.residual import Residual
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.expression import ONE
 from gpmodel.model.sites import Site

@@ -5,12 +5,12 @@ Of noise that wanders, steps, ramps and approaches explain much, and the walk it
 
 import numpy as np
 
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import directions, scores
-from gpmodel.discovery.selection.gain import best, fitted, with_own_noise
-from gpmodel.discovery.selection.group import CAP
+from gpmodel.evidence.gain import best, fitted, with_own_noise
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import directions, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.instrument import instrument_walk
+from gpmodel.selection.group import CAP
 from gpmodel.table.units import is_time
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from gpmodel.discovery.unfinished import Unfinished
 from gpmodel.families.candidate import Candidate
+from gpmodel.records.unfinished import Unfinished
 
 
 class KeptMachines(Protocol):

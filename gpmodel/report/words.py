@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.discovery.criteria import Criteria
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord

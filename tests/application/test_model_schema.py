@@ -15,10 +15,10 @@ from model_cases import fitted
 import gpmodel as gp
 from gpmodel.application.model_file import check_kept, load_model, model_text, save_model
 from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
-from gpmodel.discovery.selection.group import Shapes
-from gpmodel.discovery.selection.standing import PAIRS, offered
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.selection.group import Shapes
+from gpmodel.selection.standing import PAIRS, offered
 from gpmodel.texts import SEAL, seal
 
 

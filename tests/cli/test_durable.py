@@ -18,7 +18,7 @@ import pytest
 from cli_cases import one_line, run
 from durable_cases import OPTIONS, begun, results, resume, start
 
-from gpmodel.discovery.unfinished import FOLDER, REQUEST
+from gpmodel.records.unfinished import FOLDER, REQUEST
 
 WRITES = 40
 """At least so many times a search touches the disk, one way or another."""

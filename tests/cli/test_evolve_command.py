@@ -13,13 +13,13 @@ from click.testing import CliRunner, Result
 from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
-from gpmodel.discovery.unfinished import FOLDER
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.selection import Truncation
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.parse import parse
 from gpmodel.progress import Teller
+from gpmodel.records.unfinished import FOLDER
 
 QUICK = ["--mechanism", "irb6400r", "--population", "200", "--generations", "3", "--runs", "2"]
 

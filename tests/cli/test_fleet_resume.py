@@ -13,10 +13,10 @@ from cli_cases import one_line, run
 from durable_cases import start
 from fleet_cases import two_joint_arms
 
-from gpmodel.discovery.unfinished import FOLDER, REQUEST
 from gpmodel.families.candidate import Candidate
 from gpmodel.files import alone_in
 from gpmodel.hierarchy.found import Searched
+from gpmodel.records.unfinished import FOLDER, REQUEST
 
 MACHINES = 3
 _search = Searched.found

@@ -9,8 +9,8 @@ import pytest
 from cli_cases import one_line, run
 from durable_cases import OPTIONS, resume, small
 
-from gpmodel.discovery.unfinished import FOLDER, REQUEST
 from gpmodel.files import alone_in
+from gpmodel.records.unfinished import FOLDER, REQUEST
 from gpmodel.texts import read_json, write_json
 
 pytestmark = pytest.mark.usefixtures("quick")

@@ -8,12 +8,12 @@ from residual_cases import NAMES, pool, seen
 
 from gpmodel.discovery import acceptance
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.null import shuffled
 from gpmodel.discovery.pool import Pool, pool_of
-from gpmodel.discovery.residual import Residual
-from gpmodel.discovery.score import best_nats, scores
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.null import shuffled
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect

@@ -9,7 +9,7 @@ from gpmodel.discovery.cross_fitting import cross_fitted, gain_of_search
 from gpmodel.discovery.explore import Turn
 from gpmodel.discovery.journal import Forgetful
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.sign_flips import FLIPS, sign_flip_chance
+from gpmodel.evidence.sign_flips import FLIPS, sign_flip_chance
 from gpmodel.model.sites import sites_of
 from gpmodel.progress import Teller, silent
 

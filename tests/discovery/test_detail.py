@@ -11,18 +11,18 @@ from effect_cases import bare, measure, mechanism
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.additive import Choice, additive
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.detail import detailed
-from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.selection.curves import continued, curves
-from gpmodel.discovery.selection.group import Shapes
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.angle import wave
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.selection.curves import continued, curves
+from gpmodel.selection.group import Shapes
 
 ARM, COUNT = "irb6400r", 240
 LINE = 70

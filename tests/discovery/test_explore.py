@@ -8,10 +8,9 @@ import pytest
 from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.programs import expression_text, parts, without_poles
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.parse import parse
@@ -19,6 +18,7 @@ from gpmodel.formula.program import Builder, Program
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import prepare
 from gpmodel.model.states import states_of
+from gpmodel.selection.programs import expression_text, parts, without_poles
 
 STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 40))
 INPUTS, WRITTEN = readable_inputs(STATES, np.arange(40))

@@ -21,9 +21,9 @@ from loop_cases import (
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery import loop
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.tree import Tree
 from gpmodel.families.candidate import Candidate

@@ -8,11 +8,11 @@ from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.refinement import profile, refined, refined_fit, told_apart
-from gpmodel.discovery.residual import Residual, residual_of
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.inner import Inner

@@ -6,8 +6,8 @@ from typing import Any, cast
 
 import pytest
 
-from gpmodel.discovery.criteria import Test, Verdict
 from gpmodel.discovery.together import standing_together
+from gpmodel.evidence.criteria import Test, Verdict
 
 NATS = {"a": 90.0, "b": 50.0, "c": 20.0, "d": 10.0}
 """What each finding saves."""

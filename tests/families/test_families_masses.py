@@ -8,9 +8,9 @@ import pytest
 from effect_cases import NOISE, bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.score import scores
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.mechanism.protocol import Mechanism, Weighed

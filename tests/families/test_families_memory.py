@@ -9,9 +9,9 @@ from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.residual import Residual, residual_of
-from gpmodel.discovery.score import best_nats, scores
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families import memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates

@@ -9,10 +9,10 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery.criteria import Criteria
-from gpmodel.discovery.null import shuffled
-from gpmodel.discovery.residual import residual_of
-from gpmodel.discovery.score import best_nats, scores
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.null import shuffled
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.error_model import ErrorModel, observe

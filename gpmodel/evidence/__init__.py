@@ -1,0 +1,1 @@
+"""What the measurements say of an effect: residuals, scores, null, tests, limits."""

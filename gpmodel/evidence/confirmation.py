@@ -1,0 +1,52 @@
+"""Never worse than before: what was found against the standard model, on the poses that chose nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.units import independent_units
+from gpmodel.model.error_model import Poses
+from gpmodel.numerics.outliers import outlier_limit
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Paired test of two models on held-out poses.
+
+    before, after: 3-D RMS error, m, of the standard model and of what was found. t: mean of what the squared error
+    falls by over independent units of poses, in standard deviations of that mean. p: one-sided chance of it where the
+    models are equally good. units: how many there are. confirmed: whether p is below its limit.
+    """
+
+    before: float
+    after: float
+    t: float
+    p: float
+    limit: float
+    units: int
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the gain on held-out poses is beyond chance."""
+        return self.p < self.limit
+
+
+def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
+    """Whether what was found predicts held-out poses better than the standard model.
+
+    Both models' errors are winsorised at median + 6 · 1.4826 MAD of the standard model's: one bad measurement neither
+    proves nor disproves. A single unit of poses proves nothing: p is 1.
+    """
+    errors = errors_on(standard, heldout), errors_on(found, heldout)
+    limit = outlier_limit(errors[0], criteria.outlier_sigmas)
+    squared = [np.minimum(e, limit) ** 2 for e in errors]
+    unit = independent_units(heldout.dataset, criteria)
+    gain = np.bincount(unit, squared[0] - squared[1])
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
+    t = float(gain.mean()) / spread if spread > 0 else 0.0
+    p = float(stats.t.sf(t, len(gain) - 1)) if spread > 0 else 1.0
+    before, after = (float(np.sqrt(np.mean(e**2))) for e in errors)
+    return Confirmation(before, after, t, p, criteria.confirmation, len(gain))

@@ -1,0 +1,72 @@
+"""Cross-validation: how well a model with candidate effects predicts poses that did not fit it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array
+from gpmodel.evidence.residual import Residual
+from gpmodel.model.effect import Effect
+from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.rank import NEGLIGIBLE
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """3-D RMS of the predictions, m; squared error (U,) summed over each independent unit of poses, m²; coefficients
+    (folds, E) of the effects."""
+
+    rms: float
+    per_unit: Array
+    coefficients: Array
+
+
+def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
+    """Predictions with these effects in the model, all of it refitted without each fold.
+
+    With X (M + B, E) the effects' columns and r what the system leaves of both, x and r_f in the rows of a fold, and A
+    = I - H of these rows, H what the system fits: the columns without the fold have the products XᵀX - xᵀA⁻¹x and
+    Xᵀr - xᵀA⁻¹r_f, their coefficients β miss it by A⁻¹ (r_f - x β). Source: Cook and Weisberg (1982), 2.2.
+    """
+    scale = np.linalg.norm(residual.columns(effects), axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    sigma = np.sqrt(residual.energy / residual.freedom)
+    belief = np.array([sigma / e.prior for e in effects]) / scale
+    left, shares = residual.projected(effects)
+    both = np.column_stack([left * (shares > NEGLIGIBLE), residual.values])
+    products = both[:, :-1].T @ both
+    products[:, :-1] += np.diag(belief**2)
+    per_pose = np.zeros(len(residual.poses))
+    coefficients = []
+    for fold in residual.omitted:
+        freed = fold.freed(both[fold.rows])
+        apart = products - both[fold.rows, :-1].T @ freed
+        new = linalg.lstsq(apart[:, :-1], apart[:, -1], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
+        np.add.at(per_pose, residual.problem.pose_of_row[fold.rows], (freed[:, -1] - freed[:, :-1] @ new) ** 2)
+        coefficients.append(new / scale)
+    per_unit = np.bincount(residual.unit_of_pose, per_pose).astype(float)
+    return Predicted(float(np.sqrt(per_pose.mean())), per_unit, np.array(coefficients))
+
+
+def paired_t(gain: Array) -> float:
+    """The mean of a gain (N,) in standard deviations of that mean; 0 where all are equal."""
+    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
+    return float(gain.mean()) / spread if spread > 0 else 0.0
+
+
+def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
+    """The paired t by which one prediction is better than another, unit by unit of independent poses.
+
+    Both errors count up to median + sigmas · 1.4826 MAD of those before: where a curve has few poses, one of them
+    missed by far neither proves nor disproves.
+    """
+    limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
+    return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))
+
+
+def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
+    """The paired t by which effects predict better than others, unit by unit of independent poses."""
+    before, after = cross_validated(residual, others), cross_validated(residual, effects)
+    return gained(before, after, residual.criteria.outlier_sigmas)

@@ -1,0 +1,61 @@
+"""How much less poses say that depend on one another: repeats, stretches of rows, regions of space."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import contribution
+from gpmodel.families.candidate import Candidate
+from gpmodel.table.split import stretches
+
+
+def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
+    """How many times larger the variance of a candidate's coefficient is than if poses were independent, by what makes
+    them depend on one another: repeats, stretches of rows, regions of space. At least 1.
+
+    With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
+    Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986); 1 where it is no further above 1 than
+    two standard deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
+    within a block stays slow in any order of them (experiments/coverage).
+    """
+    explained = contribution(residual, candidate)
+    left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
+    score = np.zeros(len(residual.poses))
+    rows = slice(0, residual.measured)
+    np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
+    plain = float(score @ score)
+    out = {}
+    for name, block in _partitions(residual):
+        together = np.bincount(block, score)
+        ratio = float(together @ together) / max(plain, 1e-300)
+        out[name] = ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / len(together)) else 1.0
+    return out
+
+
+def order_matters(residual: Residual, candidate: Candidate) -> bool:
+    """Whether rows share something that random folds would not part: they are in the order of measurement, or the
+    candidate reads the row."""
+    return residual.poses.states.past is not None or "row" in candidate.inputs
+
+
+def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
+    """Names of what poses may share, and the block (N,) of each."""
+    count, poses = residual.criteria.blocks, len(residual.poses)
+    if residual.unit_of_pose.max() + 1 < poses:
+        yield "repeats", residual.unit_of_pose
+    if poses >= 3 * count:
+        yield "rows", stretches(residual.poses.states["row"], count)
+        yield "space", regions(np.column_stack([residual.poses.states[axis] for axis in "xyz"]), count)
+
+
+def regions(points: Array, count: int) -> IntArray:
+    """Region (N,) of each point (N, 3): halved at the median of their longest extent, the largest region first."""
+    region = np.zeros(len(points), dtype=np.int64)
+    for new in range(1, count):
+        own = np.flatnonzero(region == np.argmax(np.bincount(region)))
+        axis = int(np.argmax(np.ptp(points[own], axis=0)))
+        order = np.argsort(points[own, axis], kind="stable")
+        region[own[order[len(own) // 2 :]]] = new
+    return region

@@ -1,0 +1,206 @@
+"""The residual of a calibration: what was measured less all that the model explains, and columns seen the same way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.priors import prior_rows
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.units import independent_units
+from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
+from gpmodel.numerics import rank as ident
+from gpmodel.numerics.least_squares import factored
+from gpmodel.numerics.omitted import Omitted
+from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.table.split import folds, stretches
+
+LARGEST = 1e100
+"""A column of larger numbers is not scored: their squares would not be numbers."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The training residual of a calibration with everything the model already explains projected out.
+
+    Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
+    far as their priors let them, no further. span: of the model's columns. values: (M + B,).
+    system, target: the columns (M + B, K), of unit length, and right side these came from. names: of the effects that
+    the columns after those of the placement are of. fold_of_row: (M,).
+    unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
+    criteria: the limits everything about it is held to. gram: (K, K) products of the columns, empty where none has a
+    prior.
+    """
+
+    calibration: Calibration
+    poses: Poses
+    problem: Linearised
+    system: Array
+    target: Array
+    span: ident.Span
+    values: Array
+    names: tuple[str, ...]
+    fold_of_row: IntArray
+    unit_of_pose: IntArray
+    shrink: Array
+    criteria: Criteria
+    gram: Array
+
+    @property
+    def winsorised(self) -> Mask:
+        """The poses (N,) whose residual was shortened."""
+        return np.asarray(self.shrink < 1.0)
+
+    @property
+    def measured(self) -> int:
+        """M, rows that were measured."""
+        return len(self.fold_of_row)
+
+    @property
+    def energy(self) -> float:
+        """Sum of squares r·r of the weighted residual."""
+        return float(self.values @ self.values)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
+        return max(len(self.values) - self.span.size, 1)
+
+    @cached_property
+    def rms(self) -> float:
+        """3-D RMS of the residual, m."""
+        return float(np.linalg.norm(self.values[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
+
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """Weighted columns (M, E) of any effects at these poses."""
+        return self.problem.effect_rows(effects, self.calibration.model)
+
+    def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns (M + B, E) less what is enabled, and the share (E,) of each left; zero where past numbers."""
+        asked = tuple(effects)
+        found = self._projected.get(asked)
+        if found is None:
+            found = self._without_enabled(asked)
+            self._projected.clear()
+            self._projected[asked] = found
+        return found
+
+    @cached_property
+    def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
+        """The projections that were asked for last: the tests of a candidate ask for the same again."""
+        return {}
+
+    def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            columns = self.columns(effects)
+        columns[:, ~(np.abs(columns) < LARGEST).all(axis=0)] = 0.0
+        norms = np.linalg.norm(columns, axis=0)
+        alive = norms > ident.NEGLIGIBLE * 1e-3
+        padded = np.zeros((len(self.values), len(norms)))
+        padded[: self.measured] = columns / np.where(alive, norms, 1.0)
+        left = self.span.remove(padded) * alive
+        left.setflags(write=False)
+        return left, np.linalg.norm(left, axis=0)
+
+    def poses_at_work(self, effects: Sequence[Effect]) -> Array:
+        """At how many poses each effect (E,) says what nothing enabled says: (Σ e)² / Σ e², e its energy per pose.
+
+        One where all of it sits at a single pose, N where all poses share alike.
+        """
+        left = self.projected(effects)[0][: self.measured] ** 2
+        energy = np.zeros((len(self.poses), left.shape[1]))
+        np.add.at(energy, self.problem.pose_of_row, left)
+        return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
+
+    def without(self, effects: Sequence[Effect]) -> "Residual":
+        """The same with the part of some of its model's effects given back, as if they were not in it."""
+        given = [e.name for e in effects]
+        kept = np.concatenate([np.ones(self.problem.placement, dtype=bool), ~np.isin(self.names, given)])
+        believed = np.any(self.system[self.measured :] != 0, axis=0)
+        rows = np.concatenate([np.ones(self.measured, dtype=bool), kept[believed]])
+        model = self.calibration.model
+        returned = np.isin([e.name for e in model.effects], given)
+        back = self.problem.columns[:, self.problem.placement :][:, returned] @ self.calibration.theta[returned]
+        target = self.target.copy()
+        target[: self.measured] += back
+        system = self.system[np.ix_(rows, kept)]
+        gram = self.gram[np.ix_(kept, kept)] if believed.any() else self.gram
+        span = _spanned(system, believed[kept], gram)
+        return replace(
+            self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
+            names=tuple(n for n in self.names if n not in set(given)), gram=gram,
+        )  # fmt: skip
+
+    @cached_property
+    def in_stretches(self) -> "Residual":
+        """The same with folds that are stretches of rows, as many: what neighbours share is then in no other fold."""
+        first = np.full(self.unit_of_pose.max() + 1, np.inf)
+        np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
+        stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
+        return replace(self, fold_of_row=stretch[self.problem.pose_of_row])
+
+    @cached_property
+    def omitted(self) -> tuple[Omitted, ...]:
+        """The rows of every fold, beside the system without them."""
+        folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
+        return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
+
+
+def residual_of(
+    calibration: Calibration, poses: Poses, criteria: Criteria, seed: int, trusted: Mask | None = None
+) -> Residual:
+    """The residual of a calibration at poses, every one of them; far-out poses are winsorised, not dropped.
+
+    trusted: (N,) poses taken as they are. seed: of the folds.
+    """
+    problem = problem_at(calibration, poses)
+    shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
+    if trusted is not None:
+        shrink[trusted] = 1.0
+    system, target, names = _system(calibration, problem, shrink)
+    believed = np.any(system[len(problem.residual) :] != 0, axis=0)
+    gram = system.T @ system if believed.any() else system[:0, :0]
+    span = _spanned(system, believed, gram)
+    fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
+    return Residual(
+        calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
+        independent_units(poses.dataset, criteria), shrink, criteria, gram,
+    )  # fmt: skip
+
+
+def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...]]:
+    """Columns and right side (M + B) of what is enabled, and the names of the effects among the columns."""
+    shortened = problem.residual * shrink[problem.pose_of_row]
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), calibration.kept])
+    belief, pull = prior_rows(calibration.model, calibration.theta, problem, calibration.kept)
+    system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
+    scale = np.linalg.norm(system, axis=0)
+    system /= np.where(scale > 0, scale, 1.0)
+    return system, target, tuple(e.name for e, k in zip(calibration.model.effects, calibration.kept, strict=True) if k)
+
+
+def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
+    """Factor (N,) that brings each pose's residual to at most median + sigmas · 1.4826 MAD of all lengths."""
+    squared = np.zeros(poses)
+    np.add.at(squared, problem.pose_of_row, problem.residual**2)
+    length = np.sqrt(squared)
+    return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
+
+
+def _spanned(system: Array, believed: Mask, gram: Array) -> ident.Span:
+    """The span of unit columns (M + B, K): those without priors decided by rank, those with by Cholesky.
+
+    believed: (K,) which have priors. gram: (K, K) products of all columns, where any has.
+    """
+    plain = ident.orthonormal(system[:, ~believed])
+    if not believed.any():
+        return ident.Span(plain)
+    columns = system[:, believed]
+    inside = plain.T @ columns
+    factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
+    return ident.Span(plain, columns - plain @ inside, factor)

@@ -1,0 +1,160 @@
+"""What is in the model: its posterior, its evidence, and what each group in it is worth.
+
+With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹:
+C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.gain import best
+from gpmodel.selection.pool import GroupPool
+
+LEAST_NOISE = 1e-8
+"""Metres, of a component: a tenth of what instruments resolve; in an exact table what is below it is rounding."""
+
+
+@dataclass(frozen=True)
+class Active:
+    """Groups in the model by number, with their variances; chosen: which of a group's effects are still in it."""
+
+    pool: GroupPool
+    variances: dict[int, float]
+    chosen: dict[int, IntArray]
+    sigma2: float
+
+    @property
+    def criteria(self) -> Criteria:
+        """The limits by which groups come in and go."""
+        return self.pool.criteria
+
+    def added(self, g: int, variance: float) -> "Active":
+        """The same with group g, all its effects, at a prior variance of `variance`."""
+        everything = np.arange(len(self.pool.index[g]))
+        return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: everything})
+
+    def without(self, g: int) -> "Active":
+        """The same without group g."""
+        left = {k: v for k, v in self.variances.items() if k != g}
+        return replace(self, variances=left, chosen={k: v for k, v in self.chosen.items() if k != g})
+
+    @cached_property
+    def blocks(self) -> dict[int, slice]:
+        """Columns of each group."""
+        out, at = {}, 0
+        for g in self.variances:
+            out[g] = slice(at, at + len(self.chosen[g]))
+            at = out[g].stop
+        return out
+
+    @cached_property
+    def index(self) -> IntArray:
+        """Distinct effect (K,) of each column."""
+        return np.concatenate([self.pool.index[g][self.chosen[g]] for g in self.variances])
+
+    @cached_property
+    def scale(self) -> Array:
+        """√a spread (K,) of each column."""
+        roots = [np.sqrt(a) * self.pool.spreads[g][self.chosen[g]] for g, a in self.variances.items()]
+        return np.concatenate(roots)
+
+    @cached_property
+    def inner(self) -> Array:
+        """AᵀA (K, K)."""
+        root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
+        return root[:, None] * self.pool.gram(self.chosen) * root
+
+    @cached_property
+    def pull(self) -> Array:
+        """Aᵀy (K,)."""
+        return self.scale * self.pool.pull[self.index]
+
+    @cached_property
+    def lower(self) -> Array:
+        """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
+        count = len(self.pull)
+        rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
+        return linalg.cholesky(self.inner + (self.sigma2 + rounding) * np.eye(count), lower=True, check_finite=False)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """L⁻¹ (K, K), zero above its diagonal."""
+        return linalg.lapack.dtrtri(self.lower, lower=1)[0]
+
+    @cached_property
+    def spanned(self) -> Array:
+        """A L⁻ᵀ (M, K), whose product with its transpose is what the groups take out of rows."""
+        columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
+        return np.hstack(columns) @ self.inverse.T
+
+    @cached_property
+    def mean(self) -> Array:
+        """Posterior mean H Aᵀy (K,), in the same units."""
+        return self.inverse.T @ (self.inverse @ self.pull)
+
+    @cached_property
+    def left(self) -> Array:
+        """Residual (M,), whitened."""
+        left = self.pool.rows.target.copy()
+        for g, at in self.blocks.items():
+            left -= self.pool.columns(g)[:, self.chosen[g]] @ (np.sqrt(self.variances[g]) * self.mean[at])
+        return left
+
+    @property
+    def energy(self) -> float:
+        """Sum of the squared residual."""
+        return float(self.left @ self.left)
+
+    @cached_property
+    def misfit(self) -> Array:
+        """Squared residual (P,) of each pose, whitened, in units of σ²."""
+        return np.bincount(self.pool.rows.pose_of_row, self.left**2) / self.sigma2
+
+    @property
+    def unknowns(self) -> float:
+        """γ, how many unknowns the data determine."""
+        return len(self.mean) - self.sigma2 * float(np.sum(self.inverse**2))
+
+    @cached_property
+    def mismatch(self) -> float:
+        """yᵀC⁻¹y of the cleaned target."""
+        y2 = float(self.pool.rows.target @ self.pool.rows.target)
+        return (y2 - float(np.sum((self.inverse @ self.pull) ** 2))) / self.sigma2
+
+    @cached_property
+    def evidence(self) -> float:
+        """Log marginal likelihood of the cleaned target, nats, less what the groups cost to name."""
+        freedom, count = self.pool.rows.freedom, len(self.pull)
+        volume = (freedom - count) * np.log(self.sigma2) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
+        return -0.5 * (volume + self.mismatch + freedom * np.log(2 * np.pi)) - sum(
+            self.pool.cost[g] for g in self.variances
+        )
+
+    def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
+        """s and q (1, K) of an active group, or of some of its columns, with itself taken out.
+
+        With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
+        """
+        at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
+        half = self.inverse[at[0] :, at]
+        h, turn = np.linalg.eigh(self.sigma2 * (half.T @ half))
+        h = np.clip(h, 1e-15, 1.0)
+        a = self.variances[g]
+        return ((1.0 - h) / h / a)[None], ((turn.T @ self.mean[at]) / h / np.sqrt(a))[None]
+
+    @cached_property
+    def worth(self) -> dict[int, tuple[float, float]]:
+        """Gain of each active group over the model without it, at its best variance, and that variance.
+
+        Groups of few columns are scored beside those of many: a column of zeros gains nothing.
+        """
+        own = [self.own(g) for g in self.variances]
+        width = max((s.shape[1] for s, _ in own), default=0)
+        s, q = (np.array([np.pad(pair[i][0], (0, width - pair[i].shape[1])) for pair in own]) for i in (0, 1))
+        gains, at = best(s, q, self.pool.cap[list(self.variances)])
+        return {g: (float(gain), float(a)) for g, gain, a in zip(self.variances, gains, at, strict=True)}

@@ -1,0 +1,80 @@
+"""What the selection would find by chance: the residual of the chosen model put in another order of its bundles."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.evidence.gain import best
+from gpmodel.families.comb import Comb
+from gpmodel.selection.active import Active
+from gpmodel.selection.scan import beside, reduced
+from gpmodel.selection.waves import most_by_chance
+
+MOST_NUMBERS = 100_000
+"""Entries of a class's gain matrices, times the residuals, that are worked on at once: a few megabytes."""
+
+
+def best_by_chance(
+    active: Active, combs: Sequence[Comb], bundle: IntArray, rng: np.random.Generator, count: int
+) -> Array:
+    """The most nats (count,), costs counted, that any group or wave gains on each of `count` permuted residuals.
+
+    bundle: (N,) code of the poses that stay together, in the order of the problem's poses. Every group is
+    scored beside the model on the permuted residuals as in `scan`.
+    """
+    pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
+    pulls = pool.atoms.cross(trials)
+    table, _ = reduced(active)
+    rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
+    place, found = np.arange(len(pool.effects)), most_by_chance(active, combs, trials)
+    for c in pool.classes:
+        inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
+        s, turn = np.linalg.eigh(inner)
+        reach = table[c.index] * c.spreads[:, :, None]
+        for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
+            pull = pulls[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
+            q = np.einsum("gkt,gkl->tgl", pull / active.sigma2, turn)
+            found[some] = with_the_best(found[some], s, q, pool.cap[c.ids], pool.cost[c.ids])
+    return found
+
+
+def with_the_best(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
+    """The most nats (T,) that were found, or that any of G groups gains, its cost counted, where that is more.
+
+    s: (G, K), q: (T, G, K). No gain exceeds ½ Σ q² / s: the variance is sought of the group for which that is largest
+    on each trial, then of those alone that could still gain more.
+    """
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost
+    first = np.arange(len(q)), np.argmax(most, axis=1)
+    found = np.maximum(found, best(s[first[1]], q[first], cap[first[1]])[0] - cost[first[1]])
+    trial, group = np.nonzero(most > found[:, None])
+    np.maximum.at(found, trial, best(s[group], q[trial, group], cap[group])[0] - cost[group])
+    return found
+
+
+def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """Targets (M, count), whitened: what the model explains, and the rest in another order of the bundles.
+
+    The rest is made as large as the noise σ of the model: the fit has taken a part of the noise, of few poses a large
+    one, and takes that part again of every permuted residual.
+    """
+    rows = active.pool.rows
+    explained = np.zeros_like(rows.target)
+    for g, at in active.blocks.items():
+        part = active.pool.columns(g)[:, active.chosen[g]]
+        explained += part @ (np.sqrt(active.variances[g]) * active.mean[at])
+    present = rows.problem.weights > 0
+    left = np.full(present.shape, np.nan)
+    rest = rows.target - explained
+    left[present] = rest * np.sqrt(active.sigma2 * len(rest) / max(float(rest @ rest), np.finfo(float).tiny))
+    codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
+    places = np.argsort(codes, kind="stable")
+    out = np.empty((len(rows.target), count))
+    for t in range(count):
+        rank = np.argsort(rng.permutation(codes.max() + 1))
+        turned = np.empty_like(left)
+        turned[places] = left[np.argsort(rank[codes], kind="stable")]
+        out[:, t] = explained + np.nan_to_num(turned[present])
+    return out

@@ -1,0 +1,97 @@
+"""Standing groups over the joints' angles: error curves, single harmonics, one joint's motion following another's."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
+from gpmodel.families.candidate import Candidate, revolute
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
+from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.group import Group, Shapes, group_of
+
+FOLLOWING = (3, 1.5)
+"""Harmonics of a curve that follows another joint, and the one at which its prior falls off: smoother than gears."""
+
+
+def continued(curve: Candidate) -> tuple[Effect, ...]:
+    """As many harmonics again as a fine curve has, their deviations falling on as k^-1.5; none of any other effects."""
+    count, last = len(curve.effects) // 2, curve.effects[-1]
+    if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
+        return ()
+    return tuple(
+        replace(
+            last,
+            name=f"{curve.name}, {f} {k}",
+            terms=tuple(replace(t, basis=wave(f, k, curve.inputs[0])) for t in last.terms),
+            prior=last.prior * (count / k) ** 1.5,
+        )
+        for k in range(count + 1, 2 * count + 1)
+        for f in ("sin", "cos")
+    )
+
+
+def richest(count: int) -> tuple[int, float] | None:
+    """Harmonics and corner of the fine curve that so many poses can carry."""
+    return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
+
+
+def curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Error curve of the own angle on the drive, smooth and fine."""
+    fine = richest(len(shapes.states))
+    for j in revolute(mechanism):
+        drive = Site(j.drive)
+        name = f"error curve of the angle, {j.name}"
+        yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*SMOOTH)), 4.0, shapes)
+        if fine is not None:
+            name = f"fine error curve of the angle, {j.name}"
+            yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*fine)), 5.0, shapes)
+
+
+def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Any place that follows another joint's angle: three harmonics, a proxy where no mechanism is known."""
+    joints = revolute(mechanism)
+    for site in sites_of(mechanism):
+        for j in joints:
+            if not _own(site, j):
+                name = f"{site.name} following {j.name}"
+                yield group_of(name, harmonics(name, site, j.name, "following", spectrum(*FOLLOWING)), 7.0, shapes)
+
+
+def _own(site: Site, joint: Joint) -> bool:
+    return site.slot == f"{joint.name}.moving"
+
+
+def session(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """What changes along the rows: a slow wander of the set-up, a ramp at any drive, steps at a drive."""
+    states = shapes.states
+    first, span = float(np.min(states["row"])), float(np.ptp(states["row"])) or 1.0
+    along = f"(row - {first:g})/{span:g}"
+    waves = [Expression(f"cos({3.14159265 * k:.8f}*({along}))") for k in range(1, 7)]
+    fall = spectrum(6, 1.0)
+    for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
+        name = f"slow wander of the set-up, {kind}"
+        effects = [
+            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "drift", float(s))
+            for a in axes
+            for k, (w, s) in enumerate(zip(waves, fall, strict=True), 1)
+        ]
+        yield group_of(name, effects, 6.0, shapes)
+    for site in sites_of(mechanism):
+        name = f"drift along the rows, {site.name}"
+        yield group_of(name, [site.effect(name, Expression("row"), "1/row", "drift")], 6.0, shapes)
+
+
+def columns_everywhere(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Every extra column of the table at every place, in proportion."""
+    states = shapes.states
+    known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"}
+    extra = [c for c in states.columns if c not in known and not c.startswith(("torque_", "moment_", "force_"))]
+    for column in extra:
+        for site in sites_of(mechanism):
+            name = f"{site.name} following {column}"
+            effect = site.effect(name, Expression(column), f"1/{states.units[column]}", "following")
+            yield group_of(name, [effect], 6.5, shapes)

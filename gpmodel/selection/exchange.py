@@ -1,0 +1,73 @@
+"""One group for another, and one for several: what adding and pruning alone do not find."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.selection.active import Active
+from gpmodel.selection.merge import acquitted, merged, spelled_out
+from gpmodel.selection.moves import SETTLED, found, grown, pruned, reestimated, split
+from gpmodel.selection.scan import Replacements
+
+MOST_SWAPS = 4
+"""Rounds of swaps at most; they end by themselves far earlier."""
+MOST_RIVALS = 20
+"""Rivals kept of a group, nearest first."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A group that could stand in the place of a kept one at a loss of so many nats, its cost counted."""
+
+    number: int
+    loss: float
+
+
+def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
+    """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
+    active = replacements.active
+    own = active.worth[g][0] - active.pool.cost[g]
+    margin = active.criteria.rival_nats
+    gains, variances = replacements.of(g, own - margin)
+    losses = own - (gains - active.pool.cost)
+    losses[list(active.variances)] = np.inf
+    order = np.argsort(losses)[:MOST_RIVALS]
+    return tuple(Alternative(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
+
+
+def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]]]:
+    """Each kept group against every other in its place, and grown again, until neither helps; the rivals of each.
+
+    Groups of several places are said by name where they can be, and several groups at one place by one.
+    """
+    rivals: dict[int, tuple[Alternative, ...]] = {}
+    for _ in range(MOST_SWAPS):
+        active = merged(split(acquitted(spelled_out(merged(active)))))
+        rivals, changed, replacements = {}, False, Replacements(active)
+        for g in found(active):
+            if g not in active.variances:
+                continue
+            rivals[g], variances = instead_of(replacements, g)
+            h = _successor(active, g, rivals[g])
+            if h is not None:
+                trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
+                if trial.evidence > active.evidence + SETTLED:
+                    active, changed, replacements = trial, True, Replacements(trial)
+        if not changed:
+            break
+        active = pruned(reestimated(grown(active)))
+    return active, {g: rivals.get(g, ()) for g in found(active)}
+
+
+def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | None:
+    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse, cheaper to name
+    and of no more unknowns, since of two that explain the same the better known and simpler one is likelier."""
+    cost, groups = active.pool.cost, active.pool.groups
+
+    def enough(h: int) -> float:
+        known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
+        return 0.0 if known else -active.criteria.swap_nats
+
+    return next((r.number for r in rivals if r.loss < enough(r.number)), None)

@@ -1,0 +1,51 @@
+"""Standing groups over the loads: compliance of every axis under its own wrench, and how torque and angle bend away."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel.families.candidate import loaded, revolute
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
+from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.group import Group, Shapes, group_of
+
+
+def compliances(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Each axis of a joint shifts under the force along it; each axis of the base turns under its own moment."""
+    for site in sites_of(mechanism):
+        owner, along = site.slot.split(".")[0], site.axis[0] == "T"
+        load = f"{'force' if along else 'moment'}_{owner}_{site.axis[1]}"
+        if loaded(shapes.states, load) and along != (owner == "base"):
+            name = f"compliance of {site.name}"
+            unit = "m/N" if along else "rad/Nm"
+            yield group_of(name, [site.effect(name, Expression(load), unit, "structure_compliance")], 6.0, shapes)
+
+
+def all_torques(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """A joint under the torque of another: stiffness that is not where it is drawn."""
+    for j in revolute(mechanism):
+        for other in revolute(mechanism):
+            if other is not j and loaded(shapes.states, f"torque_{other.name}"):
+                name = f"compliance of {j.name} under the torque of {other.name}"
+                effect = Site(j.drive).effect(name, Expression(f"torque_{other.name}"), "rad/Nm", "cross_compliance")
+                yield group_of(name, [effect], 6.5, shapes)
+
+
+def load_curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+    """Deflection as a loose curve of the own torque: linear, saturating, hardening, dead band."""
+    for j in revolute(mechanism):
+        torque = f"torque_{j.name}"
+        if not loaded(shapes.states, torque):
+            continue
+        scale = float(np.max(np.abs(shapes.states[torque])))
+        load = f"{torque}/{scale:.4g}"
+        texts = [f"tanh(3*({load}))", f"tanh(10*({load}))", f"abs({load})"]
+        texts += [f"max({load} - {b}, 0)" for b in (0.25, 0.5)] + [f"min({load} + {b}, 0)" for b in (0.25, 0.5)]
+        name = f"curve over the torque, {j.name}"
+        effects: list[Effect] = [
+            Site(j.drive).effect(f"{name}, {k}", Expression(t), "rad", "load_curve")
+            for k, t in enumerate([load, *texts], 1)
+        ]
+        yield group_of(name, effects, 6.0, shapes)

@@ -1,0 +1,134 @@
+"""One group in the place of several, and several in the place of one: what no exchange of one for one can do."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import Group
+from gpmodel.selection.moves import SETTLED, found, grown, parts_left, pruned, reestimated
+from gpmodel.selection.scan import scan
+
+LAW = 2
+"""Effects up to which a group is a law itself."""
+
+TRIED = 3
+"""Groups tried in the place of several, the best first at the noise as it is."""
+
+PAIRED = 30
+"""Groups of which two are tried in the place of one, the best first."""
+
+LEEWAY = 100.0
+"""Nats that re-estimation may bring beyond what a group saves at the variances as they are; it brings tens."""
+
+
+def merged(active: Active) -> Active:
+    """The groups found at each place against the one that does most in their stead, where that raises the evidence.
+
+    Groups that were added one after the other can share what one shape explains by itself, each of them needed beside
+    the rest; then none can be exchanged alone.
+    """
+    for place, several in _together(active).items():
+        fewer = active
+        for g in several:
+            fewer = fewer.without(g)
+        groups = active.pool.groups
+        others = [h for h, group in enumerate(groups) if group.place == place and h not in active.variances]
+        if not others:
+            continue
+        gains, variances, _ = scan(fewer, np.array(others))
+        saved = gains - active.pool.cost
+        for h in np.argsort(-saved)[:TRIED]:
+            if saved[h] < active.evidence - fewer.evidence - LEEWAY:
+                break
+            trial = pruned(reestimated(fewer.added(int(h), float(variances[h]))))
+            if trial.evidence > active.evidence + SETTLED:
+                active = trial
+                break
+    return active
+
+
+def spelled_out(active: Active) -> Active:
+    """The curves found, each against a law in its inputs and what grows beside that, where it raises the evidence.
+
+    A law that needs another effect beside it loses to a curve that has both in it. One that saves nothing in the place
+    of the curve is no trial: what would grow is what grows without it.
+    """
+    for g in found(active):
+        group = active.pool.groups[g]
+        if g not in active.variances or len(group.effects) <= LAW:
+            continue
+        for h in _laws_in(active, group.inputs):
+            fewer = pruned(reestimated(active.without(g).added(h, active.variances[g])))
+            if h not in fewer.variances:
+                continue
+            trial = grown(fewer, but={g})
+            if trial.evidence > active.evidence + SETTLED:
+                active = trial
+                break
+    return active
+
+
+def acquitted(active: Active) -> Active:
+    """What can stand for several effects of the robot, each against what grows of the others in its stead.
+
+    Where that raises the evidence: an error of the instrument is as large everywhere, one scale comes before the
+    pitches of two screws and then needs a third to make up for it; and the weights of all links beyond a joint, each
+    by itself, say what a tilting base and a wave of the joint's own angle do together, none of which comes first alone.
+    """
+    for g in found(active):
+        if g in active.variances and _broad(active.pool.groups[g]):
+            fewer = pruned(reestimated(active.without(g)))
+            trial = max((grown(s, but={g}) for s in (fewer, _with_two(fewer, g))), key=lambda a: a.evidence)
+            if trial.evidence > active.evidence + SETTLED:
+                active = trial
+    return active
+
+
+def _broad(group: Group) -> bool:
+    """Whether it is the instrument's, or at one place with a size of its own for each of several inputs."""
+    several = not group.parts and len(group.inputs) >= len(group.effects) > LAW
+    return several or group.effects[0].of_the_instrument
+
+
+def _with_two(active: Active, but: int) -> Active:
+    """With the two groups but one that do most together, of those that do most alone."""
+    cost = active.pool.cost
+    gains, variances, _ = scan(active)
+    gains = gains - cost
+    gains[[*active.variances, but]] = -np.inf
+    among = np.argsort(-gains)[: min(PAIRED, int(np.isfinite(gains).sum()))]
+    pairs: dict[tuple[int, ...], tuple[float, Active]] = {}
+    for h in among.tolist():
+        one = active.added(h, float(variances[h]))
+        saved, sizes, _ = scan(one, among)
+        saved = saved + gains[h] - cost
+        saved[list(one.variances)] = -np.inf
+        for other in np.argsort(-saved)[: min(TRIED, int(np.isfinite(saved).sum()))].tolist():
+            pairs[tuple(sorted((h, other)))] = saved[other], one.added(other, float(sizes[other]))
+    likely = sorted(pairs.values(), key=lambda pair: -pair[0])[: PAIRED // TRIED]
+    return max((reestimated(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
+
+
+def _laws_in(active: Active, inputs: Sequence[str]) -> list[int]:
+    """Groups without a name, not in the model, that read nothing else."""
+    return [
+        h for h, group in enumerate(active.pool.groups)
+        if not group.family and not group.standing and h not in active.variances and set(group.inputs) <= set(inputs)
+    ]  # fmt: skip
+
+
+def _together(active: Active) -> dict[str, list[int]]:
+    """The groups that were found, by place, where there are several at one."""
+    at = defaultdict(list)
+    for g in found(active):
+        at[_place(active, g)].append(g)
+    return {place: several for place, several in at.items() if len(several) > 1}
+
+
+def _place(active: Active, g: int) -> str:
+    """Where a group acts; of one of several places, of which but one is left, that one."""
+    group = active.pool.groups[g]
+    left = {group.parts[part].place for part in parts_left(active, g)} if group.parts else {group.place}
+    return left.pop() if len(left) == 1 else group.place

@@ -1,0 +1,102 @@
+"""Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, combinations
+
+import numpy as np
+
+from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Columns, Expression
+from gpmodel.formula.program import Program
+from gpmodel.model.effect import axis_unit
+from gpmodel.model.sites import Site
+from gpmodel.model.states import States
+
+DIGITS = 5
+"""Of an evolved constant: what stands in front of the basis is fitted anew, with σ, to all of its digits."""
+
+
+def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:
+    """A program as effects at its site, one an output; None where it is no function of any input."""
+    texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
+    texts = [t for t in dict.fromkeys(texts)]
+    try:
+        bases = [Expression(t) for t in texts]
+    except InputError:
+        return None
+    bases = [b for b in bases if b.inputs]
+    if not bases:
+        return None
+    label = " and ".join(b.text for b in bases)
+    name = f"{label} on {site.name}"
+    unit = axis_unit(site.axis)
+    effects = tuple(site.effect(_numbered(name, k, len(bases)), b, unit) for k, b in enumerate(bases, 1))
+    return Candidate(name, effects, "", cost, "evolved")
+
+
+def parts(program: Program) -> list[Program]:
+    """Each of a program's outputs alone, and all but one of three; none of a program of one."""
+    count = len(program.outputs)
+    fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
+    return [program.select(chosen) for chosen in chain(*fewer.values())]
+
+
+def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
+    """What was evolved as one law for each set of inputs that its terms share; as it is where that is one.
+
+    cost: nats of so many nodes.
+    """
+    sets: list[list[int]] = []
+    for k, effect in enumerate(candidate.effects):
+        shared = [own for own in sets if any(set(candidate.effects[i].inputs) & set(effect.inputs) for i in own)]
+        sets = [own for own in sets if own not in shared] + [sorted([*chain(*shared), k])]
+    if candidate.family or len(sets) == 1:
+        return (candidate,)
+    return tuple(_some(candidate, own, cost) for own in sets)
+
+
+def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
+    """Each term by itself of what was evolved in several and has no name; none of one. cost: nats of so many nodes."""
+    if candidate.family or len(candidate.effects) == 1:
+        return ()
+    return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
+
+
+def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
+    """A candidate of some of the terms of another."""
+    label, _, place = candidate.name.rpartition(" on ")
+    bases = [label.split(" and ")[k] for k in own]
+    name = f"{' and '.join(bases)} on {place}"
+    effects = tuple(replace(candidate.effects[k], name=_numbered(name, i, len(own))) for i, k in enumerate(own, 1))
+    nodes = sum(Expression(basis).program.complexity for basis in bases)
+    return replace(candidate, name=name, effects=effects, cost=cost(nodes))
+
+
+def _numbered(name: str, number: int, count: int) -> str:
+    """The name of one effect of several."""
+    return f"{name} [{number}]" if count > 1 else name
+
+
+def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
+    """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
+    for effect in candidate.effects:
+        for term in effect.terms:
+            largest = float(np.max(np.abs(term.basis(between))))
+            if not largest <= criteria.largest_between * float(np.max(np.abs(term.basis(measured)))):
+                return False
+    return True
+
+
+def expression_text(program: Program, names: Mapping[str, str]) -> str:
+    """A one-output program as one line of arithmetic over the table's columns, its constants to `DIGITS` digits.
+
+    A program that is a bare input is that input unscaled: its coefficient takes the scale up.
+    """
+    if len(program.nodes) == 1 and program.nodes[0].operator == "input":
+        return str(program)
+    rounded = program.with_constants(float(f"{value:.{DIGITS}g}") for value in program.constants)
+    written = {name: Expression(names[name]).program for name in rounded.inputs}
+    return rounded.with_inputs(written).written_out()

@@ -1,0 +1,112 @@
+"""The worth of every group beside a model, or in place of one of it, at once."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.evidence.gain import best, fitted, rotated
+from gpmodel.selection.active import Active
+from gpmodel.selection.pool import SizeClass
+
+MEMORY = 4_000_000
+"""Numbers held at once, 32 MB."""
+
+
+def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, Array]:
+    """Gain (G,), -∞ for groups not asked for, best variance (G,) and fit (G,) of every group beside the model.
+
+    Fit: what each takes off yᵀC⁻¹y.
+    """
+    pool = active.pool
+    gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
+    fit = np.zeros(len(pool.groups))
+    rows = None if among is None else np.unique(np.concatenate([pool.index[g] for g in among]))
+    table, right = reduced(active, rows)
+    place = np.arange(len(pool.effects))
+    if rows is not None:
+        place[rows] = np.arange(len(rows))
+    for c in pool.classes:
+        at = np.arange(len(c.ids)) if among is None else np.flatnonzero(np.isin(c.ids, among))
+        if len(at):
+            s, q = rotated(*beside(active, c.part(at), table, right, place))
+            ids = c.ids[at]
+            gains[ids], variances[ids] = best(s, q, pool.cap[ids])
+            fit[ids] = fitted(variances[ids], s, q)
+    return gains, variances, fit
+
+
+def reduced(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
+    """T = XᵀA L⁻ᵀ (E, K) for every distinct column, or some of them, and t = L⁻¹Aᵀy (K,)."""
+    parts = []
+    for g, a in active.variances.items():
+        crossed = active.pool.crossed(g) if rows is None else active.pool.crossed(g)[rows]
+        whole = len(active.chosen[g]) == crossed.shape[1]
+        parts.append(np.sqrt(a) * (crossed if whole else crossed[:, active.chosen[g]]))
+    table = linalg.blas.dtrmm(1.0, active.inverse, np.hstack(parts).T, lower=1, overwrite_b=1).T
+    return table, active.inverse @ active.pull
+
+
+def beside(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
+    """S (G, K, K) and XᵀC⁻¹y (G, K) of a class; place: row of the table of each distinct effect."""
+    inner, pull = c.inner / active.sigma2, c.pull / active.sigma2
+    for part in _chunks(c, table.shape[1]):
+        t = table[place[c.index[part]]] * c.spreads[part][:, :, None]
+        inner[part] -= (t @ np.swapaxes(t, 1, 2)) / active.sigma2
+        pull[part] -= (t @ right) / active.sigma2
+    return inner, pull
+
+
+@dataclass(frozen=True)
+class Replacements:
+    """Every group in the place of each active one of a model."""
+
+    active: Active
+
+    @cached_property
+    def _reduced(self) -> tuple[Array, Array]:
+        return reduced(self.active)
+
+    @cached_property
+    def _beside(self) -> list[tuple[Array, Array]]:
+        place = np.arange(len(self.active.pool.effects))
+        return [beside(self.active, c, *self._reduced, place) for c in self.active.pool.classes]
+
+    def of(self, g: int, least: float) -> tuple[Array, Array]:
+        """Gain (G,) and best variance (G,) of every group in place of g; -∞ where it must be under `least`.
+
+        Taking g out: S gains u uᵀ / σ² with u = (XᵀA H)_g chol(H_gg)⁻ᵀ, XᵀC⁻¹y likewise. No gain exceeds
+        ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, which is cheaper.
+        """
+        active, pool = self.active, self.active.pool
+        table, right = self._reduced
+        own = active.blocks[g]
+        block = active.inverse[own.start :, own]
+        root = linalg.cholesky(block.T @ block, lower=True, check_finite=False)
+        back = linalg.solve_triangular(root, block.T, lower=True, check_finite=False)
+        table, right = table[:, own.start :] @ back.T, back @ right[own.start :]
+        gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
+        for c, (inner, pull) in zip(pool.classes, self._beside, strict=True):
+            for part in _chunks(c, table.shape[1]):
+                t = table[c.index[part]] * c.spreads[part][:, :, None]
+                s = inner[part] + (t @ np.swapaxes(t, 1, 2)) / active.sigma2
+                q = pull[part] + (t @ right) / active.sigma2
+                able = np.flatnonzero(_bound(s, q) >= least)
+                if len(able):
+                    ids = c.ids[part[able]]
+                    gains[ids], variances[ids] = best(*rotated(s[able], q[able]), pool.cap[ids])
+        return gains, variances
+
+
+def _chunks(c: SizeClass, width: int) -> list[IntArray]:
+    """Groups of a class in parts of bounded memory."""
+    return np.array_split(np.arange(len(c.ids)), max(1, c.index.size * width // MEMORY))
+
+
+def _bound(s: Array, q: Array) -> Array:
+    """½ qᵀS⁻¹q (G,) of S (G, K, K), above every gain."""
+    size = s.shape[-1]
+    ridge = 1e-12 * np.trace(s, axis1=1, axis2=2)[:, None, None] * np.eye(size) + 1e-300 * np.eye(size)
+    return 0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0])

@@ -1,0 +1,163 @@
+"""Selection of groups: linearise, choose, solve the exact chain, look again."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.noise import blocks_of
+from gpmodel.calibration.result import Calibration
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.units import exchangeable
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.selection.active import LEAST_NOISE, Active
+from gpmodel.selection.by_chance import best_by_chance
+from gpmodel.selection.exchange import exchanged
+from gpmodel.selection.group import Group, Shapes, geometry_groups
+from gpmodel.selection.moves import grown, pruned, reestimated
+from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.refit import Expansion, Refit, far_out, refit, whitened
+from gpmodel.selection.result import Selection, summarised
+from gpmodel.selection.rows import Rows
+from gpmodel.selection.sample import predicted_states, sample_of
+from gpmodel.selection.standing import Builder, Offering, offered
+from gpmodel.selection.waves import waves_left
+from gpmodel.table.bundles import sharing
+
+MOST_LOOKS = 3
+"""Linearisations at most; the second usually finds nothing to change."""
+
+
+@dataclass(frozen=True)
+class _State:
+    """What one pass hands to the next: variances by name, the effects each group still has, the point, σ."""
+
+    point: Expansion
+    sigma: float
+    variances: Mapping[str, float] = field(default_factory=dict)
+    chosen: Mapping[str, IntArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same: the poses, their bundles of repeats, the sample that is chosen on, its shapes."""
+
+    mechanism: Mechanism
+    poses: Poses
+    bundle: IntArray
+    sample: IntArray
+    shapes: Shapes
+    criteria: Criteria
+
+
+def select(
+    calibration: Calibration, poses: Poses, offering: Offering, *, criteria: Criteria | None = None, seed: int = 0
+) -> Selection:
+    """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
+
+    poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
+    the groups are scored on; seed: of their order.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _select(calibration, poses, offering, np.random.default_rng(seed), criteria or Criteria())
+
+
+def _select(
+    calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, criteria: Criteria
+) -> Selection:
+    mechanism = calibration.model.mechanism
+    bundle = sharing(poses.dataset)
+    sample = sample_of(bundle)
+    shapes = Shapes(predicted_states(calibration, poses.subset(sample)))
+    base = list(geometry_groups(calibration.model.effects))
+    single = offered(offering.single, mechanism, shapes)
+    use = np.ones(len(poses), dtype=bool)
+    use[calibration.outliers] = False
+    point = Expansion(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
+    state = _State(point, calibration.sigma)
+    task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
+    state = _with_levels(state, poses, bundle)
+    state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
+    groups = [*base, *single]
+    kept = [g for g in groups if g.standing or g.name in state.variances]
+    waves = waves_left(reestimated(_started(task, kept, state)), offering.combs) if offering.combs else []
+    groups += [*waves, *_pairs_found(task, [*kept, *waves], offering.pairs, state)]
+    for _ in range(MOST_LOOKS):
+        active, rivals = exchanged(pruned(reestimated(grown(_started(task, groups, state)))))
+        before = state
+        state, fit = _refitted(active, task, before)
+        if _same(before, state):
+            break
+    together = exchangeable(poses.dataset.subset(sample), criteria)
+    chance = best_by_chance(active, offering.combs, together, rng, criteria.shuffles)
+    return summarised(active, rivals, fit, len(groups) - len(base), chance)
+
+
+def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder], state: _State) -> list[Group]:
+    """The groups of two inputs that what is left asks for, beside others that are kept or offered."""
+    couples = offered(pairs, task.mechanism, task.shapes, blocks=False)
+    if not couples:
+        return []
+    trial = grown(_started(task, [*beside, *couples], state))
+    found = {trial.pool.groups[g].name for g in trial.variances}
+    return [g for g in couples if g.name in found]
+
+
+def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
+    """The problem linearised at a point, with what was chosen before; unknowns are totals."""
+    point = state.point
+    part = task.poses.subset(task.sample)
+    problem = linearise(point.model, part, point.theta, point.placement, point.rotation_weight, point.use[task.sample])
+    target = problem.residual + problem.columns[:, problem.placement :] @ point.theta
+    noise = whitened(problem, task.bundle[task.sample], point.ratio)
+    rows = Rows(task.mechanism, problem, target, noise, task.shapes)
+    pool = GroupPool(rows, groups, task.criteria)
+    active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
+    for g, group in enumerate(groups):
+        if group.standing or group.name in state.variances:
+            active = active.added(g, state.variances.get(group.name, 1e-6))
+            if group.name in state.chosen:
+                active = replace(active, chosen={**active.chosen, g: state.chosen[group.name]})
+    return active
+
+
+def _refitted(active: Active, task: _Task, state: _State) -> tuple[_State, Refit]:
+    """The exact fit with what is active, outliers and the noise's levels judged anew."""
+    before = dict(zip((e.terms for e in state.point.model.effects), state.point.theta, strict=True))
+    effects, variances, chosen = [], {}, {}
+    for g, a in active.variances.items():
+        group = active.pool.groups[g]
+        prior = group.with_prior(a)
+        effects += [prior[k] for k in active.chosen[g]]
+        variances[group.name], chosen[group.name] = a, active.chosen[g]
+    mean = dict(zip((active.pool.effects[i].terms for i in active.index), active.mean * active.scale, strict=True))
+    theta = np.array([before.get(e.terms, mean[e.terms]) for e in effects])
+    point = replace(state.point, model=ErrorModel(state.point.model.mechanism, tuple(effects)), theta=theta)
+    sigma = float(np.sqrt(active.sigma2))
+    fit = refit(point, task.poses, task.bundle, sigma)
+    use = far_out(fit.error, point.use)
+    if (use != point.use).any():
+        fit = refit(replace(fit.point, use=use), task.poses, task.bundle, sigma)
+    ratio = fit.whitening.estimated(fit.problem.residual, fit.unknowns).ratio
+    return _State(replace(fit.point, ratio=ratio), fit.sigma, variances, chosen), fit
+
+
+def _with_levels(state: _State, poses: Poses, bundle: IntArray) -> _State:
+    """The state with the two levels of the noise as the residual it starts from says, with all that is missing."""
+    point = state.point
+    problem = linearise(point.model, poses, point.theta, point.placement, point.rotation_weight, point.use)
+    noise = blocks_of(problem, bundle).estimated(problem.residual, float(problem.columns.shape[1]))
+    return replace(state, point=replace(point, ratio=noise.ratio))
+
+
+def _same(before: _State, after: _State) -> bool:
+    """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
+    return (
+        bool((before.point.use == after.point.use).all())
+        and abs(np.log1p(before.point.ratio) - np.log1p(after.point.ratio)) < 0.1
+        and abs(np.log(before.sigma / after.sigma)) < 0.05
+    )

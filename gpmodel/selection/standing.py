@@ -1,0 +1,128 @@
+"""Which groups are offered: the catalogue's candidates, generic ones, and kinds that several joints share.
+
+A builder takes a mechanism and shapes and yields groups; adding one is one row of STANDING or PAIRS. A family of the
+catalogue needs no row: each of its candidates is a group, and those of one kind at several joints are one group more.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from dataclasses import dataclass, replace
+from itertools import chain
+
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.comb import Comb
+from gpmodel.families.offer import Offer, instances
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Term
+from gpmodel.selection import curves, loads, pairs
+from gpmodel.selection.group import Group, Shapes, from_candidate, joined
+from gpmodel.selection.programs import laws, terms
+
+Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
+
+REPLACED = {"joint_curve"}
+LARGEST_BLOCK = 130
+"""Effects of one kind offered together as one group at all places: more are slow and say nothing."""
+SMALLEST_BLOCK = 3
+"""Places below which they are offered singly."""
+BLOCK_COST = 1.0
+"""Nats of a kind at all places: there are few kinds to choose from."""
+
+
+def of_offers(offers: Iterable[Offer]) -> Builder:
+    """Every instance of what is offered, but for the families that a generic builder offers in several sizes."""
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        for offer in offers:
+            if offer.name not in REPLACED:
+                yield from (from_candidate(c, shapes) for c in instances(offer, mechanism, shapes.states))
+
+    return build
+
+
+def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
+    """What genetic programming found, terms that share no input as laws of their own, the terms of each as parts.
+
+    cost: nats of so many nodes.
+    """
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        for law in chain.from_iterable(laws(candidate, cost) for candidate in candidates):
+            whole = from_candidate(law, shapes)
+            parts = tuple(from_candidate(term, shapes) for term in terms(law, cost))
+            yield whole and replace(whole, parts=tuple(p for p in parts if p is not None))
+
+    return build
+
+
+def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
+    """The groups of a builder that are wanted."""
+
+    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        return (group for group in builder(mechanism, shapes) if group is not None and wanted(group))
+
+    return build
+
+
+GENERIC: tuple[Builder, ...] = (
+    curves.curves,
+    curves.following,
+    curves.session,
+    curves.columns_everywhere,
+    loads.compliances,
+    loads.all_torques,
+    loads.load_curves,
+)
+PAIRS: tuple[Builder, ...] = (pairs.products, pairs.varying)
+
+
+@dataclass(frozen=True)
+class Offering:
+    """What a selection may choose of.
+
+    single: builders of groups from the start. pairs: of groups of two inputs, offered once nothing single is left.
+    combs: waves at more rates than can be named, likewise.
+    """
+
+    single: Sequence[Builder]
+    pairs: Sequence[Builder] = ()
+    combs: Sequence[Comb] = ()
+
+
+def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *, blocks: bool = True) -> list[Group]:
+    """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks.
+
+    Terms that were evolved together are offered one by one where one of them has a name by itself.
+    """
+    found = _distinct(group for builder in builders for group in builder(mechanism, shapes) if group is not None)
+    named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
+    groups = _distinct(g for whole in found for g in _apart(whole, named))
+    return groups + (shared_kinds(mechanism, groups) if blocks else [])
+
+
+def _distinct(groups: Iterable[Group]) -> list[Group]:
+    """The first of each set of columns."""
+    found: dict[object, Group] = {}
+    for group in groups:
+        found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
+    return list(found.values())
+
+
+def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
+    """A group, or its terms but for those that are offered by name, where there are any. named: terms of those."""
+    left = tuple(part for part in group.parts if part.effects[0].terms not in named)
+    return left if len(left) < len(group.parts) else (replace(group, parts=()),)
+
+
+def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
+    """Groups that are the same but for the joint, as one group under one variance: many weak ones of one kind."""
+    kinds: dict[str, list[Group]] = defaultdict(list)
+    for group in groups:
+        for j in mechanism.joints:
+            if group.name.endswith(f", {j.name}"):
+                kinds[group.name.removesuffix(f", {j.name}")].append(group)
+    return [
+        joined(f"{kind}, several joints", parts, parts[0].cost + BLOCK_COST)
+        for kind, parts in kinds.items()
+        if len(parts) >= SMALLEST_BLOCK and sum(len(p.effects) for p in parts) <= LARGEST_BLOCK
+    ]

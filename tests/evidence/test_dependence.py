@@ -1,0 +1,84 @@
+"""What drifts along the rows or varies smoothly over the space is not many independent poses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import measure
+from loop_cases import ARM
+from residual_cases import NAMES, pool, seen
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.walk import beyond_a_walk
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.dependence import inflation
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import deflated, scores
+from gpmodel.evolution.description_length import fit_nats
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+
+
+@pytest.mark.parametrize("planted", NAMES)
+def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
+    own = next(c for c in pool() if c.name == planted)
+    assert max(inflation(seen(planted), own).values()) < 2.5
+
+
+def wandering(seed: int) -> Residual:
+    """An innocent robot whose instrument walks at random through the session."""
+    truth = measure(ARM, (), (), seed, count=120)
+    walk = np.cumsum(np.random.default_rng(seed).normal(0.0, 2e-5, (120, 3)), axis=0)
+    data = replace(truth.poses.dataset, position=truth.poses.dataset.position + walk)
+    poses = prepare(truth.model.mechanism, data)
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), poses)
+    return residual_of(fit, poses, Criteria(), 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_step_nor_approach_says_more_of_a_walk_than_the_walk(seed: int) -> None:
+    residual = wandering(seed)
+    laws = [c for c in pool() if c.family in ("set_up_step", "warm_up", "tool_slip")]
+    best = max(laws, key=lambda c: scores(residual, [c])[0].nats)
+    assert scores(residual, [best])[0].nats > 20.0
+    beyond = beyond_a_walk(residual, best)
+    assert beyond is not None
+    assert beyond < -5.0
+
+
+@pytest.mark.parametrize("planted", ["set-up moved after row 41, Tz", "drift of the set-up, Tx"])
+def test_a_law_of_the_rows_that_is_there_says_more_than_a_walk(planted: str) -> None:
+    own = next(c for c in pool() if c.name == planted)
+    beyond = beyond_a_walk(seen(planted), own)
+    assert beyond is not None
+    assert beyond > 10.0
+
+
+def test_what_reads_no_row_is_not_asked_about_walks() -> None:
+    planted = NAMES[1]
+    assert beyond_a_walk(seen(planted), next(c for c in pool() if c.name == planted)) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_random_walk_costs_a_step_most_of_its_evidence(seed: int) -> None:
+    residual = wandering(seed)
+    steps = [c for c in pool() if c.family in ("set_up_step", "drift")]
+    found = scores(residual, steps)
+    best = int(np.argmax([s.nats for s in found]))
+    factor = inflation(residual, steps[best])["rows"]
+    assert found[best].nats > 5
+    assert factor > 2
+
+
+@pytest.mark.parametrize("prior", [np.inf, 1e-4])
+@pytest.mark.parametrize("planted", NAMES)
+def test_evidence_is_of_so_many_times_fewer_readings(planted: str, prior: float) -> None:
+    residual, own = seen(planted), next(c for c in pool() if c.name == planted)
+    candidate = replace(own, effects=tuple(replace(e, prior=prior) for e in own.effects))
+    (score,) = scores(residual, [candidate])
+    same, *fewer = deflated(residual, candidate, (1.0, 2.0, 8.0, 32.0))
+    assert same == pytest.approx(score.nats, rel=1e-12)
+    assert fewer == sorted(fewer, reverse=True)
+    if prior == np.inf:
+        fit = float(fit_nats(score.gain, residual.freedom))
+        assert fewer[0] == pytest.approx(score.nats - fit / 2, rel=1e-12)

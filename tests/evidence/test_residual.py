@@ -1,0 +1,184 @@
+"""What the residual says of a candidate: each figure against the plain least squares it stands for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import MECHANISMS, bare, first_of_each_family, measure, mechanism, sized
+from residual_cases import NAMES, pool, seen
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.targets import targets
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import better_by, cross_validated
+from gpmodel.evidence.null import shuffled
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import best_nats, saved, scores
+from gpmodel.evolution.chance import chance
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import sites_of
+from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.rank import canonical_correlation, orthonormal
+
+
+@pytest.mark.parametrize("planted", NAMES)
+def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(planted: str) -> None:
+    there, candidates = seen(planted), pool()
+    best = candidates[int(np.argmax([s.nats for s in scores(there, candidates)]))]
+    own = next(c for c in candidates if c.name == planted)
+    spans = [orthonormal(there.projected(c.effects)[0]) for c in (best, own)]
+    assert canonical_correlation(*spans) > 0.95
+
+
+@pytest.mark.parametrize("planted", NAMES)
+def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
+    there, candidates = seen(planted), pool()
+    null = best_nats(there, candidates, shuffled(there, np.random.default_rng(0), 60))
+    assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
+
+
+def test_nothing_stands_out_of_an_innocent_robot() -> None:
+    there = seen("nothing")
+    null = best_nats(there, pool(), shuffled(there, np.random.default_rng(0), 60))
+    assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
+
+
+def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None:
+    there = seen(NAMES[1])
+    plain = [c for c in pool() if not c.has_priors][::17]
+    columns = there.problem.columns[:, np.append(np.ones(there.problem.placement, bool), there.calibration.kept)]
+    for candidate, score in zip(plain, scores(there, plain), strict=True):
+        if np.isfinite(score.nats):
+            both = np.hstack([columns, there.columns(candidate.effects)])
+            both = both / np.linalg.norm(both, axis=0)
+            left = there.problem.residual - both @ np.linalg.lstsq(both, there.problem.residual, rcond=1e-12)[0]
+            assert score.gain == pytest.approx(1 - left @ left / there.energy, abs=1e-6)
+
+
+def test_columns_are_projected_off_all_that_is_enabled() -> None:
+    there = seen(NAMES[0])
+    left, shares = there.projected([e for c in pool()[:60] for e in c.effects])
+    assert np.abs(there.span.basis.T @ left).max() < 1e-9
+    np.testing.assert_allclose(np.linalg.norm(left, axis=0), shares, atol=1e-12)
+    assert ((shares >= 0) & (shares <= 1 + 1e-12)).all()
+
+
+def test_what_the_model_already_has_scores_nothing_and_neither_does_what_is_not_finite() -> None:
+    there = seen(NAMES[0])
+    enabled = effect_at("again", "J3.moving", "Ry")
+    infinite = effect_at("infinite", "J3.moving", "Ry", Expression("1/(J1 - J1)"))
+    for effect in (enabled, infinite):
+        (score,) = scores(there, [Candidate(effect.name, (effect,), "", 4.0)])
+        assert score.nats == -np.inf
+        assert score.gain == 0.0
+
+
+def test_a_description_pays_for_its_unknowns_and_for_what_it_was_chosen_from() -> None:
+    there = seen(NAMES[0])
+    assert saved(there, 0.2, 1, 4.0) > saved(there, 0.2, 2, 4.0) > saved(there, 0.2, 2, 6.0)
+    assert saved(there, 0.0, 1, 4.0) < 0
+    assert np.isfinite(saved(there, 1.0, 1, 4.0))
+
+
+@pytest.mark.parametrize("name", [NAMES[0], NAMES[1]])
+def test_cross_validation_is_a_refit_without_each_fold(name: str) -> None:
+    there = seen(name)
+    effects = next(c.effects for c in pool() if c.name == name)
+    found = cross_validated(there, effects)
+    columns = np.hstack([there.system, there.columns(effects) / np.linalg.norm(there.columns(effects), axis=0)])
+    expected = np.zeros(90)
+    for fold in np.unique(there.fold_of_row):
+        test = there.fold_of_row == fold
+        solved = np.linalg.lstsq(columns[~test], there.target[~test], rcond=None)[0]
+        np.add.at(expected, there.problem.pose_of_row[test], (there.target[test] - columns[test] @ solved) ** 2)
+    np.testing.assert_allclose(found.per_unit, expected, rtol=1e-5, atol=1e-16)
+    assert found.rms == pytest.approx(np.sqrt(expected.mean()))
+    assert found.coefficients.shape == (len(np.unique(there.fold_of_row)), len(effects))
+    assert found.rms < cross_validated(there, ()).rms
+
+
+def test_better_by_is_the_paired_deviation_of_squared_errors() -> None:
+    there = seen(NAMES[1])
+    own, other = (next(c.effects for c in pool() if c.name == name) for name in (NAMES[1], NAMES[0]))
+    both = [cross_validated(there, effects).per_unit for effects in (other, own)]
+    far = outlier_limit(np.sqrt(both[0]), 6.0) ** 2
+    gain = np.minimum(both[0], far) - np.minimum(both[1], far)
+    expected = gain.mean() / (gain.std(ddof=1) / np.sqrt(len(gain)))
+    assert better_by(there, own, other) == pytest.approx(expected)
+    assert better_by(there, own) > 2 > better_by(there, other)
+    assert better_by(there, own, own) == 0.0
+
+
+def test_poses_at_work_count_where_an_effect_says_something() -> None:
+    there = seen(NAMES[1])
+    wide, spike, few = (
+        effect_at(text, "J4.moving", "Rx", Expression(text))
+        for text in ("sin(2*J4)", "exp(-(row - 17)**2)", "step(row - 82.5)")
+    )
+    counts = there.poses_at_work([wide, spike, few])
+    assert 25 < counts[0] < 90
+    assert counts[1] < 3
+    assert 2 < counts[2] < 9
+
+
+def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
+    there = seen(NAMES[1])
+    sites = sites_of(mechanism("irb6400r"))
+    seen_by_gp = targets(there, sites, np.arange(90))
+    for text in ("sin(2*J4)", "torque_J2", "x*y"):
+        basis = Expression(text)
+        gains = seen_by_gp.gains(basis(there.poses.states)[None])[0]
+        scored = scores(there, [Candidate("c", (s.effect("e", basis, "1"),), "", 0.0) for s in sites])
+        np.testing.assert_allclose(gains, [s.gain for s in scored], rtol=1e-6, atol=1e-9)
+
+
+def test_shuffling_keeps_the_poses_whole_and_the_model_out() -> None:
+    there = seen(NAMES[0])
+    order = shuffled(there, np.random.default_rng(0), 5)
+    assert np.abs(there.span.basis.T @ order).max() < 1e-12
+    assert (np.abs(there.values @ order) < 0.5 * there.energy).all()
+    again = shuffled(there, np.random.default_rng(0), 5)
+    np.testing.assert_array_equal(order, again)
+
+
+def test_a_far_out_pose_is_winsorised_and_not_dropped() -> None:
+    truth = measure("irb6400r", (), (), 5, count=80)
+    position = truth.poses.dataset.position.copy()
+    position[7] += 5e-3
+    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=position))
+    fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), poses)
+    there = residual_of(fit, poses, Criteria(), 0)
+    assert np.flatnonzero(there.winsorised).tolist() == [7]
+    assert set(there.problem.pose_of_row) == set(range(80))
+    length = np.sqrt(np.bincount(there.problem.pose_of_row, there.target[: there.measured] ** 2))
+    assert 3e-5 < length[7] < 1e-3
+    trusted = residual_of(fit, poses, Criteria(), 0, trusted=np.ones(80, dtype=bool))
+    assert not trusted.winsorised.any()
+    assert trusted.energy > 10 * there.energy
+
+
+def test_an_effect_given_back_is_found_again() -> None:
+    data = bare("irb6400r", 90, 5)
+    effects = first_of_each_family("irb6400r")["gear_harmonic"].effects
+    truth = measure("irb6400r", effects, sized("irb6400r", effects, data, 0.3), 5, dataset=data)
+    fit = calibrate(
+        ErrorModel(truth.model.mechanism, (*geometric_effects(truth.model.mechanism), *effects)), truth.poses
+    )
+    candidate = Candidate("again", effects, "gear_harmonic", 4.0)
+    (without,) = scores(residual_of(fit, truth.poses, Criteria(), 0).without(effects), [candidate])
+    assert without.nats > 100
+    (enabled,) = scores(residual_of(fit, truth.poses, Criteria(), 0), [candidate])
+    assert enabled.nats == -np.inf
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_sites_are_the_base_every_axis_of_every_joint_and_the_tool(name: str) -> None:
+    arm = mechanism(name)
+    sites = sites_of(arm)
+    assert len({s.terms for s in sites}) == len(sites) == 6 + 6 * len(arm.joints) + 3
+    for joint in arm.joints:
+        assert joint.drive in [s.terms for s in sites]

@@ -1,0 +1,210 @@
+"""Groups chosen together: every figure against dense linear algebra, planted robots named, innocent ones left alone."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
+from group_cases import ARM, STANDING, problem
+from scipy import linalg, stats
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.noise import Whitening
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.gain import best, gain, with_own_noise
+from gpmodel.families import catalogue
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import Shapes
+from gpmodel.selection.refit import whitened
+from gpmodel.selection.result import Selection
+from gpmodel.selection.scan import Replacements, scan
+from gpmodel.selection.select import select
+from gpmodel.selection.standing import PAIRS, Offering, offered
+
+PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
+
+
+def chosen(truth: Truth) -> Selection:
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    return select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, PAIRS), criteria=Criteria(shuffles=19))
+
+
+@cache
+def robot(names: tuple[str, ...], count: int = 90, seed: int = 5) -> Truth:
+    """A robot with some catalogue effects of 0.15 mm each, or none."""
+    data = bare(ARM, count, seed, payload=False)
+    arm = mechanism(ARM)
+    pool = {c.name: c for c in catalogue.candidates(arm, prepare(arm, data).states)}
+    theta = np.concatenate([np.zeros(0), *(sized(ARM, pool[n].effects, data, 0.15) for n in names)])
+    return measure(ARM, [e for n in names for e in pool[n].effects], theta, seed, dataset=data)
+
+
+@cache
+def found() -> Selection:
+    return chosen(robot(PLANTED))
+
+
+def dense(active: Active, target: np.ndarray) -> float:
+    """Log density of the target in the complement of the placement, with nothing but full matrices."""
+    rows = active.pool.rows
+    covariance = np.zeros((len(target), len(target)))
+    for block in np.unique(rows.whitening.block):
+        own = rows.whitening.block == block
+        covariance[np.ix_(own, own)] = rows.whitening.ratio * active.sigma2
+    covariance += active.sigma2 * np.eye(len(target))
+    for g, a in active.variances.items():
+        columns = rows.columns(active.pool.groups[g].effects) * np.array(active.pool.groups[g].spreads)
+        covariance += a * columns @ columns.T
+    whiten = rows.whitening.whiten(np.eye(len(target)))
+    free = linalg.null_space(rows.placement.T).T @ whiten
+    density = stats.multivariate_normal(cov=free @ covariance @ free.T, allow_singular=True)
+    return float(density.logpdf(free @ target)) - sum(active.pool.cost[g] for g in active.variances)
+
+
+def scaled(active: Active, factor: float) -> Active:
+    """The same with the noise and all variances times a factor."""
+    variances = {g: factor * a for g, a in active.variances.items()}
+    return replace(active, variances=variances, sigma2=factor * active.sigma2)
+
+
+def test_the_evidence_is_the_density_of_the_target() -> None:
+    active, target = problem()
+    assert active.evidence == pytest.approx(dense(active, target), abs=1e-3)
+
+
+def test_the_gain_of_a_group_is_what_the_density_gains_with_it() -> None:
+    active, target = problem()
+    gains, variances, _ = scan(active)
+    some = [g for g in range(2, len(gains)) if g not in active.variances][::7]
+    for g in some:
+        there = active.added(g, float(variances[g]))
+        assert gains[g] - active.pool.cost[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)
+    short, *_ = scan(active, np.array(some))
+    np.testing.assert_allclose(short[some], gains[some], atol=1e-6)
+    assert np.isneginf(np.delete(short, some)).all()
+
+
+def test_at_its_own_noise_a_group_gains_what_the_density_does_once_everything_is_scaled_to_what_is_left() -> None:
+    active, target = problem()
+    active = scaled(active, active.mismatch / active.pool.rows.freedom)
+    gains, variances, fit = scan(active)
+    gains = with_own_noise(gains, fit, active.mismatch) - active.pool.cost
+    for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
+        there = scaled(active.added(g, float(variances[g])), 1.0 - fit[g] / active.mismatch)
+        assert gains[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)
+
+
+def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> None:
+    active, target = problem()
+    worth, variance = active.worth[9]
+    there = replace(active, variances={**active.variances, 9: variance})
+    lost = dense(there, target) - dense(active.without(9), target)
+    assert worth - active.pool.cost[9] == pytest.approx(lost, abs=1e-3)
+
+
+def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
+    active, target = problem()
+    gains, variances = Replacements(active).of(5, -1.0)
+    for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
+        there = active.without(5).added(g, float(variances[g]))
+        gained = dense(there, target) - dense(active.without(5), target)
+        assert gains[g] - active.pool.cost[g] == pytest.approx(gained, abs=1e-3)
+
+
+def test_no_variance_on_a_fine_grid_beats_the_best() -> None:
+    rng = np.random.default_rng(0)
+    s, q = rng.gamma(1.0, 1e8, (50, 4)), rng.normal(0, 3e4, (50, 4))
+    gains, _ = best(s, q, np.full(50, 5e-3))
+    fine = gain(np.tile(np.geomspace(1e-15, 2.5e-5, 3000), (50, 1)), s, q)
+    assert (gains >= fine.max(axis=1) * (1 - 2e-4) - 1e-3).all()
+
+
+def test_four_effects_at_once_are_named_and_nothing_else() -> None:
+    assert {k.group.name for k in found().kept} == set(PLANTED)
+    assert found().noise == pytest.approx(NOISE, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_a_rival(seed: int) -> None:
+    """The first joint of this arm stands on its base: what bends the one tilts the other."""
+    kept = {k.group.name: k for k in chosen(robot(PLANTED, 80, seed)).kept}
+    assert "joint bending, J1" not in kept
+    assert "joint bending, J1" in {group.name for group, _ in kept["base compliance"].rivals}
+
+
+def test_the_values_found_are_the_true_ones_within_their_deviations() -> None:
+    truth = robot(PLANTED)
+    true = dict(zip((e.terms for e in truth.model.effects), truth.theta, strict=True))
+    pulls = [
+        (v - true[e.terms]) / s
+        for k in found().kept
+        for e, v, s in zip(k.group.effects, k.values, k.stderr, strict=True)
+    ]
+    assert np.max(np.abs(pulls)) < 3.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_innocent_robot_gets_nothing(seed: int) -> None:
+    assert chosen(robot((), 60, seed)).kept == ()
+
+
+def test_an_exact_table_gets_nothing_for_its_rounding() -> None:
+    truth = measure(ARM, (), (), 1, dataset=bare(ARM, 60, 1, payload=False), noise=0.0)
+    assert chosen(truth).kept == ()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 5e-5])
+def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
+    rng = np.random.default_rng(3)
+    data = bare("ur5", 60, 3, payload=False)
+    data = data.subset(np.repeat(np.arange(60), 3))
+    truth = measure("ur5", (), (), 3, dataset=replace(data, row=np.arange(1, 181)), noise=1e-5)
+    common = np.repeat(rng.normal(0, 4e-5, (60, 3)), 3, axis=0)
+    shaken = truth.poses.dataset.q + rng.normal(0, jitter, truth.poses.dataset.q.shape) if jitter else data.q
+    seen = replace(truth.poses.dataset, position=truth.poses.dataset.position + common, q=shaken)
+    selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, seen)))
+    assert selection.kept == ()
+    assert selection.pose_noise == pytest.approx(4e-5, rel=0.3)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: str) -> None:
+    arm = mechanism(name)
+    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    names = [group.name for group in groups]
+    assert len(set(names)) == len(names)
+    assert f"warm-up of the zero within 11.9 rows, {arm.joints[0].name}" in names
+
+
+def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
+    truth = robot(PLANTED[:1])
+    position = truth.poses.dataset.position.copy()
+    position[84] += 1.5e-3
+    data = replace(truth.poses.dataset, position=position)
+    selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, data)))
+    assert selection.outliers.tolist() == [84]
+    assert [k.group.name for k in selection.kept] == [PLANTED[0]]
+
+
+def test_whitening_makes_the_two_levels_one() -> None:
+    block = np.array([0, 0, 0, 1, 2, 2])
+    noise = Whitening(block, 0.8)
+    covariance = np.eye(6) + 0.8 * (block[:, None] == block)
+    half = noise.whiten(np.eye(6))
+    np.testing.assert_allclose(half @ covariance @ half.T, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(noise.restored(half), np.eye(6), atol=1e-12)
+
+
+def test_the_ratio_of_the_levels_is_recovered() -> None:
+    rng = np.random.default_rng(0)
+    block = np.repeat(np.arange(600), 3)
+    values = rng.normal(size=1800) + 1.5 * rng.normal(size=600)[block]
+    assert Whitening(block).estimated(values, 0.0).ratio == pytest.approx(2.25, rel=0.15)
+
+
+def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
+    fit = found().fit
+    assert whitened(fit.problem, np.arange(len(fit.error)), 0.0).estimated(fit.problem.residual, 80.0).ratio == 0.0

@@ -1,0 +1,181 @@
+"""One group in the place of several, and what a name is worth while groups are chosen."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_cases import NOISE, Truth, measure, mechanism
+from group_cases import ARM, STANDING
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.noise import blocks_of
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import drive_effect, effect_at
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.selection import merge
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
+from gpmodel.selection.merge import acquitted, merged, spelled_out
+from gpmodel.selection.moves import found, grown, pruned, reestimated
+from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.programs import laws
+from gpmodel.selection.rows import Rows
+from gpmodel.selection.standing import of_evolved, offered
+from gpmodel.table.bundles import replicates
+
+
+def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, int]]:
+    """A robot's geometry in the model and groups beside it, by name."""
+    arm, shapes = mechanism(ARM), Shapes(truth.poses.states)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
+    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, 1.0, np.ones(len(truth.poses), bool))
+    noise = blocks_of(linear, replicates(truth.poses.dataset))
+    geometry = geometry_groups(fit.model.effects)
+    rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
+    active = Active(GroupPool(rows, [*geometry, *groups], Criteria()), {}, {}, NOISE**2)
+    for g in range(len(geometry)):
+        active = active.added(g, 1e-6)
+    return active, {g.name: i for i, g in enumerate([*geometry, *groups])}
+
+
+def at_one_place() -> tuple[Active, dict[str, int]]:
+    """Joint 3 winds up past its torque: what it truly does beside groups of the catalogue, one after the other in; and
+    a curve of several joints of which that of joint 3 is left."""
+    arm = mechanism(ARM)
+    truth = measure(ARM, [drive_effect("true", arm.joints[2], Expression("tanh(torque_J3/400)"))], [1e-3], 5)
+    shapes = Shapes(truth.poses.states)
+    true = group_of("true", truth.model.effects[-1:], 3.0, shapes, family="windup")
+    assert true is not None
+    assert true.place == "J3.moving Ry"
+    there = [g for g in offered(STANDING, arm, shapes) if g.place == true.place]
+    curve = next(g for g in there if g.name == "error curve of the angle, J3")
+    return started(truth, [*there, true, joined("error curve of the angle, several joints", [curve], 5.0)])
+
+
+@pytest.mark.parametrize("joints", ["J3", "several joints"])
+def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_what_they_do(joints: str) -> None:
+    active, number = at_one_place()
+    several = ["joint compliance, J3", f"error curve of the angle, {joints}", "hardening stiffness, J3"]
+    for name in several:
+        active = active.added(number[name], 1e-7)
+    active = pruned(reestimated(active))
+    assert {number[name] for name in several} <= set(active.variances)
+    one = merged(active)
+    assert set(one.variances) - set(active.variances) == {number["true"]}
+    assert not {number[name] for name in several} & set(one.variances)
+    assert one.evidence > active.evidence
+    assert merged(one) is one
+
+
+def hinge(cost: float) -> Candidate:
+    """Joint 3 gives way beyond half a radian, as evolved in two terms."""
+    bases = ("max(J3, 0.5)", "J3")
+    effects = tuple(effect_at(f"both [{k}]", "J3.moving", "Ry", Expression(b)) for k, b in enumerate(bases, 1))
+    return Candidate(" and ".join(bases) + " on J3.moving Ry", effects, "", cost, "evolved")
+
+
+def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() -> None:
+    active, _ = at_one_place()
+    arm, shapes = mechanism(ARM), active.pool.rows.shapes
+    ratio = Candidate("gear ratio, J3", (replace(hinge(1.0).effects[1], family="gear_ratio"),), "gear_ratio", 4.0)
+
+    def catalogue(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+        yield from_candidate(ratio, shapes)
+
+    evolved = of_evolved([hinge(20.0)], lambda nodes: 2.0 * nodes)
+    together = offered([evolved], arm, shapes, blocks=False)
+    assert [(g.name, g.cost, g.parts) for g in together] == [(hinge(20.0).name, 20.0, ())]
+    apart = offered([catalogue, evolved], arm, shapes, blocks=False)
+    assert [(g.name, g.cost) for g in apart] == [("gear ratio, J3", 4.0), ("max(J3, 0.5) on J3.moving Ry", 6.0)]
+
+
+def test_terms_that_share_no_input_are_laws_of_their_own() -> None:
+    def nats(nodes: int) -> float:
+        return 2.0 * nodes
+
+    place = "J3.moving Ry"
+    texts = ("J1", "sin(J2)", "J1*J4", "J2 + J5")
+    effects = tuple(effect_at(t, "J3.moving", "Ry", Expression(t)) for t in texts)
+    both = Candidate(f"{' and '.join(texts)} on {place}", effects, "", 30.0, "evolved")
+    found = laws(both, nats)
+    assert [(law.name, law.cost) for law in found] == [
+        (f"J1 and J1*J4 on {place}", 8.0), (f"sin(J2) and J2 + J5 on {place}", 10.0)
+    ]  # fmt: skip
+    assert {e.terms for law in found for e in law.effects} == {e.terms for e in effects}
+    assert laws(found[0], nats) == (found[0],)
+    bridged = replace(both, effects=(*effects, effect_at("J1*J2", "J3.moving", "Ry", Expression("J1*J2"))))
+    assert laws(bridged, nats) == (bridged,)
+
+
+def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
+    """A hinge by two that say it together, neither of them alone."""
+    arm = mechanism(ARM)
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("max(J3, 0.5) - 0.7*J3"))], [2e-3], 5)
+    shapes = Shapes(truth.poses.states)
+    line, law = (
+        group_of(name, [effect_at(name, "J3.moving", "Ry", Expression(basis))], 3.0, shapes, family=family)
+        for name, basis, family in (("line", "J3", "gear_ratio"), ("law", "max(J3, 0.5)", ""))
+    )
+    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    active, number = started(truth, [group for group in (line, law, curve) if group is not None])
+    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    assert set(curved.variances) - set(active.variances) == {number[curve.name]}
+    spelled = spelled_out(curved)
+    assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
+    assert spelled.evidence > curved.evidence
+    assert spelled_out(spelled) is spelled
+
+
+def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curve(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    arm = mechanism(ARM)
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("sin(2*J3)"))], [2e-3], 5)
+    shapes = Shapes(truth.poses.states)
+    law = group_of("law", [effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)"))], 3.0, shapes)
+    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    active, number = started(truth, [group for group in (law, curve) if group is not None])
+    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    assert number[curve.name] in curved.variances
+    monkeypatch.setattr(merge, "grown", lambda *_, **__: pytest.fail("grown beside a law that is left out"))
+    assert spelled_out(curved) is curved
+
+
+def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
+    active, number = at_one_place()
+    pool = active.pool
+    unnamed = replace(pool.groups[number["true"]], family="")
+    both = GroupPool(pool.rows, [*pool.groups, unnamed], pool.criteria)
+    assert both.cost[-1] - both.cost[number["true"]] == Criteria().head_start
+    assert unnamed.cost == pool.groups[number["true"]].cost
+
+
+def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_each_of_them() -> None:
+    """Two waves, which a group with a size for each of several inputs has in one of its effects, and a third nearly."""
+    both = "sin(J2) + sin(3*J5)"
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression(both))], [1e-3], 5)
+    shapes = Shapes(truth.poses.states)
+
+    def group(name: str, cost: float, *bases: str) -> Group:
+        effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
+        made = group_of(name, effects, cost, shapes, family="known")
+        assert made is not None
+        return made
+
+    groups = [
+        group("broad", 12.0, both, "cos(2*J6)", "sin(2*J4)"), group("nearly", 3.0, f"{both} + 0.3*sin(J4)"),
+        group("one", 3.0, "sin(J2)"), group("other", 3.0, "sin(3*J5)"),
+    ]  # fmt: skip
+    active, number = started(truth, groups)
+    broad = reestimated(active.added(number["broad"], 1e-7))
+    greedy = grown(active, but={number["broad"]})
+    assert {greedy.pool.groups[g].name for g in found(greedy)} == {"nearly"}
+    apart = acquitted(broad)
+    assert {apart.pool.groups[g].name for g in found(apart)} == {"one", "other"}
+    assert apart.evidence > max(broad.evidence, greedy.evidence)
