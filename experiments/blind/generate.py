@@ -27,7 +27,7 @@ def make(case: Case | str, seed: int = 0, folder: Path | str | None = None) -> R
     """
     machine, amounts, rng = standing(case, seed)
     case = machine.case
-    train = _table(machine, amounts, rng)
+    train = first_table(machine, amounts, rng)
     by_row = case.in_order or any(["row"] in shape.named for shape in machine.shapes)
     later = machine.under(outliers=0.0, repeats=1, order="walk" if case.order == "walk" else "independent")
     counts = [case.poses] * max(1, round(FRESH / case.poses)) if by_row else [FRESH]
@@ -62,7 +62,7 @@ def _amounts(machine: Machine, rng: np.random.Generator) -> list[float]:
     return out
 
 
-def _table(machine: Machine, amounts: list[float], rng: np.random.Generator) -> Sheet:
+def first_table(machine: Machine, amounts: list[float], rng: np.random.Generator) -> Sheet:
     """The measured table, the instrument's walk included."""
     sheet = machine.measured(amounts, *machine.drawn(machine.case.poses, rng), rng)
     if not machine.case.walk_mm:

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from experiments.coverage.__main__ import counted
+from experiments.coverage.asked import asked
 from experiments.coverage.cases import DECLARED, FAMILIES
+from experiments.coverage.fleets import fleet_asked
 from experiments.coverage.measure import found, known
+from experiments.coverage.printed import covered
 from gpmodel.discovery.search import Search
 
 
@@ -43,3 +46,20 @@ def test_linear_axes_are_told_apart_from_the_instrument_and_from_the_tool(case: 
 
 def test_every_known_robot_says_what_its_effect_is_called() -> None:
     assert set(DECLARED) == set(FAMILIES["known"])
+
+
+def test_a_machine_is_asked_for_everything_printed_of_it() -> None:
+    row = asked(1)
+    assert set(row["z"]) == {"effect", "geometry", "place", "turn", "tool"}
+    assert 0.8 < row["predicted"] <= 1.0
+    assert 0.8 < row["compensated"] <= 1.0
+    assert np.std([z for kind in row["z"].values() for z in kind]) < 1.7
+    assert row["said"]["low"] < row["said"]["rms"] < row["said"]["high"]
+    assert covered([row])["machines"] == 1
+
+
+def test_a_fleet_is_asked_against_the_type_it_was_drawn_from() -> None:
+    row = fleet_asked(0)
+    assert row["size"] == 5
+    assert len(row["mean"]) == len(row["spread"]) > 5
+    assert np.mean(row["spread"]) > 0.7

@@ -1,0 +1,151 @@
+"""Everything that is printed of one machine with a ±, against what is true."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from experiments.blind.robot import world_of
+from experiments.blind.session import Route
+from experiments.coverage.strata import machine_of
+from experiments.coverage.truth import Exact, Hall, exact, hall, poses_at
+from gpmodel.api.calibrate import CalibrationResult, calibrate
+from gpmodel.application.compensate import GIVEN, corrected, joint_targets
+from gpmodel.application.kinematics import tips
+from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.usable import of_the_mechanism
+from gpmodel.model.error_model import Poses, observe
+from gpmodel.report.accuracy import before_and_after
+from gpmodel.report.compare import compare
+
+Row = dict[str, Any]
+TARGETS = 40
+
+
+def asked(number: int) -> Row:
+    """One machine of known effects: deviations z of printed numbers in their ±, shares of coordinates within two σ."""
+    stratum, case, name = machine_of(number)
+    started = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        here = hall(case, number, folder)
+    effects = [name] if name else []
+    first, second = (calibrate(here.mechanism, t, effects) for t in here.tables)
+    fit = first.calibrated.final
+    wide = poses_at(fit.model.mechanism, first.calibrated.poses.dataset, here.new)
+    true = exact(fit, wide)
+    row = {"machine": number, "stratum": stratum, "arm": case.arm, "effect": name, "status": fit.status,
+           "z": deviations(first, here, true), **predictions(first, here), **compensation(first, here, true),
+           **certified(first, here), **compared(first, second), **same_table(first, here, effects)}  # fmt: skip
+    return row | {
+        "sigma": round(fit.sigma / (1e-3 * case.noise_mm), 3),
+        "seconds": round(time.process_time() - started, 2),
+    }
+
+
+def deviations(result: CalibrationResult, here: Hall, true: Exact) -> dict[str, list[float]]:
+    """(printed - true) / ± of effects, geometry, registration and tool."""
+    fit, record = result.calibrated.final, result.record
+    own = {e.name for e in result.calibrated.named}
+    geometry = [
+        (value - there) / deviation
+        for e, kept, value, there, deviation in zip(
+            fit.model.effects, fit.kept, fit.theta, true.theta, fit.stderr, strict=True
+        )
+        if kept and e.name not in own
+    ]
+    effect = [
+        (abs(e.value) - abs(amount)) / e.stderr
+        for e, amount in zip(record.effects, here.amounts, strict=True)
+        if e.stderr
+    ]
+    out = {"effect": effect, "geometry": geometry}
+    for p in record.placement:
+        kind = "tool" if p.name.startswith("tool") else "place" if p.unit == "m" else "turn"
+        if p.stderr:
+            out.setdefault(kind, []).append((p.value - true.placed[p.name]) / p.stderr)
+    return {kind: [round(float(z), 2) for z in values] for kind, values in out.items()}
+
+
+def predictions(result: CalibrationResult, here: Hall) -> Row:
+    """Share of the coordinates of new poses within two σ of where the model predicts them."""
+    fit, poses = result.calibrated.final, poses_of(result, here)
+    saved = result.model.saved
+    observed = observe(fit.model, poses, fit.theta, fit.placement)
+    sigma = coordinate_deviations(saved, poses, observed)
+    off = observed.tip[:, :3, 3] - here.new.clean
+    return {"predicted": _within(off, sigma)}
+
+
+def compensation(result: CalibrationResult, here: Hall, true: Exact) -> Row:
+    """The same of the points that compensated joint values reach, in the frame of the root."""
+    fit, poses = result.calibrated.final, poses_of(result, here)
+    saved = of_the_mechanism(result.model.saved)
+    targets = joint_targets(saved, poses.subset(np.arange(TARGETS)).dataset)
+    q, status = corrected(saved, targets)
+    given = np.isin(status, GIVEN)
+    if not given.any():
+        return {"compensated": None}
+    reached = replace(targets.dataset.subset(np.flatnonzero(given)), q=q[given])
+    at, observed = tips(saved, reached, nominal=False)
+    nominal = targets.frames[given] @ np.linalg.inv(fit.placement.tool[""]) @ true.placement.tool[""]
+    register = true.placement.registration[""]
+    wanted = nominal[:, :3, 3] @ register[:3, :3].T + register[:3, 3]
+    off = (true_points(here, q[given]) - wanted) @ register[:3, :3]
+    return {"compensated": _within(off, coordinate_deviations(saved, at, observed, placed=False))}
+
+
+def true_points(here: Hall, q: np.ndarray) -> np.ndarray:
+    """(N, 3) where the machine's point is at joint values (N, n), in the instrument's frame."""
+    machine, row = here.machine, np.zeros(len(q))
+    world = world_of(machine.arm, q, {}, row, machine.tool, machine.placement)
+    rng = np.random.default_rng(0)
+    return machine.under(outliers=0.0, repeats=1).measured(here.amounts, Route(q, np.arange(len(q))), world, rng).clean
+
+
+def poses_of(result: CalibrationResult, here: Hall) -> Poses:
+    """The new poses as this calibration's user would have them."""
+    return poses_at(result.calibrated.final.model.mechanism, result.calibrated.poses.dataset, here.new)
+
+
+def certified(result: CalibrationResult, here: Hall) -> Row:
+    """The certificate's numbers, and the same of NEW poses measured afterwards, mm."""
+    found = before_and_after(result.record)
+    fit, poses = result.calibrated.final, poses_of(result, here)
+    observed = observe(fit.model, poses, fit.theta, fit.placement)
+    off = 1e3 * np.linalg.norm(observed.tip[:, :3, 3] - here.new.measured, axis=1)
+    there = {"rms": np.sqrt(np.mean(off**2)), "within_95": np.percentile(off, 95), "largest": off.max()}
+    said = {} if found is None else {k: getattr(found[1], k) for k in ("low", "high", *there)}
+    return {"said": _short(said), "there": _short(there)}
+
+
+def compared(first: CalibrationResult, second: CalibrationResult) -> Row:
+    """What `compare` calls changed of an unchanged machine: of two tables."""
+    found = compare(first.record, second.record)
+    z = [c.difference / c.stderr for c in (*found.effects, *(() if found.incomparable else found.parameters))]
+    every = (*found.effects, *(() if found.incomparable else found.parameters))
+    return {"changed": sum(c.significant for c in every), "compared": len(every), "change_z": [round(v, 2) for v in z],
+            "placement_changed": sum(c.significant for c in found.placement)}  # fmt: skip
+
+
+def same_table(first: CalibrationResult, here: Hall, effects: list[str]) -> Row:
+    """What it calls changed of two fits of one table: with another share held out, and with the geometry alone."""
+    other = calibrate(here.mechanism, here.tables[0], effects, holdout=0.2, seed=1)
+    found = compare(first.record, other.record)
+    every = (*found.effects, *found.parameters, *found.placement)
+    out = {"same_changed": sum(c.significant for c in every)}
+    if effects:
+        found = compare(first.record, calibrate(here.mechanism, here.tables[0], []).record)
+        out["without_changed"] = sum(c.significant for c in (*found.parameters, *found.placement))
+    return out
+
+
+def _within(off: np.ndarray, sigma: np.ndarray) -> float:
+    return round(float(np.mean(np.abs(off) <= 2.0 * sigma)), 4)
+
+
+def _short(values: dict[str, float]) -> dict[str, float]:
+    return {k: round(float(v), 5) for k, v in values.items()}

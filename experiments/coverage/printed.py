@@ -1,0 +1,103 @@
+"""Does everything that is printed with a ± or as an interval hold? Machines by number, a stratum after the other.
+
+From the root of the repository: python -m experiments.coverage.printed --machines 300 --out FILE
+Started again it leaves out the machines that FILE has; `--of fleets` asks whole fleets of innocent machines instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.coverage.asked import Row, asked
+from experiments.coverage.fleets import fleet_asked
+from experiments.coverage.strata import STRATA
+
+KINDS = ("effect", "geometry", "place", "turn", "tool")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--machines", type=int, default=300)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--of", choices=ASKED, default="machines")
+    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
+    settings = parser.parse_args()
+    rows: list[Row] = json.loads(settings.out.read_text())["machines"] if settings.out.exists() else []
+    done = {row["machine"] for row in rows}
+    command = shlex.join(["python", "-m", "experiments.coverage.printed", *sys.argv[1:]])
+    ask, sum_up = ASKED[settings.of]
+    for number in range(settings.first, settings.first + settings.machines):
+        if number not in done:
+            rows.append(ask(number))
+            save(rows, command, sum_up(rows), settings.out)
+    print(json.dumps(sum_up(rows), indent=1))
+
+
+def summarised(rows: list[Row]) -> dict[str, Any]:
+    """Coverage over all machines, then by stratum."""
+    out = {"all": covered(rows)}
+    return out | {s: covered(own) for s in STRATA if (own := [row for row in rows if row["stratum"] == s])}
+
+
+def covered(rows: list[Row]) -> dict[str, Any]:
+    """Shares of numbers within two of their ±, of coordinates, of statements that hold; false changes."""
+    out: dict[str, Any] = {"machines": len(rows)}
+    for kind in KINDS:
+        z = np.array([v for row in rows for v in row["z"].get(kind, [])])
+        if len(z):
+            out[kind] = _share(np.abs(z) <= 2.0)
+    for kind in ("predicted", "compensated"):
+        out[kind] = _share([row[kind] for row in rows if row[kind] is not None])
+    said = [row for row in rows if row["said"]]
+    out["rms interval"] = _share([r["said"]["low"] <= r["there"]["rms"] <= r["said"]["high"] for r in said])
+    for name in ("within_95", "largest"):
+        out[f"{name} not exceeded"] = _share([r["there"][name] <= r["said"][name] for r in said])
+    out["compare, false"] = _share([row["changed"] > 0 for row in rows])
+    out["compare, one table"] = _share([row["same_changed"] > 0 for row in rows])
+    without = [row["without_changed"] > 0 for row in rows if "without_changed" in row]
+    out["compare, one table, other model"] = _share(without) if without else None
+    return out
+
+
+def _share(values: Any) -> float:
+    return round(float(np.mean(values)), 4)
+
+
+def of_fleets(rows: list[Row]) -> dict[str, Any]:
+    """Fleets in which a machine stands out, means within two of their ±, spreads within their intervals."""
+    groups = {"all": rows} | {
+        f"{n} machines": [r for r in rows if r["size"] == n] for n in sorted({r["size"] for r in rows})
+    }
+    return {
+        name: {
+            "fleets": len(own), "with an outlier": _share([bool(r["outliers"]) for r in own]),
+            "mean": _share(np.abs([z for r in own for z in r["mean"]]) <= 2.0),
+            "spread": _share([s for r in own for s in r["spread"]]),
+        }
+        for name, own in groups.items()
+    }  # fmt: skip
+
+
+ASKED: dict[str, tuple[Callable[[int], Row], Callable[[list[Row]], dict[str, Any]]]] = {
+    "machines": (asked, summarised), "fleets": (fleet_asked, of_fleets),
+}  # fmt: skip
+
+
+def save(rows: list[Row], command: str, summary: dict[str, Any], file: Path) -> None:
+    """Summary and machines as they stand, a line a machine."""
+    head = json.dumps({"command": command, "summary": summary}, indent=1)[:-2]
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    file.with_suffix(".part").write_text(f'{head},\n "machines": [\n{lines}\n]}}\n')
+    file.with_suffix(".part").replace(file)
+
+
+if __name__ == "__main__":
+    main()
