@@ -68,7 +68,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
 
 def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
     """Registration and tool as numbers: place (m) of the root in the instrument's frame and of the tool point in the
-    flange, rotation vectors (rad) with the deviations of small turns about the axes of the outer frame."""
+    flange, and rotation vectors (rad)."""
     out: list[Placed] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)
     for name, frame in fitted.placement.registration.items():
@@ -83,11 +83,14 @@ def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Pla
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
-    """The numbers of one frame that have columns; turn (6, 6): their steps as changes of those numbers."""
+    """The numbers of one frame that have columns; turn (6, 6): their steps as a shift and a turn about the
+    axes of the outer frame."""
     names = [f"{name} {axis}" for axis in AXES]
     at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
-    moved = turn[:, : len(at)] @ covariance[np.ix_(at, at)] @ turn[:, : len(at)].T
     values = np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
+    change = turn[:, : len(at)].copy()
+    change[3:] = se3.vector_change(values[3:]) @ change[3:]
+    moved = change @ covariance[np.ix_(at, at)] @ change.T
     deviation = np.sqrt(np.maximum(np.diag(moved), 0.0))
     words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
     return [

@@ -69,6 +69,22 @@ def rotation_vector(rotations: Array) -> Array:
     return flat.reshape(*rotations.shape[:-2], 3)
 
 
+def vector_change(vectors: Array) -> Array:
+    """Change (..., 3, 3) of rotation vectors φ (..., 3), rad, by a small turn about the outer axes: the inverse left
+    Jacobian
+
+        J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
+
+    Source: Barfoot (2017), State Estimation for Robotics, eq. 7.76.
+    """
+    cross = hat(vectors)
+    t = np.linalg.norm(vectors, axis=-1)
+    small = t < 1e-4
+    safe = np.where(small, 1.0, t)
+    factor = np.where(small, 1.0 / 12.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
+    return np.asarray(np.eye(3) - 0.5 * cross + factor[..., None, None] * (cross @ cross))
+
+
 def chain(transforms: Array) -> Array:
     """Running products (S, N, 4, 4) of relative transforms: each frame in the root."""
     out = np.empty_like(transforms)

@@ -16,6 +16,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 ARMS = ("irb6400r", "ur5")
@@ -143,6 +144,20 @@ def test_registration_and_tool_come_with_deviations_that_hold(see: tuple[str, ..
             for axis, value in zip("xyz", frame[:3, 3], strict=True):
                 scores.append((known[f"{what} {axis}"].value - value) / known[f"{what} {axis}"].stderr)
     assert np.std(scores) == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_rotation_vector_of_a_large_turn_comes_with_deviations_that_hold() -> None:
+    """Across its axis a rotation vector of 3 rad changes 1.5 times as much as the frame turns."""
+    wanted, scores = np.array([3.0, 0.1, -0.1]), []
+    for seed in range(25):
+        truth = measure("ur5", (), (), seed, count=30, geometry=0.0)
+        turn = se3.exp(np.concatenate([np.zeros(3), wanted]))[:3, :3] @ truth.placement.registration[""][:3, :3].T
+        turned = replace(truth.poses.dataset, position=truth.poses.dataset.position @ turn.T)
+        fit = calibrate(truth.model, replace(truth.poses, dataset=turned), robust=False)
+        known = {p.name: p for p in fit.placed}
+        scores += [(known[f"registration r{a}"].value - w) / known[f"registration r{a}"].stderr
+                   for a, w in zip("yz", wanted[1:], strict=True)]  # fmt: skip
+    assert np.std(scores) == pytest.approx(1.0, abs=0.25)
 
 
 def test_no_effect_is_looked_for_at_a_joint_that_stands_still() -> None:

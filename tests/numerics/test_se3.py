@@ -63,3 +63,17 @@ def test_right_jacobian_is_the_whole_series_however_few_of_its_terms_are_summed(
         term = -term @ ad / (k + 1)
         whole = whole + term
     np.testing.assert_allclose(se3.right_jacobian(np.vstack([twist, 0.5 * twist]))[0], whole, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6, 0.3, 2.0, 3.1])
+def test_a_small_turn_about_the_outer_axes_changes_the_rotation_vector_as_said(size: float) -> None:
+    vector = size * np.array([0.6, -0.48, 0.64])
+    there = se3.exp(np.concatenate([np.zeros(3), vector]))[:3, :3]
+    step = 1e-6
+    found = [
+        (se3.rotation_vector(se3.exp(np.concatenate([np.zeros(3), s * step * axis]))[:3, :3] @ there))
+        for axis in np.eye(3)
+        for s in (1, -1)
+    ]
+    differences = (np.array(found[::2]) - np.array(found[1::2])).T / (2 * step)
+    np.testing.assert_allclose(se3.vector_change(vector), differences, atol=1e-6)
