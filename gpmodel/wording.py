@@ -3,6 +3,7 @@
 import math
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 WIDTH = 80
@@ -103,6 +104,16 @@ def length(mm: float | None) -> str:
     return f"{mm:.3f} mm" if mm >= 0.02 else f"{1e3 * mm:.2f} µm"
 
 
+def change(before: float | None, after: float | None) -> str:
+    """Two lengths given in mm, one after the other: `0.260 → 0.091 mm`."""
+    return f"{millimetres(before)} → {millimetres(after)} mm"
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
 def percent(share: float | None) -> str:
     """A share as whole percent; one decimal below 1 %."""
     if share is None or not math.isfinite(share):
@@ -111,7 +122,8 @@ def percent(share: float | None) -> str:
 
 
 def chance(probability: float | None, shuffles: int | None = None, of: str = "shuffles") -> str:
-    """A probability with two digits, and from how many shuffles it is; below 1 / (shuffles + 1) it is extrapolated.
+    """A probability with two digits, and from how many shuffles it is; below 1 / (shuffles + 1), the least that so many
+    can show, it is read off the tail fitted to them.
 
     What is below a millionth is only said to be: the law it is extrapolated by holds no further.
     """
@@ -120,8 +132,8 @@ def chance(probability: float | None, shuffles: int | None = None, of: str = "sh
     said = "< 0.000001" if probability < 1e-6 else f"{probability:.2g}"
     if shuffles is None:
         return said
-    beyond = " by extrapolation" if probability < 1.0 / (shuffles + 1) else ""
-    return f"{said}{beyond} from {shuffles} {of}"
+    beyond = probability < 1.0 / (shuffles + 1)
+    return f"{said} {'by the tail fitted to' if beyond else 'from'} {shuffles} {of}"
 
 
 def shortened(text: str, length: int) -> str:

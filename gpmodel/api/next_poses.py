@@ -13,13 +13,18 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
 from gpmodel.planning.design import Question, at_best
+from gpmodel.planning.poses import pool_of
 from gpmodel.planning.questions import Asked
+from gpmodel.planning.reach import Reach
 from gpmodel.report.origin import names_of
 from gpmodel.report.quantity import translate
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
 
+MODEL = "model.json"
+POOLED = 40
+"""Poses that a pool is made for where none are chosen: the default of choosing them."""
 TOLD_APART = 2.0
 """Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
 MOST_RIVALS = 3
@@ -68,6 +73,20 @@ def next_questions(
     sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
     said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses tell {alike}" if alike else "")
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
+
+
+def tellable_rivals(folder: Path) -> frozenset[str] | None:
+    """Names of the close rivals in a result that poses of a pool could tell from their findings; None without a model.
+
+    By the same pool and limit as the next poses are chosen by.
+    """
+    if not (folder / MODEL).is_file():
+        return None
+    model, record = read_result(folder)
+    rng = np.random.default_rng(0)
+    outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, Reach()), rng)
+    asked = ((name, outlook.beside(f, own)) for f in findings_of(outlook, record) for name, own in f.rivals)
+    return frozenset(name for name, question in asked if at_best(question) < 1.0 / TOLD_APART)
 
 
 def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:

@@ -35,15 +35,3 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
     of_constant = unobservable_effects(calibration, poses, constant)
     names = [e.name for e, gone in zip(constant, of_constant, strict=True) if gone]
     return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
-
-
-def unobservable_in_words(calibration: Calibration, names: Sequence[str]) -> str:
-    """One sentence on what the free joints hide, empty where they hide nothing."""
-    mechanism = calibration.model.mechanism
-    if not names:
-        return ""
-    joints = ", ".join(mechanism.joints[i].name for i in free_joints(mechanism))
-    return (
-        f"The values of {joints} are approximate and solved at every pose; they absorb {', '.join(names)}, "
-        "which these measurements can therefore neither show nor exclude."
-    )

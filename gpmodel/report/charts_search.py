@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gpmodel.arrays import IntArray
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import HistogramRecord, RoundRecord
@@ -16,6 +17,8 @@ from gpmodel.wording import minus, shortened
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+FILLED = (True, False, True, False)
+"""How the bars of the representations are drawn, one after the other."""
 MOST_INPUTS = 18
 """Bars of a histogram that can still be read."""
 
@@ -25,13 +28,13 @@ def pictures(report: Report) -> Iterator[Picture]:
     histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
         standing = ", ".join(histogram.significant) or "none"
-        shown = min(MOST_INPUTS, len(histogram.inputs))
-        rest = "" if shown == len(histogram.inputs) else f" The {shown} most used of {len(histogram.inputs)} inputs."
+        shown, unread = len(_shown(histogram)), len(histogram.inputs) - len(_shown(histogram))
+        rest = f" Nothing refers, or hardly anything, to the other {unread} inputs." if unread else ""
         yield Picture(
             f"inputs_{k}", f"Round {k}", 4.9, 1.1 + 0.21 * shown,
             f"Evolved programs that refer to each input, beside the same search on shuffled residuals; "
-            f"inputs that stand out of chance: {standing}.",
-            f"Stand out of chance: {standing}.{rest}",
+            f"significant inputs: {standing}.",
+            f"Significant: {standing}.{rest}",
             partial(_inputs, histogram=histogram),
         )  # fmt: skip
     rounds = [r for r in report.rounds if r.candidates]
@@ -45,19 +48,27 @@ def pictures(report: Report) -> Iterator[Picture]:
         )  # fmt: skip
 
 
+def _shown(histogram: HistogramRecord) -> IntArray:
+    """Places (K,) of the inputs that programs refer to, the most used ones, in their order."""
+    use = np.maximum(numbers(histogram.referring), numbers(histogram.shuffled))
+    most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
+    return np.sort(most[use[most] > 0]) if use.any() else most[:1]
+
+
 def _inputs(figure: Figure, histogram: HistogramRecord) -> None:
     axes = figure.subplots()
     names = histogram.inputs
-    linear, tree, null = (numbers(c) for c in (histogram.linear, histogram.tree, histogram.shuffled))
-    chances = numbers(histogram.p_values)
-    use = linear + tree
-    order = np.sort(np.argsort(-np.maximum(use, null), kind="stable")[:MOST_INPUTS])
+    use, null, chances = (numbers(c) for c in (histogram.referring, histogram.shuffled, histogram.p_values))
+    kinds = [(name, numbers(c)) for name, c in histogram.counts.items() if any(c)]
+    order = _shown(histogram)
     axes.set_ylim(len(order) - 0.4, -0.6)
     strong = set(histogram.significant)
     for row, k in enumerate(order):
         colour = AFTER if names[k] in strong else BEFORE
-        axes.barh(row - 0.18, linear[k], 0.36, color=colour, ec=colour, lw=0.8)
-        axes.barh(row - 0.18, tree[k], 0.36, left=linear[k], color=PAPER, ec=colour, lw=0.8)
+        left = 0.0
+        for filled, (_, count) in zip(FILLED, kinds, strict=False):
+            axes.barh(row - 0.18, count[k], 0.36, left=left, color=colour if filled else PAPER, ec=colour, lw=0.8)
+            left += count[k]
         axes.barh(row + 0.2, null[k], 0.26, color=NULL)
         if names[k] in strong and chances[k] > 0:
             axes.annotate(f"p {chances[k]:.2g}", (use[k], row - 0.18), (4, 0), textcoords="offset points", va="center",
@@ -72,7 +83,9 @@ def _inputs(figure: Figure, histogram: HistogramRecord) -> None:
     axes.locator_params(axis="x", integer=True)
     axes.set_xlabel("best programs that refer to the input")
     axes.grid(axis="x")
-    real = "linear (filled), tree (hollow)" if tree.any() else "on the residual"
+    looks = zip(FILLED, kinds, strict=False)
+    named = ", ".join(f"{name} ({'filled' if filled else 'hollow'})" for filled, (name, _) in looks)
+    real = named if len(kinds) > 1 else "on the residual"
     for colour, label in ((BEFORE, real), (NULL, "on shuffled residuals")):
         axes.barh(0, 0, color=colour, label=label)
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
@@ -95,7 +108,7 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord]) -> None:
                 axes.annotate(shortened(candidate.name, 60), (value, row - 0.08), (5, 5), va="bottom",
                               textcoords="offset points", ha="right", color=AFTER, weight="bold")  # fmt: skip
         if not any(c.accepted for c in entry.candidates):
-            axes.text(1.0, row - 0.08, "nothing stands out: nothing added", ha="right", va="center", color=MUTED,
+            axes.text(1.0, row - 0.08, "nothing is significant: nothing added", ha="right", va="center", color=MUTED,
                       transform=axes.get_yaxis_transform())  # fmt: skip
     axes.set_yticks(range(len(rounds)), [f"round {r.round}" for r in rounds])
     axes.tick_params(axis="y", length=0, labelcolor=INK)

@@ -1,6 +1,6 @@
 """One finding in words: where it sits, how large it is at the tool, what would cause it, what to measure to be sure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from textwrap import fill
 
@@ -8,27 +8,10 @@ from gpmodel import wording
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report import words
+from gpmodel.report.advice import advice
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
-
-LOW_SHARE = 0.3
-"""Below this unique share σ is more than three times what it would be without the other unknowns (1 / share)."""
-WELL_KNOWN = 10.0
-"""Standard deviations from zero: its value is then known to a tenth."""
-
-MEASURES = (
-    (("row", "time"), "measure the first poses once more at the end, and once after a night: an event of the session "
-     "does not come back"),
-    (("temperature",), "measure the same dozen poses cold and warm, the temperature in its own column"),
-    (("payload",), "measure the same dozen poses with two payloads at least"),
-    (("torque_", "moment_", "force_"), "measure the same dozen poses with and without payload: a load's part grows "
-     "with it, an angle's does not"),
-    (("approach", "last_", "play", "lag"), "approach the same dozen poses from either side of the joint, the direction "
-     "in a column approach_J"),
-    (("speed", "velocity"), "approach the same poses slowly and fast"),
-)  # fmt: skip
-"""By the beginning of an input's name: what would tell its effect from everything else."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +29,11 @@ class Explanation:
     advice: tuple[str, ...]
 
 
-def explain(report: Report, number: int) -> Explanation:
-    """Finding `number`, from 1, of a report. Raises InputError where it has none of that number."""
+def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
+    """Finding `number`, from 1, of a report. Raises InputError where it has none of that number.
+
+    tellable: the rivals that further poses could tell from their findings, by name, where somebody asked.
+    """
     if not 1 <= number <= len(report.effects):
         have = f"it has {len(report.effects)}" if report.effects else "it has none"
         raise InputError(f"finding {number}: no such finding in the report; {have}")
@@ -60,9 +46,9 @@ def explain(report: Report, number: int) -> Explanation:
         chain=_chain(report, effect),
         where=sentence("; ".join(words.places(effect))),
         size=_size(effect),
-        cause=sentence(effect.explanation) or "It was named by the user, not found.",
+        cause=_cause(effect),
         facts=tuple(map(sentence, _facts(report, effect))),
-        advice=tuple(map(sentence, _advice(report, effect))),
+        advice=tuple(map(sentence, advice(report, effect, tellable))),
     )
 
 
@@ -83,9 +69,9 @@ def text(found: Explanation) -> str:
     return "\n".join(lines)
 
 
-def html(report: Report, number: int) -> str:
+def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
     """The explanation as a page."""
-    return render("explain.html.j2", report=report, found=explain(report, number))
+    return render("explain.html.j2", report=report, found=explain(report, number, tellable))
 
 
 def _chain(report: Report, effect: EffectRecord) -> str:
@@ -135,20 +121,10 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield f"all findings together are {said}"
 
 
-def _advice(report: Report, effect: EffectRecord) -> Iterator[str]:
-    close = effect.close_rivals()
-    if close:
-        yield f"take poses at which it and {close[0].name} differ: `gpmodel poses --after` this result chooses them"
-    elif effect.value and effect.stderr is not None and abs(effect.value) < WELL_KNOWN * effect.stderr:
-        yield "take the poses that tell most of it: `gpmodel poses --after` this result with `--criterion effect`"
-    for beginnings, advice in MEASURES:
-        if any(name.startswith(beginnings) for name in effect.inputs):
-            yield advice
-    angles = [name for name in effect.inputs if name in report.mechanism.joints]
-    if angles:
-        yield f"sweep {' and '.join(angles)} alone through the whole range, all other joints still, in both directions"
-    if effect.unique_share is not None and effect.unique_share < LOW_SHARE:
-        near = ", ".join(c.name for c in effect.correlated_with[:3]) or "the standard model"
-        yield f"widen the range of the joints: on these poses it is hard to tell from {near}"
-    if report.noise_floor_mm is None:
-        yield "repeat some poses: without a noise floor nobody knows how much is left to find"
+def _cause(effect: EffectRecord) -> str:
+    """What would cause it, as its family says; else how it came into the model."""
+    if effect.explanation:
+        return sentence(effect.explanation)
+    if effect.found_by == "named":
+        return "No family of the catalogue describes it: it was named by the user, not found."
+    return "No mechanism is known for it: it follows the error, and no family of the catalogue describes it."

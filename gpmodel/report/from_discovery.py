@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.calibration.result import resolved
-from gpmodel.calibration.unobservable import unobservable_families, unobservable_in_words
+from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
 from gpmodel.families.candidate import Candidate
@@ -52,8 +52,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         unobservable=unobservable,
         plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
-    sentences = (verdict.of_discovery(report), unobservable_in_words(final, unobservable))
-    return replace(report, verdict=" ".join(filter(None, sentences)))
+    return replace(report, verdict=verdict.of_discovery(report))
 
 
 def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:

@@ -60,8 +60,16 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
     if candidate.kind != "curve":
         return first
     if len(candidate.bases) > MOST_WRITTEN:
-        return f"curve of {', '.join(candidate.effects[0].inputs)}, {len(candidate.bases) // 2} harmonics"
+        return _curve_in_words(candidate)
     return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True))
+
+
+def _curve_in_words(candidate: Candidate) -> str:
+    """A curve of many bases: its input and what it is a sum of."""
+    inputs, count = candidate.inputs, len(candidate.bases)
+    of = ", ".join(inputs) if len(inputs) <= MOST_WRITTEN else f"{len(inputs)} inputs"
+    waves = all(str(basis).startswith(("sin(", "cos(")) and str(basis).endswith(")") for basis in candidate.bases)
+    return f"curve of {of}, {f'{count // 2} harmonics' if waves else f'a sum of {count} terms'}"
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
@@ -93,7 +101,19 @@ def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, s
         for axis in "xyz":
             for prefix in ("force", "moment"):
                 out[f"{prefix}_{joint}_{axis}"] = f"{prefix}_{column}_{axis}"
-    return out
+    return {**out, **_unit_loads(dict(zip(joints, columns, strict=True)))}
+
+
+def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
+    """The loads of one link each: `torque_J2_of_J4`, of its first moment of mass `torque_J2_of_J4_x`."""
+    at = {f"torque_{j}": f"torque_{c}" for j, c in columns.items()}
+    at |= {f"moment_base_{a}": f"moment_base_{a}" for a in "xy"}
+    return {
+        f"{here}_of_{link}{axis}": f"{shown}_of_{column}{axis}"
+        for here, shown in at.items()
+        for link, column in columns.items()
+        for axis in ("", "_x", "_y", "_z")
+    }
 
 
 def translate(text: str, names: Mapping[str, str]) -> str:

@@ -8,16 +8,15 @@ from gpmodel.report.schema_search import HistogramRecord
 
 def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
     """What a report keeps of a histogram; `names` are the table's names of inputs."""
-    none = (0,) * len(counted.inputs)
     return HistogramRecord(
         inputs=tuple(names.get(x, x) for x in counted.inputs),
-        linear=counted.counts.get("linear", none),
-        tree=counted.counts.get("tree", none),
+        counts=dict(counted.counts),
         shuffled=counted.referring_by_chance(),
         p_values=counted.p_values,
         count_p=counted.count_p,
         strength_p=counted.strength_p,
         runs=sum(counted.runs.values()),
         shuffled_runs=sum(counted.shuffled_runs.values()),
+        significance=counted.significance,
         significant=tuple(names.get(x, x) for x in counted.significant),
     )

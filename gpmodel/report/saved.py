@@ -12,14 +12,18 @@ from gpmodel.report.schema import SCHEMA, Report
 from gpmodel.report.schema_search import HistogramRecord
 
 NAME = "report.json"
+REPRESENTATIONS = ("linear", "tree")
+"""Those that report.json always counts."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
 def as_dict(report: Report) -> dict[str, object]:
-    """The content of report.json. `histogram` is that of the first round."""
+    """The content of report.json. `histogram` is that of the first round, with `linear` and `tree` of its counts."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else HistogramRecord()
-    return content | {"histogram": dataclasses.asdict(first)}
+    none = (0,) * len(first.inputs)
+    counts = {name: first.counts.get(name, none) for name in REPRESENTATIONS}
+    return content | {"histogram": dataclasses.asdict(first) | counts}
 
 
 def to_json(report: Report) -> str:
@@ -42,9 +46,18 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
     if header.get("schema") != SCHEMA:
         raise InputError(f"{source}: schema {header.get('schema')!r}; expected {SCHEMA}, the one this version reads")
     try:
-        return msgspec.convert(header, Report)
+        return msgspec.convert(_with_counts(header), Report)
     except msgspec.ValidationError as error:
         raise InputError(f"{source}: {error}; {EXPECTED}") from None
+
+
+def _with_counts(header: dict[str, object]) -> dict[str, object]:
+    """Histograms of earlier versions had their counts beside `inputs`, of two representations."""
+    histograms = header.get("histograms")
+    for histogram in histograms if isinstance(histograms, list) else ():
+        if isinstance(histogram, dict) and "counts" not in histogram:
+            histogram["counts"] = {name: histogram[name] for name in REPRESENTATIONS if name in histogram}
+    return header
 
 
 def _no_number(text: str) -> None:

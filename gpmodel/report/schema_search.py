@@ -131,25 +131,31 @@ class EffectRecord:
 
 @dataclass(frozen=True)
 class HistogramRecord:
-    """Runs whose best program refers to each input, by representation and on shuffled residuals.
+    """Runs whose best program refers to each input: `counts` by representation, `shuffled` on shuffled residuals.
 
-    count_p, strength_p: the two tests behind p_values (the larger of them): how often an input is referred to, and
-    what the best run that refers to it saves. runs, shuffled_runs: how many there were. removed, shuffled_removed: the
-    share of what it is scored by that the best program of a run removes, median over the runs.
+    significance: limit of the p-values. count_p, strength_p: the two tests behind p_values (the larger of them): how
+    often an input is referred to, and what the best run that refers to it saves. runs, shuffled_runs: how many there
+    were. removed, shuffled_removed: the share of what it is scored by that the best program of a run removes, median
+    over the runs.
     """
 
     inputs: tuple[str, ...] = ()
-    linear: tuple[Count, ...] = ()
-    tree: tuple[Count, ...] = ()
+    counts: dict[str, tuple[Count, ...]] = field(default_factory=dict)
     shuffled: tuple[Count, ...] = ()
     p_values: tuple[Share, ...] = ()
     count_p: tuple[Share, ...] = ()
     strength_p: tuple[Share, ...] = ()
     significant: tuple[str, ...] = ()
+    significance: Share = 0.05
     runs: Count | None = None
     shuffled_runs: Count | None = None
     removed: float | None = None
     shuffled_removed: float | None = None
+
+    @property
+    def referring(self) -> tuple[int, ...]:
+        """Runs of all representations that refer to each input."""
+        return tuple(map(sum, zip(*self.counts.values(), strict=True))) or (0,) * len(self.inputs)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.report import words
+from gpmodel.report import verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import WIDTH
@@ -14,16 +14,16 @@ MOST_LISTED = 12
 
 
 def summary(report: Report) -> str:
-    """Verdict, ladder, noise floor, findings with σ and rivals, parameters, what to distrust."""
+    """Verdict, ladder, noise floor, findings with σ and rivals, parameters, caveats."""
     blocks = (
-        ("Verdict", [_wrapped(report.verdict)]),
+        ("Verdict", [_wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
         ("Noise floor", [_wrapped(words.noise_floor(report))]),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
-        ("Inputs beyond chance", list(_inputs(report))),
+        ("Significant inputs", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
         ("Tool in the flange, root in the instrument's frame", list(_placement(report))),
-        ("To distrust", list(_doubts(report))),
+        ("Caveats", list(_doubts(report))),
     )
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
 
@@ -54,9 +54,9 @@ def _cells(errors: ErrorsMm) -> tuple[str, ...]:
 
 def _effects(report: Report) -> Iterator[str]:
     if report.kind == "discover" and not report.effects:
-        yield "    none: nothing stands out of chance"
-    if verdict := words.confirmed(report):
-        yield _wrapped(verdict)
+        yield "    none: no further effect is significant"
+    if said := words.confirmed(report):
+        yield _wrapped(said)
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
         yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
@@ -113,8 +113,8 @@ def _placement(report: Report) -> Iterator[str]:
 
 
 def _doubts(report: Report) -> Iterator[str]:
-    if dropped := report.dropped():
-        yield _wrapped(f"not identifiable with these poses, held at zero: {', '.join(dropped)}")
+    if report.dropped():
+        yield _wrapped(words.dropped(report))
     if report.data.outliers:
         rows = ", ".join(map(str, report.data.outliers))
         yield _wrapped(f"outliers, not fitted: rows {rows}")

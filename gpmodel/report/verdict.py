@@ -1,59 +1,117 @@
-"""The one sentence of a report."""
+"""The one sentence of a report, and what stands behind it."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from gpmodel import wording
-from gpmodel.report.schema import STANDARD, Report
-from gpmodel.report.schema_search import EffectRecord
+from gpmodel.model.memory import read_by
+from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 
-MOST_SIZED = 3
-"""Findings whose sizes the verdict says; of more it says the names."""
+COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+MOST_NAMED = 6
+"""Inputs that are named; of more their number is said."""
+MOST_SIZED = 2
+"""Effects that the verdict of a calibration names; of more it says the number."""
+STATED_TOO_LARGE = 3.0
+"""Times what is left of the error that a stated noise cannot be: it would leave a third of itself."""
+_LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 
 def of_discovery(report: Report) -> str:
-    """What the residual depends on, what was added, and what it gained on held-out poses."""
-    standard, last = report.step(STANDARD), report.ladder[-1]
-    before = wording.length(standard.heldout.rms_mm if standard else None)
-    tail = f", noise floor {wording.length(report.noise_floor_mm)}" if report.noise_floor_mm is not None else ""
+    """How many effects were missing, whether held-out poses confirm them, and the error before and after."""
+    standard, last = report.step(STANDARD) or report.ladder[0], report.ladder[-1]
+    before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
-        return f"Standard model {before} RMS on held-out poses{tail}; nothing stands out of chance: nothing was added."
-    few = len(report.effects) <= MOST_SIZED
-    parts = [_sized(e) for e in report.effects] if few else _by_kind(report.effects)
+        left = f"{wording.length(before)} RMS on {_where(report)}{_beside_noise(report, before)}"
+        return f"Nothing was added: these poses show no missing effect, {left}."
+    effects = f"{_count(len(report.effects))} effect{'s' if len(report.effects) > 1 else ''}"
+    were = "were" if len(report.effects) > 1 else "was"
+    if report.confirmation is not None and not report.confirmation.passed:
+        return (
+            f"{effects} {were} found but not confirmed on {_where(report)}: the standard model is kept, "
+            f"{wording.length(before)}{_beside_noise(report, before)}."
+        ).capitalize()
+    confirmed = f" and {'are' if len(report.effects) > 1 else 'is'} confirmed" if report.confirmation else ""
+    change = f"{wording.change(before, after)} on {_where(report)}{_beside_noise(report, after)}"
+    return f"{effects.capitalize()} {were} missing{confirmed}: {change}."
+
+
+def behind(report: Report) -> str:
+    """What the effects of a discovery follow; empty where nothing was found."""
+    inputs = list(inputs_in_words(report))
+    return f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
+
+
+def inputs_in_words(report: Report) -> Iterator[str]:
+    """The inputs of the effects as a person says them: loads of a kind once, with all their joints."""
+    joints = report.mechanism.joints
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
-    doubted = report.confirmation is not None and not report.confirmation.passed
-    doubt = "Not confirmed on held-out poses, so the standard model is kept. " if doubted else ""
-    added = "would have added" if doubted else "added"
-    return (
-        f"{doubt}Standard model {before} RMS on held-out poses; the residual depends on {', '.join(inputs)}; "
-        f"{added} {'; '.join(parts)}; {wording.length(last.heldout.rms_mm)} RMS on held-out poses{tail}; "
-        f"{report.stopped}."
-    )
+    if loads := [x for x in inputs if _LOAD.match(x)]:
+        yield f"the gravity loads of {spans(_places(loads, joints), ('base', *joints))}"
+    angles = [x for x in inputs if x in joints]
+    if angles:
+        yield f"the {'angles' if len(angles) > 1 else 'angle'} of {spans(angles, joints)}"
+    others = list(dict.fromkeys(s for x in inputs if x not in (*loads, *angles) for s in read_by(x) or (x,)))
+    yield from (f"the motion of {x}" if x in joints else x.replace("_", " ") for x in others[:MOST_NAMED])
+    if len(others) > MOST_NAMED:
+        yield f"{len(others) - MOST_NAMED} more inputs"
 
 
-def _by_kind(effects: Sequence[EffectRecord]) -> list[str]:
-    """Names, those that differ in the joint alone said once with all their joints."""
-    kinds: dict[str, list[str]] = {}
-    for effect in effects:
-        kind, _, joint = effect.name.rpartition(", ")
-        at_joint = effect.slot.startswith(f"{joint}.")
-        kinds.setdefault(kind if at_joint else effect.name, []).extend([joint] if at_joint else [])
-    return [", ".join((kind, *joints)) for kind, joints in kinds.items()]
+def spans(names: Sequence[str], order: Sequence[str]) -> str:
+    """Names in the given order, three or more in a row by the first and the last: `J1-J3, J5`."""
+    at = sorted(order.index(n) for n in set(names) if n in order)
+    runs = np.split(np.array(at, dtype=int), np.flatnonzero(np.diff(at) != 1) + 1) if at else []
+    said = []
+    for run in runs:
+        row = [order[k] for k in run]
+        said += ["the base"] if row[0] == "base" else []
+        row = row[row[0] == "base" :]
+        said += [f"{row[0]}-{row[-1]}"] if len(row) > 2 else row
+    return wording.listed(said)
 
 
-def _sized(effect: EffectRecord) -> str:
-    size = wording.measured(effect.value, effect.stderr, effect.unit)
-    return f"{effect.name}, {size.value} ± {size.deviation} {size.unit}"
+def _places(loads: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Base and joints at which loads act."""
+    found = [match["at"].partition("_of_")[0] for load in loads if (match := _LOAD.match(load))]
+    by_length = sorted(("base", *joints), key=len, reverse=True)
+    return [next((p for p in by_length if at == p or at.startswith(f"{p}_")), "") for at in found]
+
+
+def _count(number: int) -> str:
+    return COUNTS[number] if number < len(COUNTS) else str(number)
+
+
+def _where(report: Report) -> str:
+    return "held-out poses" if report.held else "the poses fitted to"
+
+
+def _beside_noise(report: Report, rms: float | None) -> str:
+    """How an error stands beside the noise floor; empty where that is unknown.
+
+    At the floor: within two standard errors of an RMS over so many poses, 1 / √(2 n) each.
+    """
+    floor = report.noise_floor_mm
+    if floor is None or not rms:
+        return ""
+    if floor > STATED_TOO_LARGE * rms:
+        return f", {floor / rms:.0f} times less than the stated noise of {wording.length(floor)}, which cannot be right"
+    count = (report.data.heldout if report.held else report.data.train) or 1
+    if rms <= floor * (1 + 2 / np.sqrt(2 * count)):
+        return ", at the noise floor"
+    return f", noise floor {wording.length(floor)}"
 
 
 def of_calibration(report: Report) -> str:
-    """From registration to the last step."""
-    first, last = report.ladder[0], report.ladder[-1]
-    where = "poses held out" if first.heldout.known else "the poses fitted to"
-    added = [report.title(step).removeprefix("+ ") for step in report.ladder if step.effect is not None]
-    return (
-        f"Error on {where}: {wording.length(first.errors.rms_mm)} RMS with registration and tool alone, "
-        f"{wording.length(last.errors.rms_mm)} with {', '.join(added) or report.title(last)}."
-    )
+    """What was fitted, and the error from registration alone to the last step."""
+    first, last = report.step(REGISTRATION) or report.ladder[0], report.ladder[-1]
+    what = wording.listed(["the standard model", *(e.name for e in report.effects)][: 1 + MOST_SIZED])
+    if len(report.effects) > MOST_SIZED:
+        what = f"the standard model and {_count(len(report.effects))} effects"
+    change = wording.change(first.errors.rms_mm, last.errors.rms_mm)
+    where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
+    return f"Calibrated with {what}: {change} on {where}."
 
 
 def of_evolution(report: Report) -> str:
@@ -62,5 +120,5 @@ def of_evolution(report: Report) -> str:
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)
     inputs = ", ".join(histogram.significant)
-    found = f"The residual refers to {inputs}" if inputs else "No input stands out of chance"
+    found = f"The residual refers to {inputs}" if inputs else "No input is significant"
     return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of what they are scored by."

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.evidence.criteria import Criteria
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
@@ -66,6 +65,18 @@ def found(report: Report, effect: EffectRecord) -> str:
     return f"{how}, in round {effect.round}{together}"
 
 
+def dropped(report: Report) -> str:
+    """The constants that stay at zero, and that this is no failure; empty where there are none."""
+    names = report.dropped()
+    if not names:
+        return ""
+    out_of = f" of {len(names) + len(report.geometry())}" if report.parameters else ""
+    return (
+        f"{len(names)}{out_of} geometric constants cannot be told from the others at these poses, as on any arm: "
+        f"they stay at zero, and the others do what they would: {', '.join(names)}"
+    )
+
+
 def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
     """What the number of an effect multiplies, and where: place by place where it acts at several."""
     places = tuple(dict.fromkeys(f"{t.slot} {t.axis}" for t in effect.terms)) or (f"{effect.slot} {effect.axis}",)
@@ -103,14 +114,13 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
     if not histogram.shuffled_runs:
         yield "nothing evolved saves what a finding has to, so that nothing was evolved on shuffled residuals beside it"
         return
-    limit = Criteria().input_significance
-    use = [a + b for a, b in zip(histogram.linear, histogram.tree, strict=True)]
+    limit, use = histogram.significance, histogram.referring
     for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
         if not use[k]:
             return
         by_count, by_strength = histogram.count_p[k], histogram.strength_p[k]
         failed = [name for name, p in (("count", by_count), ("strength", by_strength)) if p >= limit]
-        stands = f"fails by its {' and its '.join(failed)}" if failed else "stands out"
+        stands = f"fails by its {' and its '.join(failed)}" if failed else "is significant"
         yield (
             f"{histogram.inputs[k]} {stands}: {use[k]} of {histogram.runs} programs refer to it, "
             f"{histogram.shuffled[k]} of {histogram.shuffled_runs} on shuffled residuals "

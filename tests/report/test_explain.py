@@ -9,15 +9,18 @@ from report_runs import calibrated, discovered
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
+from gpmodel.families.catalogue import catalogue, explained
+from gpmodel.families.family import Family
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.planning.simulate import simulate
+from gpmodel.report.advice import MEASURES, kinds_of
 from gpmodel.report.explain import explain, html, text
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import Correlation, RivalRecord
+from gpmodel.report.schema_search import Correlation, Range, RivalRecord
 from gpmodel.report.workspace import over_the_workspace
 from gpmodel.table.dataset import unmeasured
 
@@ -46,7 +49,6 @@ def test_it_says_where_how_large_and_why() -> None:
     ("inputs", "said"),
     [
         (("row",), "Measure the first poses once more"),
-        (("temperature",), "cold and warm"),
         (("payload", "torque_J2"), "two payloads"),
         (("torque_J2",), "with and without payload"),
         (("approach_J3",), "from either side"),
@@ -54,6 +56,47 @@ def test_it_says_where_how_large_and_why() -> None:
 )
 def test_the_advice_follows_from_what_it_reads(inputs: tuple[str, ...], said: str) -> None:
     assert any(said in sentence for sentence in explain(altered(inputs=inputs), 1).advice)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "kinds"),
+    [
+        ("lag_temperature_40", "degC", ("delay", "temperature")),
+        ("stop_J2_0p03", "deg", ("approach",)),
+        ("stop_torque_J2_40", "Nm", ("approach", "load")),
+        ("last_move_J2", "1", ("approach",)),
+        ("timer", "min", ("clock",)),
+        ("timer", "1", ()),
+        ("lagoon", "degC", ("temperature",)),
+        ("feed", "mm/s", ("speed",)),
+        ("rowing_machine", "1", ()),
+    ],
+)
+def test_a_column_is_known_by_its_kind_not_by_how_its_name_begins(name: str, unit: str, kinds: tuple[str, ...]) -> None:
+    assert kinds_of(name, unit, {"J1", "J2"}) == kinds
+    said = explain(altered(inputs=(name,), ranges=(Range(name, 0.0, 1.0, unit),)), 1).advice
+    wanted = {f"{MEASURES[k][:1].upper()}{MEASURES[k][1:]}." for k in kinds}
+    assert wanted == {s for s in said if any(s[1:].startswith(m[1:]) for m in MEASURES.values())}
+
+
+@pytest.mark.parametrize("family", catalogue, ids=lambda family: family.name)
+def test_every_family_is_explained(family: Family) -> None:
+    found = explain(altered(catalogue=family.name, explanation=explained(family.name), found_by="catalogue"), 1)
+    assert family.explanation[1:] in found.cause
+    assert family.source in found.cause
+    assert "named by the user" not in found.cause
+
+
+def test_what_no_family_describes_is_not_called_named_by_the_user() -> None:
+    assert "named by the user" not in explain(altered(explanation="", found_by="catalogue"), 1).cause
+    assert "named by the user" in explain(altered(explanation="", found_by="named"), 1).cause
+
+
+def test_poses_are_only_advised_where_they_tell_rivals_apart() -> None:
+    effect = discovered().effects[0]
+    report = altered(rivals=(RivalRecord("close", effect.cv_rms_mm), RivalRecord("other", effect.cv_rms_mm)))
+    assert "it and other differ" in explain(report, 1, {"other"}).advice[0]
+    assert "No poses of this mechanism tell it from close" in explain(report, 1, set()).advice[0]
 
 
 def test_rivals_and_a_small_share_have_their_advice() -> None:

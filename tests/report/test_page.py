@@ -155,13 +155,14 @@ def test_nothing_found_says_so() -> None:
 
 def test_the_histogram_says_which_of_its_tests_failed() -> None:
     counted = HistogramRecord(
-        inputs=("J1", "J2", "J3"), linear=(4, 4, 0), tree=(4, 3, 0), shuffled=(1, 0, 2), p_values=(0.4, 0.01, 1.0),
-        count_p=(0.002, 0.01, 1.0), strength_p=(0.4, 0.003, 1.0), significant=("J2",), runs=8, shuffled_runs=8,
+        inputs=("J1", "J2", "J3"), counts={"linear": (4, 4, 0), "tree": (4, 3, 0)}, shuffled=(1, 0, 2),
+        p_values=(0.4, 0.01, 1.0), count_p=(0.002, 0.01, 1.0), strength_p=(0.4, 0.003, 1.0), significant=("J2",),
+        runs=8, shuffled_runs=8,
     )  # fmt: skip
     first, second = input_tests(counted)
     assert first.startswith("J1 fails by its strength: 8 of 8 programs refer to it, 1 of 8")
-    assert second.startswith("J2 stands out: 7 of 8")
-    assert "0.003 by extrapolation from 8 shuffles" in second
+    assert second.startswith("J2 is significant: 7 of 8")
+    assert "0.003 by the tail fitted to 8 shuffles" in second
     report = dataclasses.replace(discovered(), histograms=(counted,))
     one = EffectRecord("a", inputs=("J2",), round=1)
     assert beforehand(report, one) == "pointed at J2 beforehand"

@@ -1,5 +1,7 @@
 """A finding in an engineer's terms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_cases import measure, mechanism
@@ -103,3 +105,12 @@ def test_j1_is_never_matched_inside_j10(words: list[str]) -> None:
 
 def test_what_a_payload_alone_exerts_reads_as_payload_and_torque() -> None:
     assert read_columns(["payload_torque_J2", "J4", "payload"]) == ["payload", "torque_J2", "J4"]
+
+
+def test_a_curve_that_is_no_wave_is_not_counted_in_harmonics() -> None:
+    ramps = [f"tanh({k}*torque_{J}/100)" for k in (1, 3, 10)] + [f"max(torque_{J}/100 - 0.{k}, 0)" for k in range(1, 6)]
+    effects = tuple(drive_effect(f"curve over the torque, {k}", JOINT, Expression(t)) for k, t in enumerate(ramps))
+    truth = measure("ur5", effects[:1], (1e-4,), 1, geometry=0.0)
+    fit = calibrate(replace(truth.model, effects=effects), truth.poses)
+    found = quantity(fit, Candidate("curve", effects, "load_curve", 4.0), truth.poses.states)
+    assert found.basis == f"curve of torque_{J}, a sum of 8 terms"

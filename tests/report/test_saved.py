@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,3 +86,16 @@ def test_a_folder_is_read_and_one_without_a_report_refused(tmp_path: Path) -> No
         read_report(tmp_path)
     (tmp_path / "report.json").write_text(to_json(discovered()), encoding="utf-8")
     assert read_report(tmp_path) == discovered()
+
+
+def test_every_representation_is_counted_and_older_files_are_read() -> None:
+    report = discovered()
+    first = replace(report.histograms[0], counts={"random": (1,) * len(report.histograms[0].inputs)})
+    content = json.loads(to_json(replace(report, histograms=(first,))))
+    assert content["histograms"][0]["counts"]["random"] == list(first.counts["random"])
+    assert content["histogram"]["linear"] == [0] * len(first.inputs)
+    old = json.loads(to_json(report))
+    counts = {"linear": [2] * len(first.inputs), "tree": [1] * len(first.inputs)}
+    del old["histograms"][0]["counts"]
+    old["histograms"][0] |= counts
+    assert from_json(json.dumps(old)).histograms[0].counts == {k: tuple(v) for k, v in counts.items()}

@@ -67,7 +67,7 @@ def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> No
 
 
 def test_nothing_found_is_said() -> None:
-    assert "none: nothing stands out of chance" in summary(discovered("nothing"))
+    assert "none: no further effect is significant" in summary(discovered("nothing"))
 
 
 def test_inputs_beyond_chance_are_named_for_evolved_programs() -> None:

@@ -1,11 +1,13 @@
 """Places and chances in words."""
 
+from dataclasses import replace
+
 import pytest
 
 from gpmodel import wording
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord, TermRecord
-from gpmodel.report.words import found, place, places, written
+from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
+from gpmodel.report.words import found, input_tests, place, places, written
 
 
 @pytest.mark.parametrize(
@@ -26,7 +28,7 @@ def test_places_are_said_in_words(slot: str, axis: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("probability", "shuffles", "said"),
     [
-        (1e-88, 8, "< 0.000001 by extrapolation from 8 shuffles"),
+        (1e-88, 8, "< 0.000001 by the tail fitted to 8 shuffles"),
         (0.02, 199, "0.02 from 199 shuffles"),
         (0.02, None, "0.02"),
         (None, 8, "–"),
@@ -66,3 +68,12 @@ def test_effects_chosen_in_one_round_say_so() -> None:
     assert found(report, first) == "the catalogue of effects, in round 1, chosen together with 1 other"
     assert found(report, later) == "the catalogue of effects, in round 2"
     assert places(EffectRecord("a", "base", "Rx", terms=BASE))[1].startswith("turn about y of the frame at the base")
+
+
+def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
+    counted = HistogramRecord(
+        inputs=("J1",), counts={"linear": (4,)}, shuffled=(1,), p_values=(0.08,), count_p=(0.08,), strength_p=(0.06,),
+        significant=("J1",), runs=8, shuffled_runs=8, significance=0.1,
+    )  # fmt: skip
+    assert next(input_tests(counted)).startswith("J1 is significant")
+    assert next(input_tests(replace(counted, significance=0.05))).startswith("J1 fails by its count and its strength")

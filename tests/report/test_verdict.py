@@ -1,0 +1,81 @@
+"""The verdict: one short sentence, true to the numbers, whatever the names behind it."""
+
+from dataclasses import replace
+
+import pytest
+from report_runs import calibrated, discovered, quickly
+
+from gpmodel.report.quantity import table_names, translate
+from gpmodel.report.schema import ConfirmationRecord, Report
+from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
+
+JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
+SHORT = 130
+"""Characters: four lines of a phone."""
+
+
+def of_inputs(*inputs: str) -> Report:
+    report = discovered()
+    return replace(report, effects=(replace(report.effects[0], inputs=inputs),))
+
+
+def test_sixty_loads_are_said_once() -> None:
+    links = [f"torque_{j}_of_{k}_{a}" for j in JOINTS[1:5] for k in JOINTS for a in "xyz"]
+    base = [f"moment_base_{a}_of_{k}_{b}" for a in "xy" for k in JOINTS for b in "xyz"]
+    report = of_inputs(*base, *links)
+    assert len(report.effects[0].inputs) > 60
+    assert len(of_discovery(report)) < SHORT
+    assert behind(report) == "What was found follows the gravity loads of the base and J2-J5."
+
+
+@pytest.mark.parametrize(
+    ("inputs", "said"),
+    [
+        (("moment_base_x", "moment_base_y", "torque_J5"), "the gravity loads of the base and J5"),
+        (("moment_base_x", *(f"torque_{j}" for j in JOINTS)), "the gravity loads of the base and J1-J6"),
+        (("J4", "temperature"), "the angle of J4 and temperature"),
+        (("J4", "J1", "row"), "the angles of J1 and J4 and row"),
+        (("lag_temperature_40",), "temperature"),
+        (("play_J2_0p01",), "the motion of J2"),
+    ],
+)
+def test_what_is_behind_it_is_said_as_a_person_would(inputs: tuple[str, ...], said: str) -> None:
+    assert behind(of_inputs(*inputs)) == f"What was found follows {said}."
+
+
+def test_joints_in_a_row_are_a_span() -> None:
+    assert spans(("J6", "J1", "J2", "J3"), JOINTS) == "J1-J3 and J6"
+    assert spans(("J2", "J1"), JOINTS) == "J1 and J2"
+
+
+def test_what_is_not_confirmed_is_not_called_missing() -> None:
+    report = replace(discovered(), confirmation=ConfirmationRecord(0.3, 0.4, 0.1, 20, False))
+    said = of_discovery(report)
+    assert said.startswith("One effect was found but not confirmed on held-out poses: the standard model is kept, ")
+    assert "missing" not in said
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(0.5, ", noise floor "), (0.98, ", at the noise floor."), (20.0, ", 20 times less than the stated noise of ")],
+)
+def test_the_noise_floor_is_where_the_error_is_not_just_mentioned(share: float, said: str) -> None:
+    report = quickly()
+    rms = report.ladder[-1].errors.rms_mm
+    assert rms is not None
+    assert said in of_discovery(replace(report, noise_floor_mm=share * rms))
+
+
+def test_a_calibration_says_what_it_gained() -> None:
+    report = calibrated()
+    first, last = report.ladder[0].heldout.rms_mm, report.ladder[-1].heldout.rms_mm
+    change = f"{first:.3f} → {last:.3f} mm on held-out poses."
+    assert of_calibration(report) == f"Calibrated with the standard model and {report.effects[0].name}: {change}"
+
+
+def test_unit_loads_have_the_tables_names_of_joints() -> None:
+    names = table_names(("joint_1", "joint_2"), ("J1", "J2"))
+    assert translate("torque_joint_1_of_joint_2_x", names) == "torque_J1_of_J2_x"
+    assert translate("moment_base_y_of_joint_1_z + torque_joint_2_of_joint_2", names) == (
+        "moment_base_y_of_J1_z + torque_J2_of_J2"
+    )
