@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from experiments.spherical_joint.rig import Disturbance, Rig
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.table.dataset import Dataset
 from joints import spherical_joint
-from joints.rig import Disturbance, Rig
 
 OFFSETS = {14: -2.54e-6, 15: -25.4e-6, 19: 20.32e-6}
 JOINT = spherical_joint()

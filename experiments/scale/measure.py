@@ -8,7 +8,6 @@ import hashlib
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.resources import as_file, files
 
 import numpy as np
@@ -22,16 +21,13 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.explore import Turn, explore
 from gpmodel.discovery.journal import Forgetful
 from gpmodel.discovery.search import Search
-from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evolution.device import check_device
-from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
+from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Processes, Threads, Workers, scheduled
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
@@ -131,34 +127,6 @@ def many_poses() -> dict[str, object]:
     }  # fmt: skip
 
 
-def device() -> dict[str, object]:
-    """One evaluation of the thesis' population, 65 536 sequences of 160 elements on 40 poses: ms on the processor and a
-    CUDA device, and the share of scores that agree to 1e-9; skipped where there is no device."""
-    try:
-        check_device()
-    except InputError as error:
-        return {"skipped": str(error)}
-    rng = np.random.default_rng(0)
-    points, joints = rng.normal(size=(3, 40)), rng.uniform(-1, 1, (6, 40))
-    names = ("x", "y", "z", *(f"J{k}" for k in range(1, 7)))
-    problem = CartesianProblem(Inputs(names, np.vstack([points, joints])), points + 0.1 * np.sin(joints[3:]))
-    settings = thesis_settings(Linear.thesis())
-    milliseconds, scores = {}, []
-    for where in ("cpu", "cuda"):
-        budget = replace(settings.budget, device=where)
-        run = Generations(problem, replace(settings, budget=budget), np.random.default_rng(0))
-        population = run.breeding.initial(budget.population, np.random.default_rng(0))
-        scores.append(run.scores(population).score)
-        taken = []
-        for _ in range(9):
-            began = time.perf_counter()
-            run.scores(population)
-            taken.append(1e3 * (time.perf_counter() - began))
-        milliseconds[where] = sorted(taken)[len(taken) // 2]
-    alike = np.isclose(*scores, rtol=1e-9, atol=0.0)
-    return {"median_ms": milliseconds, "scores_alike": float(np.mean(alike))}
-
-
 MEASURED: dict[str, Callable[[], dict[str, object]]] = {
-    "speedup": speedup, "overhead": overhead, "memory": memory, "many_poses": many_poses, "device": device,
+    "speedup": speedup, "overhead": overhead, "memory": memory, "many_poses": many_poses,
 }  # fmt: skip

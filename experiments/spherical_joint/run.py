@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.spherical_joint import charts
+from experiments.spherical_joint.leapfrog import leap_frog
 from experiments.spherical_joint.rig_tables import JOINT, RIG, model, reduction, summary, tables
+from experiments.spherical_joint.varpro import variable_projection
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
@@ -28,8 +31,6 @@ from gpmodel.table.split import hold_out
 from joints import sphere_charts
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types
-from joints.leapfrog import leap_frog
-from joints.varpro import variable_projection
 
 HERE = Path(__file__).parent
 COMMAND = "python -m experiments.spherical_joint.run"
@@ -53,7 +54,7 @@ def solvers() -> dict[str, Any]:
         started = time.perf_counter()
         found[name] = solve()
         seconds[name] = time.perf_counter() - started
-    draw("convergence", sphere_charts.convergence_chart, found)
+    draw("convergence", charts.convergence_chart, found)
     return {n: {"iterations": s.iterations, "status": s.status, "seconds": seconds[n]} for n, s in found.items()}
 
 
@@ -80,10 +81,10 @@ def improvement() -> dict[str, Any]:
     told = effect_at("told", "J1.moving", "Ty", Expression("sin(J1)"))
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), told)), poses.subset(train))
     rungs = {"sphere fit": found.steps[0], "standard model": found.steps[1], "with what was found": found.steps[-1]}
-    draw("fig_5_13_referenced_inputs", sphere_charts.referenced_chart, report["histogram"])
+    draw("fig_5_13_referenced_inputs", charts.referenced_chart, report["histogram"])
     shape, axis = report["plots"]["shapes"][0], report["effects"][0]["axis"]
-    draw("fig_5_14_compensation", sphere_charts.compensation_chart, shape, axis, width=11.0)
-    draw("fig_5_16_distribution", sphere_charts.distribution_chart, {n: s.heldout_error for n, s in rungs.items()})
+    draw("fig_5_14_compensation", charts.compensation_chart, shape, axis, width=11.0)
+    draw("fig_5_16_distribution", charts.distribution_chart, {n: s.heldout_error for n, s in rungs.items()})
     heldout_rows = {n: summary(s.heldout_error) for n, s in rungs.items()}
     heldout_rows["oracle told the effect"] = summary(errors_on(oracle, poses.subset(heldout)))
     return {

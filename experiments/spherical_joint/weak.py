@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from experiments.spherical_joint.rig import Rig
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
@@ -26,7 +27,6 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.report.origin import versions
 from gpmodel.table.split import hold_out
 from joints import spherical_joint
-from joints.rig import Rig
 
 HERE = Path(__file__).parent
 JOINT = spherical_joint()

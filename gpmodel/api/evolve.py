@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -23,12 +23,10 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evolution.device import check_device
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import Plan, Run, run_all
-from gpmodel.evolution.settings import DEVICES, Device
 from gpmodel.executor import Threads, Workers
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import choice_of
@@ -174,7 +172,6 @@ def evolve(
     norm: Norm = "max",
     standard: Sequence[str] = ("*",),
     holdout: float = 0.3,
-    device: Device = "cpu",
     workers: int = 0,
     executor: Workers | None = None,
     seed: int = 0,
@@ -188,8 +185,7 @@ def evolve(
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
-    norm: of a compensator's errors; its x, y, z are in mm. device: "cuda" scores linear sequences in Cartesian space on
-    a CUDA device, to the same numbers but for rounding. workers: runs side by side, 0 for one a core; executor: runs
+    norm: of a compensator's errors; its x, y, z are in mm. workers: runs side by side, 0 for one a core; executor: runs
     them elsewhere; no number depends on either. journal: keeps finished runs, to go on from them to the same numbers.
     Raises InputError for an argument out of range.
     """
@@ -197,10 +193,8 @@ def evolve(
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
     called(progress, "progress")
     side_by_side = executor or Threads(whole(workers, "workers"))
-    effort = replace(_effort(population, generations, seconds), device=among(device, DEVICES, "device"))
+    effort = _effort(population, generations, seconds)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
-    if effort.device != "cpu" and isinstance(side_by_side, Threads):
-        check_device()
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     arm, poses = checked_poses(arm, table, geometry)

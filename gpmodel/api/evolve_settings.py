@@ -7,7 +7,7 @@ from typing import Literal
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.settings import Budget, Device, Settings, thesis_settings
+from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.evolution.tree import Tree
 
 Space = Literal["cartesian", "slot"]
@@ -22,12 +22,11 @@ UNLIMITED, NO_END = 1_000_000, 1e9
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run was asked to take, None for the defaults, and where its linear sequences are scored."""
+    """What a run was asked to take, None for the defaults."""
 
     population: int | None = None
     generations: int | None = None
     seconds: float | None = None
-    device: Device = "cpu"
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
@@ -39,7 +38,7 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
     """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot; one thread a run, for
     the runs themselves go side by side.
 
-    Raises InputError for two of one name, a population too small to select from, or a device without work for it.
+    Raises InputError for two of one name or a population too small to select from.
     """
     generations = effort.generations
     if generations is None:
@@ -56,9 +55,5 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
             if space == "cartesian"
             else Settings(strategy, budget=Budget(size, generations))
         )
-        device = effort.device if isinstance(strategy, Linear) else "cpu"
-        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=1, device=device))
-    used = space == "cartesian" and effort.device in {s.budget.device for s in chosen.values()}
-    if effort.device != "cpu" and not used:
-        raise InputError(f"{effort.device!r} is for linear sequences in Cartesian space, expected 'cpu' here", "device")
+        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=1))
     return chosen

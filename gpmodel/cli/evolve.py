@@ -28,7 +28,6 @@ from gpmodel.cli.request import Request, Typed
 from gpmodel.errors import InputError
 from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.settings import DEVICES
 from gpmodel.executor import Workers, scheduled
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
@@ -47,8 +46,6 @@ from gpmodel.records.journal_files import JournalFiles
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Of each representation.")
 @click.option("--operators", default=None, help="thesis, smooth, slot, physics, or names.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
-@click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True,
-              help="cuda: score linear sequences in Cartesian space on a GPU; needs gpmodel[cuda].")  # fmt: skip
 @standard_option
 @holdout_option
 @in_order_option

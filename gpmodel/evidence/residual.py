@@ -52,11 +52,6 @@ class Residual:
     gram: Array
 
     @property
-    def winsorised(self) -> Mask:
-        """The poses (N,) whose residual was shortened."""
-        return np.asarray(self.shrink < 1.0)
-
-    @property
     def measured(self) -> int:
         """M, rows that were measured."""
         return len(self.fold_of_row)

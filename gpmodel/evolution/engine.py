@@ -77,11 +77,6 @@ def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool
         code.words, code.outputs, code.count, code.constants,
         fixed, _rows(code, fixed, BLOCK), measured, maximum, limit, found,
     )  # fmt: skip
-    return norms(found, poses, maximum)
-
-
-def norms(found: Array, poses: int, maximum: bool) -> Array:
-    """The largest or the root mean square of distances from the largest or the sum of their squares."""
     return np.sqrt(found if maximum else found / poses)
 
 

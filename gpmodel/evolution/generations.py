@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.constants import own_constants_polished
-from gpmodel.evolution.device import OnDevice
 from gpmodel.evolution.pareto import program_at
 from gpmodel.evolution.problems import CartesianProblem, Scored, SlotProblem
 from gpmodel.evolution.representation import Population
@@ -31,14 +30,11 @@ class Generations:
         if isinstance(problem, CartesianProblem) and self.layout.outputs != 3:
             raise InputError(f"outputs: {self.layout.outputs}, a compensator has 3")
         self.fixed = self.layout.fixed_rows(problem.inputs.values)
-        self.on_device = OnDevice(problem, self.layout, self.fixed) if self.budget.device == "cuda" else None
         self.fitted: set[int] = set()
         self.hopeless = np.inf
 
     def scores(self, population: Population, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
-        """Scores of a population; effective code that is in ``known`` is not run again on the processor."""
-        if self.on_device is not None:
-            return self.on_device(population)
+        """Scores of a population; effective code that is in ``known`` is not run again."""
         decode = population.decoder(self.layout)
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)

@@ -128,14 +128,10 @@ class CartesianProblem:
         fixed (base, N): rows of inputs and constants. Those above ``hopeless`` may come back infinite.
         """
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
-        return self.scores_of(fitness, code.nodes, code.hashes)
-
-    def scores_of(self, fitness: Array, nodes: NDArray[np.int64], hashes: NDArray[np.uint64]) -> Scores:
-        """The same from the norm, nodes and hash of each program."""
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self._initial
-        return Scores(fitness + self.parsimony * nodes, gain, nodes, whole, whole + 7, hashes)
+        return Scores(fitness + self.parsimony * code.nodes, gain, code.nodes, whole, whole + 7, code.hashes)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """The evolutionary search: one loop for both representations and both problems."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +29,6 @@ class Generation:
     distinct: int
     evaluations_per_second: float
     seconds: float
-    seconds_left: float
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,6 @@ def evolve(
     problem: Problem,
     settings: Settings,
     rng: np.random.Generator,
-    progress: Callable[[Generation], None] | None = None,
 ) -> Evolution:
     """Search until the generations or the seconds of the budget are over.
 
@@ -68,12 +65,10 @@ def evolve(
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):
-        return _search(problem, Generations(problem, settings, rng), settings, progress)
+        return _search(problem, Generations(problem, settings, rng), settings)
 
 
-def _search(
-    problem: Problem, run: Generations, settings: Settings, progress: Callable[[Generation], None] | None
-) -> Evolution:
+def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution:
     budget = run.budget
     archive = Archive(problem, run.layout)
     began = time.perf_counter()
@@ -90,16 +85,11 @@ def _search(
         seconds = time.perf_counter() - began
         finite = scores.score[np.isfinite(scores.score)]
         best, median = (float(finite.min()), float(np.median(finite))) if len(finite) else (np.inf, np.inf)
-        left = budget.seconds - seconds
-        if generation:
-            left = min(left, seconds / generation * (budget.generations - generation))
         row = Generation(
             generation, best, median, float(archive.best_gain),
-            distinct(scores.hashes), evaluations / seconds, seconds, max(0.0, left),
+            distinct(scores.hashes), evaluations / seconds, seconds,
         )  # fmt: skip
         rows.append(row)
-        if progress:
-            progress(row)
         done = generation >= budget.generations or seconds >= budget.seconds
         if done or archive.best_gain >= budget.target:
             break

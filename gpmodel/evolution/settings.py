@@ -1,15 +1,10 @@
 """The choices of one run: a representation, a selection, and how much work is put into it."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
 
-from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, check_ranges
 from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
-
-Device = Literal["cpu", "cuda"]
-DEVICES: tuple[Device, ...] = get_args(Device)
 
 
 @dataclass(frozen=True)
@@ -20,7 +15,6 @@ class Budget:
     polish_every: own constants of the best are fitted every so many generations (0: never). restart_after:
     generations without progress before a fresh population (0: never). climb: the best programs of a slot
     search, so many, are finished by single edits (0: none). threads: 0 for all cores; never changes a result.
-    device: "cuda" scores linear sequences in Cartesian space on a CUDA device, to the same numbers but for rounding.
     Raises InputError for a choice out of range.
     """
 
@@ -32,12 +26,9 @@ class Budget:
     restart_after: int = 60
     climb: int = 0
     threads: int = 0
-    device: Device = "cpu"
 
     def __post_init__(self) -> None:
         check_ranges(self, population=(4, 2**24), generations=(0, 10**9), seconds=(0.0, 1e9))
-        if self.device not in DEVICES:
-            raise InputError(f"{self.device!r}, expected {' or '.join(DEVICES)}", "device")
 
 
 @dataclass(frozen=True)

@@ -60,28 +60,6 @@ def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sym
     return {symbol: rounded(expression) for symbol, expression in pieces.items()}, list(map(rounded, outputs))
 
 
-def numpy_source(program: Program, name: str = "basis") -> str:
-    """Source of ``def name(inputs)``: from a mapping of input names to arrays to an array (outputs, N)."""
-    lines = [
-        "import numpy as np",
-        "",
-        "",
-        f"def {name}(inputs):",
-        "    length = max((np.size(column) for column in inputs.values()), default=1)",
-    ]
-    for index, node in enumerate(program.nodes):
-        arguments = [f"v{k}" for k in node.arguments]
-        if node.operator == "input":
-            text = f"np.asarray(inputs[{str(node.value)!r}], dtype=float)"
-        elif node.operator == "constant":
-            text = f"np.full(length, {float(node.value or 0.0)!r})"
-        else:
-            text = _NUMPY[node.operator].format(*arguments)
-        lines.append(f"    v{index} = {text}")
-    lines.append(f"    return np.stack([{', '.join(f'v{k}' for k in program.outputs)}])")
-    return "\n".join(lines) + "\n"
-
-
 def inline(program: Program, language: Literal["numpy", "c99"], columns: Mapping[str, str]) -> str:
     """The first output as one expression. columns: what each input is called there. C needs <math.h>."""
     written: list[str] = []

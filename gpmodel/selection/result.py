@@ -36,7 +36,7 @@ class Kept:
 @dataclass(frozen=True)
 class Selection:
     """What was chosen: geometry with learned variances, then the kept groups by gain. noise: σ of one measured
-    component, m; pose_noise: of what repeats of a pose share. fit: the exact fit behind the numbers. by_chance: (T,)
+    component, m. fit: the exact fit behind the numbers. by_chance: (T,)
     the most nats, costs counted, that any group gains on T permuted residuals of it."""
 
     geometry: tuple[Kept, ...]
@@ -44,7 +44,6 @@ class Selection:
     offered: int
     evidence: float
     noise: float
-    pose_noise: float
     fit: Refit
     by_chance: Array
 
@@ -80,5 +79,4 @@ def summarised(
         kept.append(Kept(group, gain, variance, fit.point.theta[own], deviation[own], others, determined))
     geometry = tuple(k for k in kept if k.group.standing)
     found = tuple(sorted((k for k in kept if not k.group.standing), key=lambda k: -k.gain))
-    shared = float(np.sqrt(fit.point.ratio)) * fit.sigma
-    return Selection(geometry, found, offered_groups, active.evidence, fit.sigma, shared, fit, by_chance)
+    return Selection(geometry, found, offered_groups, active.evidence, fit.sigma, fit, by_chance)

@@ -6,9 +6,9 @@ import numpy as np
 from spherical_cases import JOINT, OFFSETS
 
 import gpmodel as gp
+from experiments.spherical_joint.rig import Rig
 from gpmodel.report.saved import read_report
 from gpmodel.table.write import frame_of
-from joints.rig import Rig
 
 
 def test_ten_poses_after_a_calibration_tell_a_constant_from_what_it_could_be(tmp_path: Path) -> None:

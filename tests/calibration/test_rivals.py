@@ -7,6 +7,7 @@ import pytest
 from spherical_cases import JOINT, OFFSETS
 
 import gpmodel as gp
+from experiments.spherical_joint.rig import Rig
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
@@ -20,7 +21,6 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.planning.simulate import simulate
-from joints.rig import Rig
 
 LOBES = "out-of-round ball, 2 lobes over J2, lift along z"
 

@@ -113,11 +113,3 @@ def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
     assert 10 <= Tree.thesis().depth <= 15
     assert tree.representation == Tree.thesis()
     assert settings_for("slot", default_strategies("slot"), Effort(seconds=2.0))["linear"].budget.generations > 10**5
-
-
-def test_a_device_that_is_not_there_is_one_line_before_anything_is_done(table: Path) -> None:
-    with mock.patch("gpmodel.evolution.kernels.cuda.cuda.is_available", return_value=False):
-        said = one_line(main_with("evolve", table, *QUICK, "--device", "cuda", "--quiet"), 2)
-    assert "--device: 'cuda'" in said
-    nothing = one_line(main_with("evolve", table, *QUICK, "--device", "cuda", "--space", "slot", "--quiet"), 2)
-    assert "linear sequences in Cartesian space" in nothing

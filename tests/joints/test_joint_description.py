@@ -8,6 +8,7 @@ import pytest
 from cli_cases import one_line, run, write
 from spherical_cases import JOINT, OFFSETS
 
+from experiments.spherical_joint.rig import Rig
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.payload import find_lever
 from gpmodel.errors import InputError
@@ -19,7 +20,6 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.write import frame_of
 from joints.description import read_joint
-from joints.rig import Rig
 from joints.settings import DATA
 
 SPHERICAL, UNIVERSAL = 'kind = "spherical"\n', 'kind = "universal"\n'

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT, published_table
 
+from experiments.spherical_joint.sphere_fit import algebraic_sphere, fit_sphere
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
-from joints.sphere_fit import algebraic_sphere, fit_sphere
 
 CENTRE, RADIUS = np.array([0.12388, 0.02811, -0.20564]), 0.04521
 

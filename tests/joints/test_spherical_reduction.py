@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT
 
+from experiments.spherical_joint.reductions import most_common_reduction, observable_in_words
 from gpmodel.errors import InputError
 from gpmodel.planning.poses import spread_poses
 from joints.reduction import (
     COINCIDENT,
     condition_number,
-    most_common_reduction,
-    observable_in_words,
     reduce_by_svd,
     reduce_in_order,
     thesis_columns,

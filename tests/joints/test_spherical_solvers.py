@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT, OFFSETS, PUBLISHED, published_table
 
+from experiments.spherical_joint.leapfrog import leap_frog
+from experiments.spherical_joint.rig import Rig
+from experiments.spherical_joint.sphere_fit import fit_sphere
+from experiments.spherical_joint.varpro import variable_projection
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, resolved
 from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns, solve_joints
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from joints.kinematics import THESIS_PARAMETERS, parameter
-from joints.leapfrog import leap_frog
-from joints.rig import Rig
-from joints.sphere_fit import fit_sphere
-from joints.varpro import variable_projection
 
 BARE = ErrorModel(JOINT, ())
 WITH_OFFSETS = ErrorModel(JOINT, tuple(parameter(i).effect for i in OFFSETS))

@@ -7,12 +7,12 @@ import pytest
 from spherical_cases import JOINT, OFFSETS
 
 from experiments.spherical_joint import weak
+from experiments.spherical_joint.rig import Rig
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from joints.rig import Rig
 
 LOBE, GROWTH = 8e-6, 0.4e-6
 WEAK: dict[str, tuple[str, Callable[[Array, Array], dict[int, Array]], tuple[float, ...]]] = {

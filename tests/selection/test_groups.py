@@ -167,7 +167,7 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     seen = replace(truth.poses.dataset, position=truth.poses.dataset.position + common, q=shaken)
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, seen)))
     assert selection.kept == ()
-    assert selection.pose_noise == pytest.approx(4e-5, rel=0.3)
+    assert np.sqrt(selection.fit.point.ratio) * selection.noise == pytest.approx(4e-5, rel=0.3)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
