@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[all]"
 	touch $@
 
 $(BIN)/pytest: $(BIN)/gpmodel

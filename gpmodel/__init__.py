@@ -105,7 +105,10 @@ if not TYPE_CHECKING:
     def __getattr__(name: str) -> object:
         if name not in _HOME:
             raise AttributeError(f"module 'gpmodel' has no attribute '{name}'")
-        globals()[name] = getattr(import_module(f"gpmodel.{_HOME[name]}"), name)
+        from gpmodel.extras import extra_for
+
+        with extra_for(f"gpmodel.{name}"):
+            globals()[name] = getattr(import_module(f"gpmodel.{_HOME[name]}"), name)
         return globals()[name]
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.table import Table as RichTable
+
+from gpmodel.extras import extra_for
 
 if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
     from joints.studies.study import Study, Table
 
 _HELP = {
@@ -56,7 +58,11 @@ def _command(name: str) -> click.Command:
     def run(toml: Path | None, json_file: Path | None, out: Path | None, seed: int, defaults: bool) -> None:
         from gpmodel.files import write_bytes
         from joints.settings import DATA
-        from joints.studies import STUDIES
+
+        with extra_for("gpmodel joint"):
+            import rich  # noqa: F401
+
+            from joints.studies import STUDIES
 
         if defaults:
             click.echo((DATA / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
@@ -118,6 +124,8 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
 
 def show(study: Study, files: list[str]) -> None:
     """Print the tables, in blocks of columns that fit the terminal, and the names of the written files."""
+    from rich.console import Console
+
     console = Console(highlight=False)
     for table in study.tables:
         for block in fitting(table, console.width):
@@ -158,6 +166,8 @@ def _widths(column: Sequence[object]) -> tuple[int, int]:
 
 
 def _rich(table: Table, width: int) -> RichTable:
+    from rich.table import Table as RichTable
+
     rich = RichTable(title=table.title, caption=table.note or None, title_justify="left", caption_justify="left")
     widths = [_widths(column) for column in _columns(table)]
     spare = width - 1 - sum(least + 3 for least, _ in widths)

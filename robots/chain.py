@@ -6,17 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
+from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Joint
-from robots.collision import Shape
 from robots.links import Link, zero_vector
 from robots.motion import axis_motion
 from robots.statics import DOWN, gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
+from robots.urdf_file import has_geometry
+
+if TYPE_CHECKING:
+    from robots.collision import Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +102,7 @@ class SerialChain:
         force_J_x .. moment_J_z (N, Nm): wrench that the weight of everything beyond J exerts at the origin of
         J.moving, in its axes; force_base_x .. moment_base_z likewise for the whole arm in the root frame,
         about its origin. payload: (N,) kg at `payload_com`. Empty where nothing weighs anything.
-        Source: recursive Newton-Euler at rest (Featherstone 2008, ch. 5), by Pinocchio.
+        Source: sums of weights and lever arms; recursive Newton-Euler at rest (Featherstone 2008, ch. 5) agrees.
         """
         return gravity_loads(self, q, payload)
 
@@ -107,7 +112,12 @@ class SerialChain:
 
     @cached_property
     def _shape(self) -> Shape | None:
-        return None if self.source is None else Shape.read(self.source, self.joint_names, self.tool_frame)
+        if self.source is None or not has_geometry(self.source):
+            return None
+        with extra_for("where the arm meets itself"):
+            from robots.collision import Shape
+
+        return Shape.read(self.source, self.joint_names, self.tool_frame)
 
     @property
     def has_shape(self) -> bool:

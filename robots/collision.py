@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.table.units import identifier
-from robots.urdf_file import parse_model
+from robots.pinocchio_model import parse_model
 
 ALWAYS = 0.95
 """Share of random poses from which two parts that meet are built into one another: what MoveIt's assistant takes."""

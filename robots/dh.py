@@ -40,7 +40,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -48,7 +47,7 @@ from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.texts import read_toml
 from robots.chain import SerialChain
 from robots.links import Link
-from robots.motion import along, translation
+from robots.motion import along, placement
 from robots.statics import DOWN
 from robots.toml_table import TomlTable
 
@@ -134,6 +133,4 @@ def _placement(table: TomlTable) -> Array:
     xyz = table.quantity("xyz", "length", np.zeros(3), size=3)
     rpy = table.quantity("rpy", "angle", np.zeros(3), size=3)
     table.done()
-    placement = translation(xyz)
-    placement[:3, :3] = pin.rpy.rpyToMatrix(*rpy)
-    return placement
+    return placement(xyz, rpy)

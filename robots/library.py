@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import example_robot_data
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.extras import extra_for
 from robots.chain import SerialChain
 from robots.dh import of_another_kind, read_dh
 from robots.irb6400r import DIMENSIONS, irb6400r
@@ -64,6 +64,9 @@ def _load(name: str, frame: str | None) -> SerialChain | None:
         return _measured_at(irb6400r(name), frame)
     if name in EXAMPLE_ARMS:
         file, last_link = EXAMPLE_ARMS[name]
+        with extra_for(f"'{name}'"):
+            import example_robot_data
+
         folder = Path(example_robot_data.getModelPath(file))
         return read_urdf(folder / file, name=name, frame=last_link if frame is None else frame)
     suffix = Path(name).suffix.lower()

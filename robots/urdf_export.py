@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -15,8 +14,9 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
 from robots.links import Chain
-from robots.motion import along
+from robots.motion import along, roll_pitch_yaw
 from robots.urdf_file import parse_xml
+from robots.urdf_tree import origin_of
 
 
 def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: Path) -> str:
@@ -130,10 +130,7 @@ def _seen_from(frame: Array, error: Array) -> Array:
 
 
 def _compose(joint: ET.Element, *, before: Array | None = None, after: Array | None = None) -> None:
-    origin = joint.find("origin")
-    xyz = [0.0] * 3 if origin is None else [float(x) for x in origin.get("xyz", "0 0 0").split()]
-    rpy = [0.0] * 3 if origin is None else [float(x) for x in origin.get("rpy", "0 0 0").split()]
-    transform = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)).homogeneous
+    transform = origin_of(joint)
     changed = transform if before is None else before @ transform
     changed = changed if after is None else changed @ after
     if not np.array_equal(changed, transform):
@@ -145,7 +142,7 @@ def _set_origin(joint: ET.Element, transform: Array) -> None:
     if origin is None:
         origin = ET.SubElement(joint, "origin")
     origin.set("xyz", _text(transform[:3, 3]))
-    origin.set("rpy", _text(pin.rpy.matrixToRpy(transform[:3, :3])))
+    origin.set("rpy", _text(roll_pitch_yaw(transform[:3, :3])))
 
 
 def _text(numbers: Array) -> str:

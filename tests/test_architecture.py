@@ -4,10 +4,13 @@ import ast
 import os
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+from gpmodel.extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
 FILES = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROOT / package).rglob("*.py"))]
@@ -57,6 +60,17 @@ def test_the_fences_have_something_inside() -> None:
     assert all(users.values())
 
 
+def test_the_base_installation_has_at_most_eight_dependencies_and_each_extra_what_it_is_said_to_bring() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert len(project["dependencies"]) <= 8
+    spelled = {"pinocchio": "pin", "example_robot_data": "example-robot-data", "llvmlite": "numba"}
+    for extra, modules in EXTRAS.items():
+        brought = " ".join(project["optional-dependencies"][extra])
+        if "gpmodel[report]" in brought:
+            brought += " ".join(project["optional-dependencies"]["report"])
+        assert all(spelled.get(module, module) in brought for module in modules), extra
+
+
 def test_every_dependency_imported_is_declared() -> None:
     declared = (ROOT / "pyproject.toml").read_text().lower().replace("-", "_")
     spelled = {"pinocchio": '"pin>', "PIL": "pillow"}
@@ -91,8 +105,8 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 
 
 ORDER = (
-    "_version", "errors", "wording", "arrays", "files", "texts", "executor", "progress", "numerics", "formula",
-    "mechanism", "table", "model", "evolution", "families", "calibration", "checks", "planning", "evidence",
+    "_version", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "progress", "numerics",
+    "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks", "planning", "evidence",
     "selection", "discovery", "records", "application", "hierarchy", "report", "api", "cli",
 )  # fmt: skip
 ALONE = {"evolution", "formula", "files", "errors", "arrays", "executor"}

@@ -28,6 +28,7 @@ from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import Plan, Run, run_all
 from gpmodel.executor import Threads, Workers
+from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -192,6 +193,8 @@ def evolve(
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
     called(progress, "progress")
+    with extra_for("gpmodel.evolve"):
+        import gpmodel.evolution.kernels.compiler  # noqa: F401
     side_by_side = executor or Threads(whole(workers, "workers"))
     effort = _effort(population, generations, seconds)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)

@@ -3,29 +3,30 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import box_limits, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
-from gpmodel.api.exports import ExportsResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
 from gpmodel.application.compensate import compensated, targets_in
-from gpmodel.application.exports.grid import NODES
-from gpmodel.application.exports.make import GRID, exports_of
-from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
 from gpmodel.application.usable import of_the_session, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.read import dataset_from
 from gpmodel.texts import SEAL
 from gpmodel.wording import measured
+
+if TYPE_CHECKING:
+    from gpmodel.api.exports import ExportsResult
 
 
 @dataclass(frozen=True, repr=False)
@@ -88,24 +89,31 @@ class Model:
         self,
         *,
         box: Sequence[Sequence[float]] | str | None = None,
-        nodes: int = NODES,
+        nodes: int | None = None,
         setup: str | None = None,
         tool: str | None = None,
         seed: int = 0,
-    ) -> ExportsResult:
+    ) -> "ExportsResult":
         """The model in the forms that others read, each with its error against `predict`: calibrated.urdf and
         Denavit-Hartenberg rows of a geometry refitted without what they cannot hold, the whole model as NumPy and C99
         source, its terms as LaTeX, and a lookup grid of joint corrections.
 
         box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
         one the largest cube about a measured pose near the middle that is reached and corrected everywhere. nodes: of
-        the grid along each side. setup, tool: whose registration and tool point the sources and the grid have, where
-        the model knows several; the first for None. seed: of the fresh poses the errors are judged at.
+        the grid along each side; 5 for None. setup, tool: whose registration and tool point the sources and the grid
+        have, where the model knows several; the first for None. seed: of the fresh poses the errors are judged at.
         Raises InputError for a box that is none, or of which nothing is reached, or a name the model does not know.
         """
+        with extra_for("an export", "report"):
+            from gpmodel.api.exports import ExportsResult
+            from gpmodel.application.exports.grid import NODES
+            from gpmodel.application.exports.make import GRID, exports_of
+            from gpmodel.application.exports.sample import Place
+
         limits = None if box is None else box_limits(box, "box")
         place = Place.of(self.saved, setup, tool)
-        made = exports_of(self.saved, place, box=limits, nodes=whole(nodes, "nodes", 2), seed=whole(seed, "seed"))
+        count = NODES if nodes is None else whole(nodes, "nodes", 2)
+        made = exports_of(self.saved, place, box=limits, nodes=count, seed=whole(seed, "seed"))
         if box is not None and GRID in made.refused:
             raise InputError(made.refused[GRID], "box")
         return ExportsResult(self.mechanism.name, made)

@@ -3,14 +3,24 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.exports import ExportsResult
 from gpmodel.api.model import Model
+from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
-from gpmodel.report.write import write_report
+
+if TYPE_CHECKING:
+    from gpmodel.api.exports import ExportsResult
+
+
+def check_writable() -> None:
+    """Raises InputError where this installation lacks what draws the pages."""
+    with extra_for("a report", "report"):
+        import gpmodel.application.exports.make
+        import gpmodel.report.write  # noqa: F401
 
 
 def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], None]) -> None:
@@ -18,6 +28,9 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
     Raises InputError when they cannot be written.
     """
+    check_writable()
+    from gpmodel.report.write import write_report
+
     with finished_folder(file_path(folder, "folder")) as draft:
         write_report(record, draft)
         for write in beside:
@@ -26,6 +39,7 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
     """The same of a fit, with model.json and every export that the model allows. Raises InputError likewise."""
+    check_writable()
     exports = _exports(model, file_path(folder, "folder"))
     record = replace(record, exports=exports.records)
     write_results(record, folder, lambda draft: model.save(draft / "model.json"), exports.write)
@@ -42,6 +56,6 @@ def save_record(record: Report, file: str | Path) -> None:
     write_text(file_path(file, "file"), to_json(record))
 
 
-def _exports(model: Model, path: Path) -> ExportsResult:
+def _exports(model: Model, path: Path) -> "ExportsResult":
     with told_of(path):
         return model.export()

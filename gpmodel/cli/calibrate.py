@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.calibrate import calibrate as fit
+from gpmodel.api.results import check_writable
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.options import (
@@ -43,6 +44,8 @@ def calibrate(
     Errors are of poses held out of the fit; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
     """
+    if folder is not None:
+        check_writable()
     dataset = read_table(table, mechanism, in_order=in_order)
     result = fit(
         mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,

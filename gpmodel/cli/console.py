@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -18,6 +19,8 @@ from gpmodel.table.write import table_text
 
 PATIENCE = 10.0
 """Seconds between passing lines where they cannot take each other's place."""
+CLEAR = "\r\x1b[K"
+"""Back to the start of the line, which is emptied."""
 
 
 def path_for(out: Path, default_name: str) -> Path:
@@ -78,21 +81,22 @@ def progress_line(quiet: bool) -> Iterator[Say]:
     if quiet:
         yield silent
         return
-    from rich.console import Console
-
-    console = Console(stderr=True)
+    terminal = sys.stderr.isatty()
     started = time.monotonic()
     printed = -math.inf
-    with console.status("starting") as status:
 
-        def say(progress: Progress) -> None:
-            nonlocal printed
-            now = time.monotonic()
-            line = f"{now - started:5.0f} s  {progress}"
-            if progress.passing and console.is_terminal:
-                status.update(line)
-            elif not progress.passing or now > printed + PATIENCE:
-                printed = now if progress.passing else printed
-                console.print(line, highlight=False, markup=False, soft_wrap=True)
+    def say(progress: Progress) -> None:
+        nonlocal printed
+        now = time.monotonic()
+        line = f"{now - started:5.0f} s  {progress}"
+        if progress.passing and terminal:
+            click.echo(f"{CLEAR}{line[: shutil.get_terminal_size().columns - 1]}", nl=False, err=True)
+        elif not progress.passing or now > printed + PATIENCE:
+            printed = now if progress.passing else printed
+            click.echo(f"{CLEAR if terminal else ''}{line}", err=True)
 
+    try:
         yield say
+    finally:
+        if terminal:
+            click.echo(CLEAR, nl=False, err=True)

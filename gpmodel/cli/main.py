@@ -16,6 +16,7 @@ import click  # noqa: E402
 
 from gpmodel._version import __version__  # noqa: E402
 from gpmodel.errors import GpModelError, InputError  # noqa: E402
+from gpmodel.extras import extra_for  # noqa: E402
 
 COMMANDS = {
     "import": ("import_:import_table", "Turn a measured file of any layout into a table, by a map of its columns."),
@@ -57,7 +58,8 @@ class CommandGroup(click.Group):
         """The command of that name, loaded only now."""
         if name in COMMANDS:
             module, _, function = COMMANDS[name][0].partition(":")
-            return getattr(import_module(f"gpmodel.cli.{module}"), function or name)
+            with extra_for(f"gpmodel {name}"):
+                return getattr(import_module(f"gpmodel.cli.{module}"), function or name)
         plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
         return plugin.load() if plugin else None
 

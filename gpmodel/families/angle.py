@@ -147,9 +147,9 @@ def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """An error of the joint that a bar drives too, once per turn of the driving one: a sin q + b cos q, rad."""
+    own = {f"{joint.name}.moving": joint for joint in mechanism.joints}
     for j in mechanism.joints:
-        for slot, _, _ in j.drive[1:]:
-            other = next(o for o in mechanism.joints if slot == f"{o.name}.moving")
+        for other in (own[slot] for slot, _, _ in j.drive[1:] if slot in own):
             yield pair(f"parallel-bar closure, {j.name}", other, j.name, "parallel_bar_closure", 4.5)
 
 

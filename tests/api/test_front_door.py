@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import run, table, write
+from robots_cases import ODD_URDF
 
 import gpmodel as gp
 
@@ -31,6 +32,71 @@ def test_every_public_name_is_there_and_none_of_them_loads_the_command_line() ->
     assert done.stdout.strip() == f"{len(gp.__all__)} []"
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = gp.nonsense
+
+
+LEAN = """
+import sys
+from gpmodel.extras import EXTRAS
+BLOCKED = {module for modules in EXTRAS.values() for module in modules}
+class Lean:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in BLOCKED:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Lean())
+import gpmodel as gp
+def said(call):
+    try:
+        call()
+    except gp.InputError as error:
+        return str(error)
+"""
+"""What a lean installation cannot import is not there."""
+
+
+def lean(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", LEAN + code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_a_lean_installation_has_all_names_but_the_search_and_says_which_extra_brings_that() -> None:
+    out = lean("for name in gp.__all__:\n    wrong = said(lambda: getattr(gp, name))\n    if wrong: print(wrong)")
+    assert out.splitlines() == [
+        f"gpmodel.{name} needs sympy: pip install 'gpmodel[discover]'" for name in ("discover", "fleet")
+    ]
+
+
+def test_a_lean_installation_calibrates_saves_predicts_and_compensates(tmp_path: Path) -> None:
+    path, model = write(FRAME, tmp_path / "t.csv"), tmp_path / "model.json"
+    out = lean(
+        f"fit = gp.calibrate(gp.load_mechanism('irb6400r'), {str(path)!r}, ['base_compliance'])\n"
+        f"fit.model.save({str(model)!r})\n"
+        f"model = gp.load_model({str(model)!r})\n"
+        f"print(len(model.predict({str(path)!r})), model.compensate({str(path)!r})['residual [mm]'].max() < 1e-5)\n"
+        f"print(said(lambda: fit.report({str(tmp_path / 'r')!r})), said(model.export), sep='\\n')\n"
+        f"print(said(lambda: gp.evolve('irb6400r', {str(path)!r})), said(lambda: gp.load_mechanism('ur5')), sep='\\n')"
+    ).splitlines()
+    assert out[0] == "60 True"
+    assert [line.partition("needs")[2].partition(": ")[2] for line in out[1:]] == [
+        f"pip install 'gpmodel[{extra}]'" for extra in ("report", "report", "discover", "robots")
+    ]
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_robot_read_from_urdf_predicts_without_pinocchio(tmp_path: Path) -> None:
+    arm, path = tmp_path / "arm.urdf", tmp_path / "t.csv"
+    arm.write_text(ODD_URDF)
+    gp.simulate(str(arm), ["joint_compliance lift=1e-6"], poses=60, seed=1).save(path)
+    fit = gp.calibrate(str(arm), path, ["joint_compliance lift"])
+    fit.model.save(tmp_path / "model.json")
+    fit.model.predict(path).to_csv(tmp_path / "here.csv", index=False)
+    out = lean(
+        f"import numpy as np, pandas as pd\n"
+        f"there = gp.load_model({str(tmp_path / 'model.json')!r}).predict({str(path)!r})\n"
+        f"here = pd.read_csv({str(tmp_path / 'here.csv')!r})\n"
+        "names = ['predicted_x [mm]', 'predicted_y [mm]', 'predicted_z [mm]']\n"
+        "print(np.abs(there[names].astype(float) - here[names]).to_numpy().max() < 1e-9, 'pinocchio' in sys.modules)"
+    )
+    assert out == "True False"
 
 
 def test_the_public_names_are_those_a_user_writes() -> None:

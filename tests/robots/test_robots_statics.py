@@ -10,9 +10,27 @@ from robots_cases import CASES, poses, robot, slot_frames
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES
 from robots.chain import SerialChain
-from robots.statics import pinocchio_model
 
 PAYLOAD = 12.5
+MOTIONS = dict(
+    zip(
+        AXES,
+        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ, pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+        strict=True,
+    )
+)
+
+
+def pinocchio_model(chain: SerialChain) -> pin.Model:
+    """Pinocchio's model of the chain in its own motions (before coupling), with its own masses and the payload's."""
+    model = pin.Model()
+    model.gravity.linear = chain.gravity
+    parent = 0
+    for link in chain.links:
+        parent = model.addJoint(parent, MOTIONS[link.axis](), pin.SE3(link.placement), link.name)
+        model.appendBodyToJoint(parent, pin.Inertia(link.mass, link.com, np.zeros((3, 3))), pin.SE3.Identity())
+    model.addFrame(pin.Frame(chain.tool_frame, parent, 0, pin.SE3(chain.tool), pin.FrameType.OP_FRAME))
+    return model
 
 
 @pytest.fixture(params=CASES)
@@ -53,6 +71,20 @@ def test_wrenches_are_sums_of_weights_and_lever_arms(chain: SerialChain, q: Arra
         for k, kind in enumerate(("force", "moment")):
             for i, side in enumerate("xyz"):
                 np.testing.assert_allclose(loads[f"{kind}_{name}_{side}"], expected[:, 3 * k + i], atol=1e-9)
+
+
+def test_wrenches_are_what_pinocchio_holds_at_rest(chain: SerialChain, q: Array) -> None:
+    model = pinocchio_model(chain)
+    data, rest = model.createData(), np.zeros(model.nv)
+    loads = chain.loads(q, np.zeros(len(q)))
+    for row, motion in enumerate(chain.motions(q)):
+        pin.rnea(model, data, motion, rest, rest)
+        for joint, link in enumerate(chain.links, start=1):
+            for k, kind in enumerate(("force", "moment")):
+                for i, side in enumerate("xyz"):
+                    name = f"{kind}_{link.name}_{side}"
+                    ours = loads[name][row] if loads else 0.0
+                    np.testing.assert_allclose(-data.f[joint].vector[3 * k + i], ours, atol=1e-9)
 
 
 def test_torque_is_minus_the_slope_of_the_potential_energy(chain: SerialChain, q: Array) -> None:

@@ -1,0 +1,191 @@
+"""What a chain needs of a URDF file: links with their masses, and the joints between them. Meshes are never opened."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import checked_mass
+from robots.motion import placement
+from robots.urdf_file import parse_xml
+
+MOVING = ("revolute", "continuous", "prismatic")
+"""Joints of one coordinate."""
+KINDS = (*MOVING, "fixed", "floating", "planar")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that moves with another: motion = multiplier * motion of the leader + offset (rad or m)."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint between two links.
+
+    origin: (4, 4), its frame at rest in the frame of its parent link, m. axis: (3,), a unit vector in its own frame,
+    or zero. limits: rad or m, infinite where it has none.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    limits: tuple[float, float]
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfTree:
+    """Links and joints of a file, a tree. masses: link -> its mass, kg, and centre of mass (3,) in its frame, m."""
+
+    root: str
+    masses: dict[str, tuple[float, Array]]
+    joints: tuple[UrdfJoint, ...]
+
+    @cached_property
+    def above(self) -> dict[str, UrdfJoint]:
+        """Link -> the joint that it hangs on."""
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def below(self) -> dict[str, list[UrdfJoint]]:
+        """Link -> the joints that hang on it, by name."""
+        found: dict[str, list[UrdfJoint]] = {link: [] for link in self.masses}
+        for joint in sorted(self.joints, key=lambda joint: joint.name):
+            found[joint.parent].append(joint)
+        return found
+
+    @cached_property
+    def frames(self) -> dict[str, Array]:
+        """Frame (4, 4) of every link in that of the root with all joints at zero, from the root outwards."""
+        found: dict[str, Array] = {self.root: np.eye(4)}
+        waiting = [*reversed(self.below[self.root])]
+        while waiting:
+            joint = waiting.pop()
+            found[joint.child] = found[joint.parent] @ joint.origin
+            waiting += reversed(self.below[joint.child])
+        return found
+
+    def route(self, link: str) -> list[UrdfJoint]:
+        """The joints from the root to a link."""
+        found: list[UrdfJoint] = []
+        while link in self.above:
+            found.insert(0, self.above[link])
+            link = found[0].parent
+        return found
+
+    def moving_below(self, link: str) -> Iterator[UrdfJoint]:
+        """The next joints beyond a link that are not fixed."""
+        for joint in self.below[link]:
+            if joint.kind == "fixed":
+                yield from self.moving_below(joint.child)
+            else:
+                yield joint
+
+
+def read_tree(path: Path) -> UrdfTree:
+    """The links and joints of a URDF file. Raises InputError where they are no tree or hold what is no number."""
+    robot = parse_xml(path)
+    try:
+        links = robot.findall("link")
+        masses = {_name(link): _mass(link) for link in links}
+        joints = tuple(_joint(joint) for joint in robot.findall("joint"))
+        if not masses:
+            raise ValueError("no <link> elements")
+        if len(masses) < len(links) or len({joint.name for joint in joints}) < len(joints):
+            raise ValueError("two links or two joints have one name")
+        unknown = [end for joint in joints for end in (joint.parent, joint.child) if end not in masses]
+        children = [joint.child for joint in joints]
+        twice = [link for link in children if children.count(link) > 1]
+        roots = [link for link in masses if link not in children]
+        if unknown:
+            raise ValueError(f"no link is named '{unknown[0]}'")
+        if twice or len(roots) != 1:
+            raise ValueError(f"links are no tree: {twice[0] if twice else roots} of them with {len(roots)} roots")
+        tree = UrdfTree(roots[0], masses, joints)
+        if len(tree.frames) < len(masses):
+            raise ValueError("joints form a loop")
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a URDF that can be read ({error})") from error
+    return tree
+
+
+def origin_of(element: ET.Element) -> Array:
+    """The transform (4, 4) of its <origin>. Raises ValueError."""
+    origin = element.find("origin")
+    xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
+    return placement(_vector(xyz, "xyz"), _vector(rpy, "rpy"))
+
+
+def _name(element: ET.Element) -> str:
+    if not (name := element.get("name", "")):
+        raise ValueError(f"a <{element.tag}> has no name")
+    return name
+
+
+def _mass(link: ET.Element) -> tuple[float, Array]:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return 0.0, np.zeros(3)
+    mass = inertial.find("mass")
+    if mass is None:
+        raise ValueError(f"the <inertial> of link '{_name(link)}' has no <mass>")
+    value = _number(mass.get("value", ""), "a mass")
+    return checked_mass(value, f"link '{_name(link)}' weighs"), origin_of(inertial)[:3, 3]
+
+
+def _joint(joint: ET.Element) -> UrdfJoint:
+    name, kind = _name(joint), joint.get("type", "")
+    if kind not in KINDS:
+        raise ValueError(f"joint '{name}' is of type '{kind}'; expected one of {', '.join(KINDS)}")
+    ends = [joint.find("parent"), joint.find("child")]
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    axis, mimic, limit = joint.find("axis"), joint.find("mimic"), joint.find("limit")
+    vector = _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), f"the axis of joint '{name}'")
+    length = float(np.linalg.norm(vector))
+    limits = (-math.inf, math.inf)
+    if kind in ("revolute", "prismatic"):
+        if limit is None:
+            raise ValueError(f"joint '{name}' has no <limit>; expected its limits")
+        lower, upper = (_number(limit.get(side, "0"), f"the {side} limit of '{name}'") for side in ("lower", "upper"))
+        limits = (lower, upper)
+    follows = None if mimic is None else Mimic(
+        mimic.get("joint", ""),
+        _number(mimic.get("multiplier", "1"), "the multiplier of a <mimic>"),
+        _number(mimic.get("offset", "0"), "the offset of a <mimic>"),
+    )  # fmt: skip
+    return UrdfJoint(
+        name, kind, parent, child, origin_of(joint), vector / length if length else vector, limits, follows
+    )
+
+
+def _vector(text: str, what: str) -> Array:
+    numbers = [_number(part, what) for part in text.split()]
+    if len(numbers) != 3:
+        raise ValueError(f"{what} is '{text}', expected three numbers")
+    return np.array(numbers)
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        raise ValueError(f"{what} is '{text}', expected a number") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{what} is '{text}', expected a finite number")
+    return number
