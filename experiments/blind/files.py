@@ -13,7 +13,7 @@ from experiments.blind.description import urdf
 from experiments.blind.judge import judge
 from experiments.blind.robot import Robot, Sheet
 from experiments.blind.session import UNITS
-from experiments.blind.simulator import Array
+from experiments.blind.simulator import Arm, Array
 
 WALK = {
     "kind": "instrument_walk", "settings": {}, "size_mm": 0.0, "amount": 1.0, "constants": {},
@@ -23,15 +23,15 @@ WALK = {
 }  # fmt: skip
 
 
-def table(robot: Robot, sheet: Sheet, positions: Array | None) -> str:
-    """CSV with units in the header; `repeat` where the case labels its repeats and the poses are the table's."""
-    prismatic = robot.arm.prismatic
-    names = [f"J{i} [{'mm' if i in prismatic else 'deg'}]" for i in range(1, len(robot.arm.rows) + 1)]
+def table(arm: Arm, sheet: Sheet, positions: Array | None, labelled: bool = False) -> str:
+    """CSV with units in the header; labelled: with a column `repeat` that says which rows are of one pose."""
+    prismatic = arm.prismatic
+    names = [f"J{i} [{'mm' if i in prismatic else 'deg'}]" for i in range(1, len(arm.rows) + 1)]
     names += [f"{name} [{'N*m' if name.startswith('torque') else UNITS.get(name, '1')}]" for name in sheet.extra]
     values = [1e3 * v if i + 1 in prismatic else np.degrees(v) for i, v in enumerate(sheet.q.T)]
     forms = ["%.4f"] * len(values) + ["%g" if name != "time" else "%.8g" for name in sheet.extra]
     values += list(sheet.extra.values())
-    if robot.case.labelled and sheet is robot.train:
+    if labelled:
         names, forms, values = [*names, "repeat"], [*forms, "p%d"], [*values, sheet.pose]
     if positions is not None:
         names += ["x [mm]", "y [mm]", "z [mm]"]
@@ -49,19 +49,19 @@ def write(robot: Robot, folder: Path, judged: bool = False) -> dict[str, Any]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(urdf(robot.arm, masses=robot.case.masses != "none"))
-    (folder / "table.csv").write_text(table(robot, robot.train, robot.train.measured))
+    (folder / "table.csv").write_text(table(robot.arm, robot.train, robot.train.measured, robot.case.labelled))
     sheets = {f"fresh_{k}": sheet for k, sheet in enumerate(robot.fresh)}
     sheets |= {f"beyond_{k}": sheet for k, sheet in enumerate(robot.beyond)}
     for name, sheet in sheets.items():
-        (folder / f"{name}.csv").write_text(table(robot, sheet, None))
-        (folder / f"{name}_clean.csv").write_text(table(robot, sheet, sheet.clean))
-        (folder / f"{name}_noisy.csv").write_text(table(robot, sheet, sheet.measured))
+        (folder / f"{name}.csv").write_text(table(robot.arm, sheet, None))
+        (folder / f"{name}_clean.csv").write_text(table(robot.arm, sheet, sheet.clean))
+        (folder / f"{name}_noisy.csv").write_text(table(robot.arm, sheet, sheet.measured))
     truth = truth_of(robot)
     if judged:
         judgement = judge(robot)
         truth["errors"] = judgement.errors
         for (name, sheet), positions in zip(sheets.items(), judgement.standard, strict=True):
-            (folder / f"{name}_standard.csv").write_text(table(robot, sheet, positions))
+            (folder / f"{name}_standard.csv").write_text(table(robot.arm, sheet, positions))
     (folder / "truth.json").write_text(json.dumps(truth, indent=1))
     return truth
 

@@ -10,7 +10,7 @@ from experiments.blind.case import Case
 from experiments.blind.instrument import along_azimuth, polar
 from experiments.blind.simulator import Arm, Array, above_floor, draw_poses
 
-UNITS = {"temperature": "degC", "payload": "kg", "time": "min", "humidity": "1", "operator": "1"}
+UNITS = {"temperature": "degC", "payload": "kg", "time": "min", "pressure": "bar", "humidity": "1", "operator": "1"}
 ENCODER_JITTER = 1e-5
 CLUSTER_HALF_WIDTH = 0.02
 LONGEST_MOVE = 0.2

@@ -1,0 +1,83 @@
+"""Rows of results on disk, one a line, and counts over them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+Row = dict[str, Any]
+GOAL, LOOSE, EXPLAINED = 1.25, 1.5, 0.95
+SHORT_INPUTS, SHORT_NODES = 2, 9
+IDENTITY = ("method", "seed", "factors", "index")
+
+
+def saved(file: Path | None) -> dict[tuple[Any, ...], Row]:
+    """Rows of an earlier run; a last line that was cut short is left out."""
+    if file is None or not file.exists():
+        return {}
+    lines = [line for line in file.read_text().splitlines(keepends=True) if line.endswith("\n")]
+    return {key(row): row for row in map(json.loads, lines)}
+
+
+def key(row: Row) -> tuple[Any, ...]:
+    """Which robot and which method."""
+    return tuple(row[name] for name in IDENTITY)
+
+
+def append(row: Row, file: Path) -> None:
+    """One more line; one that was cut short before it goes."""
+    old = file.read_text() if file.exists() else ""
+    file.write_text(old[: old.rfind("\n") + 1] + json.dumps(rounded(row)) + "\n")
+
+
+def rounded(row: Row) -> Row:
+    """Four significant places of what was measured."""
+    return {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()}
+
+
+def summary(rows: Iterable[Row]) -> Row:
+    """Counts over the robots of one method and one number of factors; innocents have what was added falsely."""
+    everything = list(rows)
+    done = [row for row in everything if "failed" not in row]
+    ratios = [row["ratio"] for row in done]
+    out: Row = {"robots": len(everything), "failed": len(everything) - len(done)}
+    if not done:
+        return out
+    out |= {
+        "within 1.25": sum(r <= GOAL for r in ratios),
+        "within 1.5": sum(r <= LOOSE for r in ratios),
+        "median ratio": median(ratios),
+        "worst ratio": max(ratios),
+        "median seconds": median(row["seconds"] for row in done),
+    }
+    if all("explained" in row for row in done):
+        out["explained to 95 %"] = sum(row["explained"] >= EXPLAINED for row in done)
+        out["median explained"] = median(row["explained"] for row in done)
+    if all("found" in row for row in done):
+        found = [f for row in done for f in row["found"]]
+        unnamed = [f for f in found if not f["named"]]
+        out |= {name.replace("_", " "): sum(row[name] for row in done) for name in ("inputs_right", "place_right")}
+        out |= {
+            "with needless inputs": sum(row["inputs_needless"] > 0 for row in done),
+            "robots with nothing": sum(not row["found"] for row in done),
+            "robots with false": sum(row["false"] > 0 for row in done),
+            "findings": len(found),
+            "without a name": len(unnamed),
+            "of these short": sum(f["inputs"] <= SHORT_INPUTS and f["nodes"] <= SHORT_NODES for f in unnamed),
+        }
+    return rounded(out)
+
+
+def tables(rows: Iterable[Row]) -> str:
+    """Markdown: a column a method and a number of factors, a line a count."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(f"{row['method']}, {row['factors']} factors", []).append(row)
+    counts = {name: summary(own) for name, own in sorted(groups.items())}
+    names = list(dict.fromkeys(name for count in counts.values() for name in count))
+    lines = [" | ".join(["", "", *counts, ""]).strip(), "|" + "---|" * (1 + len(counts))]
+    lines += [f"| {name} | " + " | ".join(str(c.get(name, "")) for c in counts.values()) + " |" for name in names]
+    return "\n".join([*lines, ""])

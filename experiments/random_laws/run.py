@@ -1,0 +1,73 @@
+"""Robots with a law that nobody listed, given to a method and judged against exact positions.
+
+From the root of the repository:
+python -m experiments.random_laws.run --factors 1,2,0 --seeds 0 --robots 10 --results FILE.jsonl
+A line is added to FILE after every robot; the same command again goes on with what is left.  Odd seeds are aside: of
+their robots only counts are shown and saved, unless --show is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from itertools import product
+from pathlib import Path
+
+from experiments.random_laws.judge import judge
+from experiments.random_laws.methods import METHODS, method_named
+from experiments.random_laws.results import Row, append, rounded, saved, tables
+from experiments.random_laws.robot import is_aside
+
+SHORT = (
+    "method", "seed", "factors", "index", "arm", "poses", "law", "place", "geometry_mm", "oracle_mm", "error_mm",
+    "ratio", "explained", "false", "found", "seconds", "failed",
+)  # fmt: skip
+TELLING = ("law", "inputs", "place", "arm", "kind")
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--method", default="discover", help=f"{', '.join(METHODS)}, or package.module:function")
+    parser.add_argument("--factors", default="1,2", help="with commas; 0: innocent robots")
+    parser.add_argument("--seeds", default="0", help="with commas; odd ones are for a last look")
+    parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
+    parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
+    parser.add_argument("--results", type=Path, help="JSON lines; the counts go into the same name with .md")
+    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "random_laws")
+    parser.add_argument("--show", action="store_true", help="robots of odd seeds by name, too")
+    return parser.parse_args()
+
+
+def shown(row: Row, show: bool) -> Row:
+    """A row as it may be kept: of a robot for a last look nothing that tells which it is."""
+    if show or not is_aside(row["seed"]):
+        return row
+    hidden = [{k: f[k] for k in ("inputs", "nodes", "named")} for f in row.get("found", [])]
+    return {k: v for k, v in row.items() if k not in TELLING} | ({"found": hidden} if "found" in row else {})
+
+
+def main() -> None:
+    settings = parse()
+    method = method_named(settings.method)
+    rows = saved(settings.results)
+    until = time.monotonic() + 60 * settings.minutes
+    indices = range(settings.first, settings.first + settings.robots)
+    seeds, factors = ([int(word) for word in text.split(",")] for text in (settings.seeds, settings.factors))
+    for index, seed, factor in product(indices, seeds, factors):
+        if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
+            continue
+        folder = settings.work / "_".join(map(str, (settings.method.replace(":", "."), seed, factor, index)))
+        row = shown({"method": settings.method, **judge(seed, factor, index, method, folder)}, settings.show)
+        rows[identity] = row
+        if settings.show or not is_aside(seed):
+            print(rounded({k: row[k] for k in SHORT if k in row}), flush=True)
+        if settings.results:
+            append(row, settings.results)
+            settings.results.with_suffix(".md").write_text(tables(rows.values()))
+    print(tables(rows.values()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""A grammar of laws in one or two variables that run over [-1, 1], written as numpy would evaluate them.
+
+Nineteen shapes f(x; constants drawn); a law of two variables is a product of two shapes, a shape of a sum or of a
+distance, a shape that grows with the other variable, or a sum of two shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+Shape = Callable[[str, np.random.Generator], str]
+
+
+def _within(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.round(rng.uniform(low, high), 3))
+
+
+def _either(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number of that size and of either sign."""
+    return float(rng.choice([-1, 1])) * _within(rng, low, high)
+
+
+def _from(x: str, rng: np.random.Generator, most: float = 0.5) -> str:
+    """A variable from an origin of its own."""
+    return f"({x} - {_within(rng, -most, most)})"
+
+
+def _beyond(x: str, rng: np.random.Generator, least: float, most: float) -> str:
+    """A variable, or its mirror image, that stays above zero."""
+    return f"({_within(rng, least, most)} {rng.choice(['+', '-'])} {x})"
+
+
+SHAPES: dict[str, Shape] = {
+    "power": lambda x, g: f"sign({x})*abs({x})**{_within(g, 1.5, 3.5)}",
+    "sine": lambda x, g: f"sin({_within(g, 1.7, 7.3)}*{x} + {_within(g, 0, 6.28)})",
+    "chirp": lambda x, g: f"sin({_within(g, 1.0, 2.2)}*{_beyond(x, g, 1.2, 1.5)}**2)",
+    "algebraic_saturation": lambda x, g: f"{x}/sqrt(1 + ({_within(g, 2, 6)}*{x})**2)",
+    "arctangent": lambda x, g: f"arctan({_within(g, 2, 8)}*{_from(x, g)})",
+    "soft_hinge": lambda x, g: f"log(1 + exp({_either(g, 8, 30)}*{_from(x, g)}))",
+    "dead_zone": lambda x, g: "maximum({0} - {1}, 0) + minimum({0} + {1}, 0)".format(x, _within(g, 0.3, 0.6)),
+    "logistic": lambda x, g: f"1/(1 + exp({_within(g, 6, 30)}*{_from(x, g)}))",
+    "exponential": lambda x, g: f"exp({_either(g, 1.2, 3.0)}*{x})",
+    "quotient": lambda x, g: f"1/{_beyond(x, g, 1.15, 1.6)}",
+    "rational": lambda x, g: f"{_from(x, g)}/(1 + ({_within(g, 1.5, 5)}*{_from(x, g)})**2)",
+    "bump": lambda x, g: f"exp(-({_from(x, g)}/{_within(g, 0.2, 0.6)})**2)",
+    "absolute": lambda x, g: f"abs{_from(x, g)}",
+    "root": lambda x, g: f"sqrt{_beyond(x, g, 1.01, 1.2)}",
+    "logarithm": lambda x, g: f"log{_beyond(x, g, 1.03, 1.3)}",
+    "damped_oscillation": lambda x, g: f"exp({_either(g, 0.7, 2.0)}*{x})*sin({_within(g, 3, 8)}*{x})",
+    "cubic": lambda x, g: f"({x}**3 - {_within(g, 0.3, 0.9)}*{x})",
+    "cardinal_sine": lambda x, g: f"sinc({_within(g, 1.0, 2.5)}*{_from(x, g)})",
+    "rectified_sine": lambda x, g: f"abs(sin({_within(g, 1.5, 4)}*{x} + {_within(g, 0, 3.14)}))",
+}
+
+
+def _shape(x: str, rng: np.random.Generator) -> tuple[str, str]:
+    name = str(rng.choice(list(SHAPES)))
+    return name, SHAPES[name](x, rng)
+
+
+def one_variable(rng: np.random.Generator) -> tuple[str, str]:
+    """What the shape is called, and a law in u."""
+    return _shape("u", rng)
+
+
+def two_variables(rng: np.random.Generator) -> tuple[str, str]:
+    """What the law is made of, and a law in u and v."""
+    form = str(rng.choice(["product", "growing", "of a sum", "of a distance", "sum"], p=[0.4, 0.2, 0.15, 0.1, 0.15]))
+    if form == "of a sum":
+        name, text = _shape(f"((u + {_either(rng, 0.5, 1.0)}*v)/2)", rng)
+        return f"{name} of a sum", text
+    if form == "of a distance":
+        name, text = _shape(f"(hypot({_from('u', rng)}, {_from('v', rng)}) - 1)", rng)
+        return f"{name} of a distance", text
+    first, text = _shape("u", rng)
+    if form == "growing":
+        return f"{first} growing", f"({text})*{_from('v', rng)}"
+    second, other = _shape("v", rng)
+    return f"{first} {'*' if form == 'product' else '+'} {second}", (
+        f"({text})*({other})" if form == "product" else f"({text}) + ({other})"
+    )

@@ -1,0 +1,134 @@
+"""Robots with random laws: the same numbers draw the same robot, a told oracle reaches the noise, rows are graded."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from experiments.blind.robot import world_of
+from experiments.random_laws.findings import alike, graded
+from experiments.random_laws.judge import judge, oracle, write
+from experiments.random_laws.law import Law, Place, places
+from experiments.random_laws.methods import geometry, method_named
+from experiments.random_laws.results import append, saved, summary
+from experiments.random_laws.robot import INNOCENT, columns_of, make
+from experiments.random_laws.run import shown
+from experiments.random_laws.shapes import SHAPES, one_variable, two_variables
+from gpmodel.report.schema_search import EffectRecord
+
+
+@pytest.mark.parametrize("factors", [0, 1, 2])
+def test_the_same_numbers_draw_the_same_robot_and_others_another(factors):
+    first, again, other = make(4, factors, 3), make(4, factors, 3), make(6, factors, 3)
+    assert (str(first.law), first.place, first.amount) == (str(again.law), again.place, again.amount)
+    assert np.array_equal(first.train.measured, again.train.measured)
+    assert np.array_equal(first.fresh.clean, again.fresh.clean)
+    assert not np.array_equal(first.fresh.clean[0], other.fresh.clean[0])
+
+
+def test_every_shape_is_finite_and_varies():
+    line = np.linspace(-1, 1, 201)
+    rng = np.random.default_rng(1)
+    for shape in SHAPES.values():
+        for _ in range(20):
+            values = Law(shape("u", rng), ("J1",), (0.0,), (1.0,))({"J1": line})
+            assert np.isfinite(values).all()
+            assert np.ptp(values) > 0.01
+    for draw, names in ((one_variable, ("J1",)), (two_variables, ("J1", "J2"))):
+        law = Law(draw(rng)[1], names, (0.0,) * len(names), (1.0,) * len(names))
+        assert np.isfinite(law({"J1": line, "J2": line[::-1]})).all()
+
+
+@pytest.mark.parametrize(("factors", "index"), [(1, 4), (2, 18)])
+def test_a_told_oracle_is_near_the_noise_where_geometry_is_not(factors, index, tmp_path):
+    row = judge(0, factors, index, geometry, tmp_path)
+    assert row["oracle_mm"] < 0.7 * np.sqrt(3) * row["noise_mm"]
+    assert row["geometry_mm"] > 4 * row["oracle_mm"]
+    assert row["explained"] == 0.0
+
+
+def test_the_product_reads_the_columns_that_the_laws_are_drawn_over(tmp_path):
+    robot = make(0, 2, 18)
+    assert any(name.startswith("torque") for name in robot.law.inputs)
+    _, states = oracle(robot, write(robot, tmp_path))
+    machine, fresh = robot.machine, robot.fresh
+    columns = columns_of(world_of(machine.arm, fresh.q, fresh.extra, fresh.row, machine.tool))
+    for name, column in columns.items():
+        np.testing.assert_allclose(states[name], column, atol=0.02 * np.abs(column).max() + 1e-9)
+
+
+def test_innocent_robots_have_nothing_and_every_kind_comes():
+    robots = [make(0, 0, index) for index in range(len(INNOCENT))]
+    assert [robot.kind for robot in robots] == list(INNOCENT)
+    assert all(robot.law is None and not robot.machine.shapes for robot in robots)
+
+
+def test_a_law_before_a_joint_moves_is_one_after_it_about_the_joint_axis_only():
+    robot = make(0, 1, 2)
+    arm, tool, q = robot.machine.arm, robot.machine.tool, robot.fresh.q
+    before, after = (
+        [Place(f"J3.{side}", a).column(arm, tool, q) for a in ("Rz", "Rx")] for side in ("fixed", "moving")
+    )
+    np.testing.assert_allclose(before[0], after[0], atol=1e-12)
+    assert alike(before[1], after[1]) < 0.95
+    assert len(places(arm)) == 6 * (2 * len(arm.rows) + 1) + 3
+
+
+def finding(place, inputs, basis="J2"):
+    slot, axis = place.split()
+    return EffectRecord("found", slot, axis, basis, inputs=inputs)
+
+
+def test_findings_are_graded_by_inputs_and_place(tmp_path):
+    robot = make(0, 1, 2)
+    _, states = oracle(robot, write(robot, tmp_path))
+    assert (robot.law.inputs, str(robot.place)) == (("J2",), "Place(slot='J4.fixed', axis='Rz')")
+    right = graded((finding("J4.moving Rz", ("J2",), "sin(J2)"),), robot, states)
+    assert (right["inputs_right"], right["inputs_needless"], right["place_right"], right["false"]) == (True, 0, True, 0)
+    assert right["found"][0]["nodes"] == 2
+    wrong = graded((finding("J2.moving Rz", ("J5",)),), robot, states)
+    assert (wrong["inputs_right"], wrong["inputs_needless"], wrong["place_right"], wrong["false"]) == (
+        False,
+        1,
+        False,
+        1,
+    )
+    assert graded((), robot, states)["inputs_right"] is False
+    assert graded((finding("J2.moving Rz", ("J5",)),), make(0, 0, 0), states)["false"] == 1
+
+
+def row(index, ratio, **more):
+    return {"method": "m", "seed": 0, "factors": 1, "index": index, "ratio": ratio, "seconds": 1.0, **more}
+
+
+def test_results_go_on_after_a_line_that_was_cut_short(tmp_path):
+    file = tmp_path / "rows.jsonl"
+    assert saved(file) == {}
+    for index in (0, 1):
+        append(row(index, 1.0 + index), file)
+    file.write_text(file.read_text() + '{"method": "m", "se')
+    assert [key[-1] for key in saved(file)] == [0, 1]
+    append(row(2, 1.0), file)
+    assert [key[-1] for key in saved(file)] == [0, 1, 2]
+
+
+def test_counts_over_robots():
+    counts = summary([row(0, 1.1, explained=0.99), row(1, 1.4, explained=0.97), row(2, 9.0, explained=0.2)])
+    assert (counts["within 1.25"], counts["within 1.5"], counts["explained to 95 %"]) == (1, 2, 2)
+    assert summary([{**row(0, 1.0), "failed": "no"}]) == {"robots": 1, "failed": 1}
+
+
+def test_a_robot_for_a_last_look_is_kept_without_what_tells_which_it_is():
+    one = {"seed": 1, "law": "u", "inputs": [], "place": "", "arm": "", "kind": "", "ratio": 2.0}
+    assert shown(one, False) == {"seed": 1, "ratio": 2.0}
+    assert shown(one, True) == one
+    assert shown({**one, "seed": 2}, False) == {**one, "seed": 2}
+
+
+def test_a_method_is_named_or_imported():
+    assert method_named("geometry") is method_named("experiments.random_laws.methods:geometry")
+    with pytest.raises(SystemExit, match="no method 'nothing'"):
+        method_named("nothing")
