@@ -13,7 +13,7 @@ from experiments.blind.description import urdf
 from experiments.blind.files import table
 from experiments.blind.generate import first_table, standing
 from experiments.blind.machine import Machine
-from experiments.blind.robot import Robot, Sheet
+from experiments.blind.robot import Sheet
 from gpmodel.api.mechanism import load_mechanism
 from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.result import Calibration
@@ -65,9 +65,7 @@ def mechanism_of(machine: Machine, folder: object) -> Mechanism:
 
 def frame(machine: Machine, sheet: Sheet) -> pd.DataFrame:
     """A measured sheet as a user's table."""
-    case = machine.case
-    robot = Robot(case, 0, machine.arm, [], [], machine.placement, machine.tool, sheet, [], [], False)
-    return pd.read_csv(StringIO(table(robot, sheet, sheet.measured)), dtype=str)
+    return pd.read_csv(StringIO(table(machine.arm, sheet, sheet.measured, machine.case.labelled)), dtype=str)
 
 
 def poses_at(mechanism: Mechanism, like: Dataset, sheet: Sheet) -> Poses:
