@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gpmodel.api.mechanism import load_mechanism
     from gpmodel.api.model import Model, load_model
     from gpmodel.api.poses import choose_poses
+    from gpmodel.api.regress import regress
     from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
     from gpmodel.discovery.search import Search
@@ -67,6 +68,7 @@ _HOME = {
     "load_mechanism": "api.mechanism",
     "load_model": "api.model",
     "read_table": "api.table",
+    "regress": "api.regress",
     "simulate": "api.simulate",
 }
 
@@ -97,6 +99,7 @@ __all__ = [
     "load_mechanism",
     "load_model",
     "read_table",
+    "regress",
     "simulate",
 ]
 

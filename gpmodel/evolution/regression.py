@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -43,6 +43,11 @@ class Law:
     left: float
     nats: float
 
+    @property
+    def length(self) -> int:
+        """Nodes and constants, what a law's text costs."""
+        return self.program.complexity + len(self.program.constants)
+
 
 def regress(
     inputs: Inputs,
@@ -52,7 +57,21 @@ def regress(
     representation: Linear = SEQUENCES,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Law:
-    """The first law of a response (N,) that is exact, or after ``seconds`` that of least description length.
+    """The law of least description length of a response (N,): the last of those of ``regression_front`` but for
+    longer ones that fit no better than their length costs."""
+    return min(regression_front(inputs, response, rng, seconds, representation, clock), key=lambda law: law.nats)
+
+
+def regression_front(
+    inputs: Inputs,
+    response: Array,
+    rng: np.random.Generator,
+    seconds: float = 5.0,
+    representation: Linear = SEQUENCES,
+    clock: Callable[[], float] = time.perf_counter,
+) -> tuple[Law, ...]:
+    """Laws of a response (N,) that no shorter one fits as well, shortest first; ends with the first exact one, or after
+    ``seconds``.
 
     Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). One population a link
     (``gpmodel.evolution.links``), a generation each in turn. The best of a population that is stuck is climbed from
@@ -93,7 +112,16 @@ def regress(
         found += _judged(_polished(best, columns, response, representation.constants), columns, response)
     if not found:
         raise InputError("regress: no program is finite on these inputs")
-    return min(found, key=lambda law: law.nats)
+    return _front(found)
+
+
+def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
+    """The laws that leave less than every one that is no longer."""
+    out: list[Law] = []
+    for law in sorted(laws, key=lambda law: (law.length, law.left)):
+        if not out or law.left < out[-1].left:
+            out.append(law)
+    return tuple(out)
 
 
 def _polished(
@@ -122,9 +150,8 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
         rest = response - factor * values
         scaled = _scaled(program, factor)
         left = float(rest @ rest) / variance
-        length = scaled.complexity + len(scaled.constants)
-        nats = 0.5 * len(response) * float(np.log(max(left, EXACT))) + PRICE * length
-        laws.append(Law(scaled, left, nats))
+        law = Law(scaled, left, 0.5 * len(response) * float(np.log(max(left, EXACT))))
+        laws.append(replace(law, nats=law.nats + PRICE * law.length))
     return laws
 
 

@@ -1,0 +1,166 @@
+"""Symbolic regression of any table: the law of a response over named columns."""
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from gpmodel.api.arguments import file_path, number, shown, texts, whole
+from gpmodel.api.display import aligned, notebook
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.extras import extra_for
+from gpmodel.files import to_json, write_text
+from gpmodel.formula.expression import Expression
+
+if TYPE_CHECKING:
+    from gpmodel.evolution.regression import Law
+
+FEWEST = 5
+"""Rows below which the shortest law with two constants fits anything."""
+
+
+@dataclass(frozen=True, repr=False)
+class Regression:
+    """Laws of a response that no shorter law fits as well, shortest first.
+
+    names: of the columns of X. deviation: standard deviation of the response, in its unit. seconds: what the search
+    took.
+    """
+
+    laws: tuple["Law", ...]
+    names: tuple[str, ...]
+    deviation: float
+    seconds: float
+
+    @cached_property
+    def best(self) -> "Law":
+        """The law of least description length."""
+        return min(self.laws, key=lambda law: law.nats)
+
+    @cached_property
+    def expression(self) -> Expression:
+        """The law of least description length, as a basis of an effect."""
+        return Expression(str(self.best.program))
+
+    def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
+        """The response (N,) at other rows of the same columns, by the best law or by number `law` of the front.
+
+        Raises InputError for a column that is missing and a law that is not there.
+        """
+        names, values = _columns(X, self.names)
+        if law is not None and not 0 <= whole(law, "law") < len(self.laws):
+            raise InputError(f"{law}, expected 0 to {len(self.laws) - 1}", "law")
+        chosen = self.best if law is None else self.laws[law]
+        found = chosen.program.evaluate(dict(zip(names, values, strict=True)))[0]
+        return np.broadcast_to(found, (values.shape[1],)).copy()
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a law: law, length (nodes and constants), r_squared, rms in the unit of the response, nats (its
+        description length, less is better), best."""
+        return pd.DataFrame(
+            {
+                "law": [str(law.program) for law in self.laws],
+                "length": [law.length for law in self.laws],
+                "r_squared": [1.0 - law.left for law in self.laws],
+                "rms": [self.deviation * float(np.sqrt(law.left)) for law in self.laws],
+                "nats": [law.nats for law in self.laws],
+                "best": [law is self.best for law in self.laws],
+            }
+        )
+
+    def summary(self) -> str:
+        """The front as a table, the law of least description length marked."""
+        rows = [
+            (("* " if row.best else "  ") + str(row.law), str(row.length), f"{row.r_squared:.6f}", f"{row.rms:.3g}",
+             f"{row.nats:.1f}")
+            for row in self.to_dataframe().itertuples()
+        ]  # fmt: skip
+        return aligned([("  law", "length", "R²", "rms", "nats"), *rows])
+
+    def save(self, file: str | Path) -> None:
+        """Write the front as JSON. Raises InputError when it cannot be written."""
+        rows = self.to_dataframe().to_dict("records")
+        write_text(file_path(file, "file"), to_json({"schema": 1, "inputs": self.names, "laws": rows}))
+
+    def __repr__(self) -> str:
+        return f"<{self.best.program}: R² {1.0 - self.best.left:.6f}, {len(self.laws)} laws>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary())
+
+
+def regress(
+    X: pd.DataFrame | ArrayLike,
+    y: ArrayLike,
+    *,
+    names: list[str] | tuple[str, ...] | None = None,
+    seconds: float = 5.0,
+    seed: int = 0,
+) -> Regression:
+    """The law y = f(X), searched by genetic programming under several links side by side, its constants fitted.
+
+    X: DataFrame, or array (N, K) with `names` (x1 ... xK where none are given); columns of order one are searched best.
+    y: (N,). Minimised is the description length N/2 ln(1 - R²) + 3 (nodes + constants), nats. It ends with the first
+    exact law, else after `seconds`; what is exact depends on the seed alone, else a faster machine sees more.
+    Raises InputError for shapes that disagree, fewer than 5 rows, what is not finite, and a constant y.
+    Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.
+    """
+    seconds, seed = number(seconds, "seconds", 0.0), whole(seed, "seed")
+    given = None if names is None else texts(names, "names", "('voltage', 'speed')")
+    called, values = _columns(X, given)
+    response = _response(y, values.shape[1])
+    with extra_for("gpmodel.regress", "discover"):
+        from gpmodel.evolution.problems import Inputs
+        from gpmodel.evolution.regression import regression_front
+
+        started = time.perf_counter()
+        laws = regression_front(Inputs(called, values), response, np.random.default_rng(seed), seconds)
+    return Regression(laws, called, float(response.std()), time.perf_counter() - started)
+
+
+def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
+    """Names and values (K, N) of a table's columns, only those of `names` where a frame has more."""
+    if isinstance(table, pd.DataFrame):
+        named = tuple(str(name) for name in table.columns)
+        wanted = named if names is None else names
+        missing = [name for name in wanted if name not in named]
+        if missing:
+            raise InputError(f"no column '{missing[0]}', there are {', '.join(named)}", "X")
+        columns = table.set_axis(list(named), axis=1)[list(wanted)]
+        text = [n for n, kind in zip(wanted, columns.dtypes, strict=True) if not pd.api.types.is_numeric_dtype(kind)]
+        if text:
+            raise InputError(f"column '{text[0]}' holds no numbers, expected numbers in every column", "X")
+        return wanted, columns.to_numpy(dtype=float).T
+    values = _numbers(table, "X")
+    values = values[:, None] if values.ndim == 1 else values
+    if values.ndim != 2 or not values.size:
+        raise InputError(f"shape {values.shape}, expected (rows, columns)", "X")
+    wanted = tuple(f"x{k + 1}" for k in range(values.shape[1])) if names is None else names
+    if len(wanted) != values.shape[1]:
+        raise InputError(f"{values.shape[1]} columns, expected {len(wanted)}: {', '.join(wanted)}", "X")
+    return wanted, values.T
+
+
+def _response(y: ArrayLike, rows: int) -> Array:
+    """y as (N,) numbers, one a row of X."""
+    response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
+    if response.shape != (rows,):
+        raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")
+    if rows < FEWEST:
+        raise InputError(f"{rows} rows, expected {FEWEST} or more", "X")
+    if not np.isfinite(response).all():
+        raise InputError(f"not finite in row {np.flatnonzero(~np.isfinite(response))[0]}, expected numbers", "y")
+    return response
+
+
+def _numbers(value: ArrayLike, argument: str) -> Array:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{shown(value)}, expected numbers", argument) from None
