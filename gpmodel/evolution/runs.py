@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Plan:
         for place, (name, settings) in enumerate(self.settings.items()):
             for number in range(self.runs):
                 for shuffled in (False, True):
-                    rng = np.random.default_rng([self.seed, len(name), number, shuffled])
+                    rng = np.random.default_rng([self.seed, crc32(name.encode()), number, shuffled])
                     tasks[place, 2 * number + shuffled] = Task(problem, settings, rng, shuffled)
         return tasks
 

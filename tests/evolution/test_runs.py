@@ -104,3 +104,9 @@ def test_what_others_draw_from_pythons_generator_changes_nothing() -> None:
         over.set()
         other.join()
         sys.setswitchinterval(before)
+
+
+def test_settings_of_names_of_one_length_draw_different_numbers() -> None:
+    plan = Plan({name: Settings(Linear(), budget=BUDGET) for name in ("linear", "random")}, runs=2, seed=3)
+    drawn = [task.rng.random() for task in plan.tasks(next(iter(PROBLEMS.values()))).values()]
+    assert len(set(drawn)) == 8
