@@ -10,19 +10,22 @@ from experiments.spherical_joint.solution import Progress, Solution, error_of, t
 from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.unmeasured_joints import check_points
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import ErrorModel, Placement, Poses
 
 ROUNDING = 1e-9
 
 
-def variable_projection(model: ErrorModel, poses: Poses, *, limit: int = 50, tolerance: float = 1e-10) -> Solution:
+def variable_projection(
+    model: ErrorModel, poses: Poses, *, start: Placement | None = None, limit: int = 50, tolerance: float = 1e-10
+) -> Solution:
     """Registration, tooling ball and the model's effects from approximate angles and measured positions.
 
-    limit: iterations. tolerance: m, of the largest motion of a position. Raises InputError for fewer than 4 different
-    poses or points in one plane.
+    start: registration and tooling ball to go on from; what the angles absorb, as the turn of the registration, stays
+    as it is there. limit: iterations. tolerance: m, of the largest motion of a position. Raises InputError for fewer
+    than 4 different poses or points in one plane.
     """
     check_points(poses.dataset)
-    placement, theta = start_placement(poses), np.zeros(len(model.effects))
+    placement, theta = start or start_placement(poses), np.zeros(len(model.effects))
     use = np.ones(len(poses), dtype=bool)
     history: list[Progress] = []
     problem = linearise(model, poses, theta, placement, 1.0, use)

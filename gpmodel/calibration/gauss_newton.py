@@ -8,9 +8,10 @@ from threadpoolctl import threadpool_limits
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
 from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate
+from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
-from gpmodel.calibration.priors import noise_sigma, residual_sigma
+from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.uncertainty import uncertainty
@@ -155,10 +156,10 @@ def _better(
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
-    sigma = noise_sigma(fitting.model, start)
-    before = fitting.cost(start, theta, placement, sigma)
-    after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, sigma)
-    if free or after <= (1.0 + ROUNDING) * before:
+    weighed = linear_step(fitting.model, start, theta, placement, choices.kept, None)
+    before = fitting.cost(start, theta, placement, weighed)
+    after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, weighed)
+    if after <= (1.0 + ROUNDING) * before:
         return fitted, choices, ""
     left = [1e3 * residual_sigma(problem) for problem in (fitted.problem, start)]
     text = f"{left[0]:.4g} mm a component after the fit, {left[1]:.4g} mm before it"

@@ -8,7 +8,13 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linear_step import LinearStep, linear_step
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
 from gpmodel.calibration.noise import decorrelated, decorrelated_rows
-from gpmodel.calibration.priors import GEOMETRY_REACH, TOOL_REACH, noise_sigma, of_the_description, off_mean
+from gpmodel.calibration.priors import (
+    GEOMETRY_REACH,
+    TOOL_REACH,
+    noise_sigma,
+    of_the_description,
+    off_mean,
+)
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 
@@ -28,6 +34,9 @@ such a share: of residuals of a tenth of a millimetre that moves where the itera
 STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
 """Metres: a step that moves no reading by more ends the iterations; instruments resolve a hundred times that."""
+FREE_JOINTS_TOLERANCE = 1e-8
+"""Likewise of a step that is taken whatever the cost where free joints are eliminated: what their errors turn the
+columns by is of second order, and smaller steps than that go by it from side to side."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
@@ -62,13 +71,16 @@ class Fitting:
         there = residual_at(problem, self.model, theta, placement)
         return replace(there, residual=decorrelated_rows(there, there.residual, self.bundle, self.ratio))
 
-    def cost(self, problem: Linearised, theta: Array, placement: Placement, sigma: float) -> float:
-        """Sum of squares, m², of the residual and of the pulls of the priors, weighted by σ, m."""
+    def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
+        """Sum of squares, m², of the residual and of the pulls of the priors, weighted as at one step: costs that are
+        compared have one."""
+        sigma = noise_sigma(self.model, at.problem)
         prior = np.array([e.prior for e in self.model.effects])
         pulls = off_mean(self.model, theta) * sigma / prior
-        tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values() if problem.left is None]
-        geometry = theta[of_the_description(self.model, problem)] * sigma / GEOMETRY_REACH
-        return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry)))
+        tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values()]
+        geometry = theta[of_the_description(self.model)] * sigma / GEOMETRY_REACH
+        read = at.readings.pull(problem)
+        return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry, read)))
 
 
 @dataclass(frozen=True)
@@ -91,22 +103,23 @@ class Fitted(Reached):
 @dataclass(frozen=True)
 class _Step:
     """A step from a point: `whole` (K,) by the linear problem, what that takes off the cost, m², and the motion (M,) of
-    the readings, metres."""
+    the readings, metres; turned: (W,), of those of free joints."""
 
     linear: LinearStep
     whole: Array
     fall: float
     motion: Array
+    turned: Array
 
     @property
     def moved(self) -> float:
         """How far it moves a reading at most, metres."""
-        return float(np.max(np.abs(self.motion), initial=0.0))
+        return float(max(np.max(np.abs(moved), initial=0.0) for moved in (self.motion, self.turned)))
 
     @property
     def anyway(self) -> bool:
         """Whether it is taken whatever the cost."""
-        return self.linear.problem.left is not None or self.moved < STEP_TOLERANCE
+        return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
 
 
 def iterate(
@@ -115,8 +128,8 @@ def iterate(
     """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,). problem: at that point,
     where it is known.
 
-    A step that does not lower the cost sufficiently is corrected by what its columns missed, and halved until it does.
-    Where free joints are eliminated, the rows change with the point and costs cannot be compared: steps are whole.
+    A step that does not lower the cost sufficiently is corrected by what its columns missed, and halved until it does;
+    halved alone where free joints are eliminated, since the rows change with the point.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, short, since, gram = np.inf, 0, False, 0.0, None
@@ -144,7 +157,7 @@ def iterate(
 def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:
     linear = linear_step(fitting.model, here.problem, here.theta, here.placement, kept, gram)
     whole, fall = linear.solved(here.problem.residual, linear.pulls)
-    return _Step(linear, whole, fall, here.problem.columns @ whole)
+    return _Step(linear, whole, fall, here.problem.columns @ whole, linear.readings.rows(here.problem) @ whole)
 
 
 def _lower(
@@ -152,21 +165,20 @@ def _lower(
 ) -> tuple[Reached, int, bool] | None:
     """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on; its halvings, and whether it took
     more than the first try. columns_kept: even that one leaves the columns as they are, as all others do."""
-    sigma = noise_sigma(fitting.model, here.problem)
-    before = fitting.cost(here.problem, here.theta, here.placement, sigma)
-    count = here.problem.placement
+    before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
+    count, free = here.problem.placement, here.problem.left is not None
     for halvings in range(cut, MAX_HALVINGS + 1):
         part, foreseen = step.whole / 2**halvings, here.problem.residual - step.motion / 2**halvings
         enough = before - SUFFICIENT * step.fall / 2**halvings
-        for corrections in range(CORRECTIONS + 1):
+        for corrections in range(1 if free else CORRECTIONS + 1):
             tried = placement_after(fitting.poses, here.problem.observed, here.placement, part[:count])
             values = here.theta + part[count:]
             first = halvings == corrections == 0
-            whole = first and not columns_kept
+            whole = free or (first and not columns_kept)
             problem = fitting.at(values, tried) if whole else fitting.beside(here.problem, values, tried)
-            if step.anyway or fitting.cost(problem, values, tried, sigma) <= enough:
-                return Reached(tried, values, problem), halvings, not first
-            if corrections < CORRECTIONS:
+            if step.anyway or fitting.cost(problem, values, tried, step.linear) <= enough:
+                return Reached(tried, values, problem), halvings, not (first or free)
+            if not free and corrections < CORRECTIONS:
                 part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
     return None
 

@@ -7,7 +7,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
+from gpmodel.calibration.priors import ReadJoints, geometry_rows, noise_sigma, prior_rows, tool_rows
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored, solve
@@ -17,8 +17,8 @@ from gpmodel.numerics.least_squares import factored, solve
 class LinearStep:
     """Least squares over the columns of `free` (K,) that are left, scaled to unit length, and the rows of the priors.
 
-    priors: (B, F) rows beneath the scaled columns. pulls: (B,), their right side. factor: of the normal equations,
-    where the columns are many.
+    priors: (B, F) rows beneath the scaled columns. pulls: (B,), their right side. readings: what of approximate joint
+    values is among them. factor: of the normal equations, where the columns are many.
     """
 
     problem: Linearised
@@ -26,6 +26,7 @@ class LinearStep:
     scale: Array
     priors: Array
     pulls: Array
+    readings: ReadJoints
     factor: tuple[Array, bool] | None
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
@@ -57,6 +58,10 @@ def linear_step(
     tool, tool_pull = tool_rows(problem, placement)
     single = len(prior) + len(geometry)
     rows = np.vstack([prior, geometry, tool])[:, free]
+    readings = ReadJoints.beside(
+        problem, np.vstack([problem.columns[:, free], rows]), free, noise_sigma(model, problem)
+    )
+    rows = np.vstack([rows, readings.rows(problem)[:, free]])
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
     rows /= scale
@@ -66,4 +71,5 @@ def linear_step(
         inner[np.diag_indices_from(inner)] += np.sum(rows[:single] ** 2, axis=0)
         inner += rows[single:].T @ rows[single:]
         factor = factored(inner)
-    return LinearStep(problem, free, scale, rows, np.concatenate([pull, geometry_pull, tool_pull]), factor)
+    pulls = np.concatenate([pull, geometry_pull, tool_pull, readings.pull(problem)])
+    return LinearStep(problem, free, scale, rows, pulls, readings, factor)

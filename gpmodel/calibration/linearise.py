@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.joint_readings import JointReadings, joint_readings
 from gpmodel.calibration.unmeasured_joints import (
     Complement,
     complement,
@@ -61,10 +62,12 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Left:
-    """What free joints leave of the observations, and the weights (N, m) these had before."""
+    """What free joints leave of the observations, the weights (N, m) these had before, and what the table's own values
+    of the joints tell."""
 
     complement: Complement
     weights: Array
+    readings: JointReadings
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
@@ -110,6 +113,7 @@ def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
     """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
+    table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
     residual = measured_minus(observed, poses.dataset)
@@ -119,7 +123,8 @@ def linearise(
     if free_joints(model.mechanism):
         blocks.append(effect_columns(model.effects, model, poses, observed))
         columns = np.concatenate(blocks, axis=2)
-        return _eliminated(model, placement, poses, observed, _Dense(columns, residual, weights, tuple(names)))
+        dense = _Dense(columns, residual, weights, tuple(names), table)
+        return _eliminated(model, placement, poses, observed, dense)
     rows = weights > 0
     weight = weights[rows]
     # one effect after the other in memory: columns of thousands of poses by hundreds of effects are there only once
@@ -149,12 +154,14 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 
 @dataclass(frozen=True)
 class _Dense:
-    """Columns (N, m, P), residual and weights (N, m) of every pose; names: of the columns of the placement."""
+    """Columns (N, m, P), residual and weights (N, m) of every pose; names: of the columns of the placement; table:
+    (N, J) joint values as read."""
 
     columns: Array
     residual: Array
     weights: Array
     names: tuple[str, ...]
+    table: Array
 
 
 def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed: Observed, dense: _Dense) -> Linearised:
@@ -170,6 +177,7 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
     nominal = np.concatenate(_placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
     rest = complement(joint_columns(model.mechanism, bare) * weights[:, :, None], measured).rows(nominal)
     rows[:, :count] = observable(left.rows(weighted[:, :, :count]), rest, sizes[:count])
+    readings = joint_readings(model.mechanism, observed, dense.table - poses.dataset.q, weighted, weights)
     return Linearised(
         columns=rows,
         residual=left.rows(np.where(measured, dense.residual, 0.0) * weights),
@@ -180,7 +188,7 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
         poses=poses,
         sizes=sizes,
         weights=left.keep.astype(float),
-        left=Left(left, weights),
+        left=Left(left, weights, readings),
     )
 
 

@@ -1,5 +1,7 @@
 """What is believed before measuring, as further rows of the linear problem."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
@@ -29,15 +31,14 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
     return theta - np.array([e.mean for e in model.effects])
 
 
-def of_the_description(model: ErrorModel, problem: Linearised) -> Mask:
+def of_the_description(model: ErrorModel) -> Mask:
     """The constants (E,) of which no more is believed than that they are within GEOMETRY_REACH of zero."""
-    return np.array([e.constant and e.prior == np.inf and problem.left is None for e in model.effects], dtype=bool)
+    return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """The same for the geometry, θ σ / GEOMETRY_REACH = 0. Not beside free joints: what the poses do not show is left
-    out of the columns already."""
-    at = np.flatnonzero(kept & of_the_description(model, problem))
+    """The same for the geometry, θ σ / GEOMETRY_REACH = 0."""
+    at = np.flatnonzero(kept & of_the_description(model))
     weight = residual_sigma(problem) / GEOMETRY_REACH
     rows = np.zeros((len(at), problem.columns.shape[1]))
     rows[np.arange(len(at)), problem.placement + at] = weight
@@ -48,18 +49,44 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     """The same for every tool point, p σ / TOOL_REACH = 0; its step is in the tool's own axes.
 
     Without it the points of a table where few joints move can wander off by kilometres, unseen until the next pose.
-    Where free joints take part, what the poses do not show is left out of the columns already.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))
-    if problem.left is not None:
-        return rows[:0], pull[:0]
     weight = residual_sigma(problem) / TOOL_REACH
     for i, (name, frame) in enumerate(placement.tool.items()):
         first = problem.placement_names.index(f"tool{f' {name}' if name else ''} Tx")
         rows[3 * i : 3 * i + 3, first : first + 3] = weight * frame[:3, :3]
         pull[3 * i : 3 * i + 3] = -weight * frame[:3, 3]
     return rows, pull
+
+
+@dataclass(frozen=True)
+class ReadJoints:
+    """What of the table's values of free joints (B,) is believed beside the measurements: (q_table - q) σ / τ = 0 along
+    their combinations `alone` (B, W), weight = σ / τ, metres."""
+
+    alone: Array
+    weight: float
+
+    @classmethod
+    def beside(cls, problem: Linearised, informed: Array, free: Mask, sigma: float) -> "ReadJoints":
+        """Where they tell more of something than the other rows (M, F) of the columns that are `free` (K,), each ± σ;
+        nothing without free joints."""
+        if problem.left is None:
+            return cls(np.zeros((0, 0)), 0.0)
+        known = replace(problem.left.readings, rows=problem.left.readings.rows[:, free])
+        alone = known.alone(informed, sigma)
+        return cls(alone, sigma / known.error(alone.shape[1]))
+
+    def rows(self, problem: Linearised) -> Array:
+        """Rows (W, K), metres."""
+        if problem.left is None:
+            return np.zeros((0, problem.columns.shape[1]))
+        return self.weight * self.alone.T @ problem.left.readings.rows
+
+    def pull(self, problem: Linearised) -> Array:
+        """Their right side (W,), metres."""
+        return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
 
 
 def noise_sigma(model: ErrorModel, problem: Linearised) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
+from gpmodel.calibration.priors import ReadJoints, geometry_rows, prior_rows, tool_rows
 from gpmodel.calibration.result import Covariance, Placed
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
@@ -31,21 +31,24 @@ class Uncertainty:
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank) where the model
-    does not know it."""
+    does not know it. Beside free joints what the measurements leave open is known as well as the table's joint values
+    tell it, by how far these are off."""
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
     prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
     informed = np.vstack([problem.columns, prior])[:, free]
     geometry = geometry_rows(fitting.model, fitted.theta, problem, kept)[0]
     tool = tool_rows(problem, fitted.placement)[0]
-    columns = np.vstack([informed, geometry[:, free], tool[:, free]])
+    believed = np.vstack([informed, geometry[:, free], tool[:, free]])
+    rank = informed.shape[1] if problem.left is None else _rank(informed)
+    left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
+    sigma = left if fitting.model.noise is None else fitting.model.noise
+    read = ReadJoints.beside(problem, believed, free, sigma).rows(problem)
+    columns = np.vstack([believed, read[:, free]])
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
     many = columns.shape[1] >= MANY_COLUMNS
     inverse = inverse_gram(columns / scale, many)
-    rank = columns.shape[1] if problem.left is None else int(np.linalg.matrix_rank(columns / scale, 1e-9))
-    left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
-    sigma = left if fitting.model.noise is None else fitting.model.noise
     covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
@@ -64,6 +67,12 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
     return Uncertainty(stderr, correlation, everything, share, placed, sigma, rank)
+
+
+def _rank(columns: Array) -> int:
+    """How many combinations of columns (M, K) the measurements determine."""
+    scale = np.linalg.norm(columns, axis=0)
+    return int(np.linalg.matrix_rank(columns / np.where(scale < ident.NEGLIGIBLE, 1.0, scale), 1e-9))
 
 
 def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:

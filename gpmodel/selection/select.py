@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.noise import blocks_of
+from gpmodel.calibration.noise import blocks_of, pose_ratio
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import exchangeable
@@ -139,10 +139,10 @@ def _refitted(active: Active, task: _Task, state: _State) -> tuple[_State, Refit
     point = replace(state.point, model=ErrorModel(state.point.model.mechanism, tuple(effects)), theta=theta)
     sigma = float(np.sqrt(active.sigma2))
     fit = refit(point, task.poses, task.bundle, sigma)
-    use = far_out(fit.error, point.use)
+    use = far_out(fit.error, point.use, task.criteria.outlier_sigmas)
     if (use != point.use).any():
         fit = refit(replace(fit.point, use=use), task.poses, task.bundle, sigma)
-    ratio = fit.whitening.estimated(fit.problem.residual, fit.unknowns).ratio
+    ratio = pose_ratio(fit.problem, task.bundle, point.ratio, fit.unknowns - fit.problem.placement)
     return _State(replace(fit.point, ratio=ratio), fit.sigma, variances, chosen), fit
 
 

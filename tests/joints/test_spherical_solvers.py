@@ -112,7 +112,14 @@ def test_variable_projection_converges_in_under_twenty_iterations(model: ErrorMo
     solution = variable_projection(model, prepare(JOINT, data))
     assert solution.status == "converged"
     assert solution.iterations < 20
+
+
+@pytest.mark.parametrize("model", [BARE, WITH_OFFSETS], ids=["base and tooling ball", "offsets"])
+def test_a_calibration_is_variable_projection_from_its_own_orientation(model: ErrorModel) -> None:
+    """The approximate angles alone tell how the base is turned, and that turns the offsets in second order."""
+    _, data = published_table(1)
     fit = calibrate(model, prepare(JOINT, data), robust=False)
+    solution = variable_projection(model, prepare(JOINT, data), start=fit.placement)
     np.testing.assert_allclose(solution.theta, fit.theta, atol=1e-9)
     np.testing.assert_allclose(solution.error, fit.error, atol=1e-9)
 

@@ -1,0 +1,161 @@
+"""Rigs of 60 poses with the tooling ball on the yaw axis: what is found there, and how well the placement is known.
+
+From the root of the repository: python -m experiments.spherical_joint.rigs [--rigs 10] [--covered 200] [--out FOLDER]
+
+Of the 60 poses 30 % are held out. `told` is the bound: on how many rigs a fit to all 60 poses that is told the shape
+of the effect puts it at so many standard deviations that it alone would pass the acceptance rule.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.spherical_joint.rig import Rig
+from experiments.spherical_joint.weak import needed
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.families import catalogue
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
+from gpmodel.report.origin import versions
+from gpmodel.selection.select import select
+from gpmodel.selection.standing import GENERIC, Offering, of_offers
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.split import hold_out
+from joints import spherical_joint
+
+HERE = Path(__file__).parent
+JOINT = spherical_joint()
+POSES, HELD_OUT = 60, 0.3
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A radial disturbance (N,), m, of angles (N, 3) and temperature (N,), degC. reads: the input that a finding has to
+    read, empty of nothing. bases: its shape, told. name: the catalogue's for it, whose cost the bound pays."""
+
+    shape: Callable[[Array, Array], Array]
+    reads: str = ""
+    bases: tuple[str, ...] = ()
+    name: str = ""
+
+
+LOBES = ("cos(3*J2)", "sin(3*J2)")
+KINDS = {
+    "nothing": Kind(lambda q, t: 0.0 * t),
+    "lobes": Kind(
+        lambda q, t: 12e-6 * np.cos(3 * q[:, 1]), "J2", LOBES, "out-of-round ball, 3 lobes over J2, lift along z"
+    ),
+    "sin2J1": Kind(
+        lambda q, t: 8e-6 * np.sin(2 * q[:, 0]),
+        "J1",
+        ("sin(2*J1)",),
+        "out-of-round ball, 2 lobes over J1, lift along z",
+    ),
+    "growth": Kind(
+        lambda q, t: 1.2e-6 * (t - 20.0),
+        "temperature",
+        ("temperature - 20",),
+        "thermal growth of the arm (temperature)",
+    ),
+}
+
+
+def rig_of(number: int, kind: str, on_axis: bool) -> tuple[Rig, Dataset]:
+    """A rig and its table of 60 poses. on_axis: the tooling ball sits on the yaw axis, not where described."""
+    true = replace(JOINT, tooling_ball=(0.0, 0.0, 0.04521)) if on_axis else JOINT
+    rng = np.random.default_rng([9, number, len(kind)])
+    rig = Rig(
+        true, rotation_deg=(4, -0.74, -1.72), parameters={15: -25.4e-6}, noise=2e-6,
+        angle_noise=float(np.radians(0.87)), reach=tuple(np.radians([60, 60, 150])),
+    )  # fmt: skip
+    q, warm = rig.poses(POSES, rng), rng.uniform(18.0, 26.0, POSES)
+    return rig, rig.measure(q, rng, {"temperature": ("degC", warm)}, lambda q, _: {27: KINDS[kind].shape(q, warm)})
+
+
+def told(kind: str, poses: Poses) -> dict[str, Any]:
+    """Standard deviations of the effect as a fit to these poses told its shape has it, and those needed alone."""
+    if not KINDS[kind].bases:
+        return {}
+    effects = tuple(effect_at(b, "tool", "Tz", Expression(b)) for b in KINDS[kind].bases)
+    fit = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), *effects)), poses)
+    own = slice(-len(effects), None)
+    named = next(c for c in catalogue.candidates(JOINT, poses.states) if c.name == KINDS[kind].name)
+    sigmas, limit = float(np.abs(fit.theta[own] / fit.stderr[own]).max()), needed(poses, named)
+    return {"told_sigmas": round(sigmas, 1), "needed_sigmas": round(limit, 1), "told": sigmas > limit}
+
+
+def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
+    """What the loop names on one rig, and by how much the fit of what is chosen exceeds the standard model's noise."""
+    poses = prepare(JOINT, rig_of(number, kind, on_axis)[1])
+    train, heldout = hold_out(poses.dataset, HELD_OUT, np.random.default_rng(1))
+    found = discover(JOINT, poses, train, heldout, search=Search(runs=0, workers=1), seed=1)
+    standard = found.steps[1].calibration
+    chosen = select(standard, poses.subset(train), Offering((of_offers(catalogue.catalogue), *GENERIC)), seed=1)
+    reads = KINDS[kind].reads
+    read = [{i for e in f.candidate.effects for i in e.inputs} for f in found.findings]
+    return {
+        "number": number,
+        "named": [f.candidate.name for f in found.findings],
+        "rivals": [[name for name, _ in f.hypothesis.rivals] for f in found.findings],
+        "right": any(r == {reads} for r in read) if reads else not found.findings,
+        "refit": round(float(chosen.noise / standard.sigma), 3),
+        "heldout_rms_um": [round(1e6 * float(np.sqrt(np.mean(s.heldout_error**2))), 2) for s in found.steps],
+        **told(kind, poses),
+    }
+
+
+def misses(number: int, on_axis: bool) -> dict[str, float]:
+    """By how many of its stated standard deviations every number of the placement of an innocent rig is off."""
+    rig, data = rig_of(number, "nothing", on_axis)
+    fit = calibrate(ErrorModel(JOINT, geometric_effects(JOINT)), prepare(JOINT, data))
+    tool = np.subtract(rig.joint.tooling_ball, JOINT.tooling_ball)
+    frame = rig.registration
+    truth = [*frame[:3, 3], *se3.rotation_vector(frame[:3, :3]), *tool]
+    return {p.name: float((p.value - t) / p.stderr) for p, t in zip(fit.placed, truth, strict=True)}
+
+
+def coverage(count: int, on_axis: bool) -> dict[str, Any]:
+    """Share of rigs on which each number of the placement is within 1 and 1.96 of its standard deviations."""
+    off = [misses(number, on_axis) for number in range(count)]
+    size = {name: np.abs([rig[name] for rig in off]) for name in off[0]}
+    within = {name: {str(k): round(float(np.mean(v < k)), 3) for k in (1.0, 1.96)} for name, v in size.items()}
+    every = np.concatenate(list(size.values()))
+    return {"rigs": count, "95 % of all": round(float(np.mean(every < 1.96)), 3), "within": within}
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    parser = argparse.ArgumentParser(prog="python -m experiments.spherical_joint.rigs", description=__doc__)
+    parser.add_argument("--rigs", type=int, default=10)
+    parser.add_argument("--covered", type=int, default=200)
+    parser.add_argument("--out", type=Path, default=HERE)
+    chosen = parser.parse_args(arguments)
+    results: dict[str, Any] = {
+        "command": f"{parser.prog} --rigs {chosen.rigs} --covered {chosen.covered}", "versions": versions(),
+    }  # fmt: skip
+    for ball, on_axis in (("ball on the yaw axis", True), ("ball off the axis", False)):
+        kinds: dict[str, Any] = {}
+        for kind in KINDS:
+            rigs = [found_on(number, kind, on_axis) for number in range(chosen.rigs)]
+            largest = max(rig["refit"] for rig in rigs)
+            counts = {key: sum(rig[key] for rig in rigs) for key in ("right", "told") if key in rigs[0]}
+            kinds[kind] = {**counts, "of": len(rigs), "largest refit": largest, "rigs": rigs}
+            print(ball, kind, counts, largest, [rig["named"] for rig in rigs], flush=True)
+        results[ball] = {"found": kinds, "coverage": coverage(chosen.covered, on_axis)}
+        print(ball, results[ball]["coverage"], flush=True)
+    (chosen.out / "rigs.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return results
+
+
+if __name__ == "__main__":
+    main()
