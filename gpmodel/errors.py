@@ -1,7 +1,12 @@
 """The exceptions a user can meet."""
 
+import re
+
 LONGEST = 1000
 """Characters of a message; what it quotes may be a whole file."""
+QUOTED = 60
+"""Characters of a text in quotes."""
+_QUOTED = re.compile(rf"'([^'/\\]{{{QUOTED}}})[^'/\\]+'")
 
 
 class GpModelError(Exception):
@@ -16,7 +21,7 @@ class InputError(GpModelError, ValueError):
     """
 
     def __init__(self, message: str, argument: str = "") -> None:
-        self.argument, message = argument, " ".join(message.splitlines())
+        self.argument, message = argument, _QUOTED.sub(r"'\1…'", " ".join(message.splitlines()))
         self.said = message if len(message) <= LONGEST else f"{message[: LONGEST - 200]} … {message[-200:]}"
         super().__init__(f"{argument}: {self.said}" if argument else self.said)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from gpmodel.errors import InputError
 from gpmodel.files import plain, write_text
+from gpmodel.reading import read_text
 
 SEAL = "sha256"
 LARGEST_TOML = 1 << 20
@@ -49,13 +50,9 @@ def parse_json(text: str | bytes) -> Any:
 def read_toml(path: Path, expected: str) -> dict[str, Any]:
     """The content of a TOML file. Raises InputError, saying what was `expected`: cannot be read, too large, no TOML."""
     try:
-        if path.stat().st_size > LARGEST_TOML:
-            raise InputError(f"{path}: larger than {LARGEST_TOML >> 20} MB; expected {expected}")
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(read_text(path, LARGEST_TOML, expected))
         _check_integers(content)
         return content
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
     except InputError:
         raise
     except RecursionError:

@@ -24,12 +24,12 @@ LONGEST_CHAIN = 64
 def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) -> SerialChain:
     """The chain of a URDF file from its root link to `frame`, a link (default: `default_frame`).
 
-    Revolute, continuous and prismatic joints on the chain are its joints, except mimic joints, which follow
-    theirs; floating and planar ones, and all joints off the chain, stay at neutral, and what hangs there
-    weighs on the chain. A joint whose axis is no coordinate axis has the frames of its slots turned so that
-    it is z.
+    Revolute, continuous and prismatic joints on the chain are its joints, except mimic joints, which follow theirs; all
+    joints off the chain stay at neutral, and what hangs there weighs on the chain. A joint whose axis is no coordinate
+    axis has the frames of its slots turned so that it is z.
 
-    Raises InputError where the file cannot be read as URDF, or `frame` is no link beyond a moving joint.
+    Raises InputError where the file cannot be read as URDF, `frame` is no link beyond a moving joint, or a joint of the
+    chain is floating or planar.
     """
     tree = read_tree(path)
     frame = default_frame(tree) if frame is None else frame
@@ -37,7 +37,13 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
         raise InputError(
             f"{name or path}: no link named {frame!r} to measure at; its links are {', '.join(tree.frames)}"
         )
-    chain = [joint for joint in tree.route(frame) if joint.kind in MOVING]
+    chain = [joint for joint in tree.route(frame) if joint.kind != "fixed"]
+    for joint in chain:
+        if joint.kind not in MOVING:
+            raise InputError(
+                f"{path}: joint '{joint.name}' is {joint.kind}; expected fixed, revolute, continuous or prismatic "
+                "joints up to the measured link"
+            )
     if not chain:
         raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
     if len(chain) > LONGEST_CHAIN:

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from gpmodel.errors import InputError
+from gpmodel.reading import read_limited
 
 LARGEST_FILE = 16 << 20
 """Bytes; a humanoid with its hands has 0.3 MB."""
@@ -24,11 +25,10 @@ class _Plain(ET.TreeBuilder):
 def parse_xml(path: Path) -> ET.Element:
     """The <robot> element, comments kept. Raises InputError where the file cannot be a URDF."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected a URDF file")
-        root = ET.parse(path, ET.XMLParser(target=_Plain(insert_comments=True))).getroot()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a URDF file") from error
+        content = read_limited(path, LARGEST_FILE, "a URDF file")
+        root = ET.fromstring(content, ET.XMLParser(target=_Plain(insert_comments=True)))
+    except InputError:
+        raise
     except (ET.ParseError, ValueError, LookupError) as error:
         raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
     if root.tag != "robot":

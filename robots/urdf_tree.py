@@ -13,7 +13,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.mechanism.quantities import checked_length, checked_mass
 from robots.motion import placement
 from robots.urdf_file import parse_xml
 
@@ -115,6 +115,13 @@ def read_tree(path: Path) -> UrdfTree:
         roots = [link for link in masses if link not in children]
         if unknown:
             raise ValueError(f"no link is named '{unknown[0]}'")
+        moving = {joint.name for joint in joints if joint.kind in MOVING}
+        for joint in joints:
+            if joint.mimic and joint.mimic.leader not in moving:
+                raise ValueError(
+                    f"joint '{joint.name}' mimics '{joint.mimic.leader}', which is no moving joint of the file; "
+                    f"expected one of {', '.join(sorted(moving))}"
+                )
         if twice or len(roots) != 1:
             raise ValueError(f"links are no tree: {twice[0] if twice else roots} of them with {len(roots)} roots")
         tree = UrdfTree(roots[0], masses, joints)
@@ -129,7 +136,10 @@ def origin_of(element: ET.Element) -> Array:
     """The transform (4, 4) of its <origin>. Raises ValueError."""
     origin = element.find("origin")
     xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
-    return placement(_vector(xyz, "xyz"), _vector(rpy, "rpy"))
+    shift = _vector(xyz, "xyz")
+    for length in shift.tolist():
+        checked_length(length, f"an <origin> of a <{element.tag}>")
+    return placement(shift, _vector(rpy, "rpy"))
 
 
 def _name(element: ET.Element) -> str:

@@ -41,12 +41,12 @@ ODD_URDF = """<?xml version="1.0"?>
     <origin xyz="0.05 0.4 0" rpy="0 0 -0.7"/>
     <axis xyz="0 0.6 0.8"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
     <mimic joint="swing" multiplier="-0.5" offset="0.3"/></joint>
-  <joint name="hang" type="floating"><parent link="follower"/><child link="loose"/>
+  <joint name="hang" type="fixed"><parent link="follower"/><child link="loose"/>
     <origin xyz="0 0.1 0.2" rpy="0.2 0 0"/></joint>
   <joint name="turn" type="revolute"><parent link="loose"/><child link="wrist"/>
     <origin xyz="0 0 0.3"/>
     <axis xyz="-1 0 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
-  <joint name="flap" type="revolute"><parent link="follower"/><child link="flap"/>
+  <joint name="flap" type="revolute"><parent link="carriage"/><child link="flap"/>
     <origin xyz="0 0 0.2" rpy="1 0 0"/>
     <axis xyz="1 0 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
   <joint name="plate_mount" type="fixed"><parent link="wrist"/><child link="plate"/>

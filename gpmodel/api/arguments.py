@@ -3,6 +3,7 @@
 import math
 import numbers
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -132,6 +133,9 @@ def point(value: object, argument: str) -> tuple[float, ...]:
     parts: tuple[object, ...]
     if isinstance(value, str):
         words = [word.strip() for word in value.split(",")]
+        for word in words:
+            if not re.match(r"[-+]?\.?\d", word):
+                raise InputError(f"{word[:SHOWN]!r} is no number; expected three lengths, as in 0,0,120mm", argument)
         unit = words[-1].lstrip("+-.0123456789eE").strip()
         parts = tuple(w if w.endswith(unit) else f"{w}{unit}" for w in words)
     else:

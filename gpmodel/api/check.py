@@ -13,10 +13,13 @@ from gpmodel.api.table import TableLike, read_table
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
-from gpmodel.model.error_model import prepare
 from gpmodel.model.geometric import standard_effects
+from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.dataset import Dataset
 from gpmodel.wording import wrapped
+
+LARGE = 4 << 20
+"""Bytes of a table that takes a second to read: some 30 000 poses."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,17 +94,25 @@ class CheckResult:
 
 
 def check(
-    mechanism: MechanismLike, table: TableLike, *, standard: Sequence[str] = ("*",), command: str = "gpmodel.check"
+    mechanism: MechanismLike,
+    table: TableLike,
+    *,
+    standard: Sequence[str] = ("*",),
+    progress: Say = silent,
+    command: str = "gpmodel.check",
 ) -> CheckResult:
     """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
     mechanism, table: as loaded and read, or what they are loaded and read from.
-    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. command: what
-    check.json says made it.
+    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. progress:
+    called with what is being done. command: what check.json says made it.
     Raises InputError where the table cannot be read.
     """
     arm = mechanism_of(mechanism)
+    tell = Teller(progress)
+    if isinstance(table, str | Path) and Path(table).is_file() and Path(table).stat().st_size > LARGE:
+        tell("reading the table")
     dataset = read_table(table, arm)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    findings = check_dataset(arm, prepare(arm, dataset), geometry)
+    findings = check_dataset(arm, dataset, geometry, tell)
     return CheckResult(arm.name, dataset, tuple(findings), command)

@@ -8,6 +8,7 @@ import msgspec
 
 from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, EffectPart, MeasuredPart, ModelPart
 from gpmodel.errors import InputError
+from gpmodel.reading import read_limited
 from gpmodel.texts import SEAL, parse_json, seal
 
 REPORT, REPORTED = "report.json", "model_sha256"
@@ -90,11 +91,7 @@ def _check_report(path: Path, digest: str) -> None:
 
 def _content(path: Path, expected: str) -> object:
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected {expected}")
-        return parse_json(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
+        return parse_json(read_limited(path, LARGEST_FILE, expected))
     except InputError:
         raise
     except ValueError as error:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.mechanism.quantities import LARGEST_LENGTH
 
 KIND, SCHEMA = "gpmodel model", 3
 SCHEMAS = (2, SCHEMA)
@@ -23,6 +24,8 @@ MOST_COLUMNS = 500
 MOST_ROWS = 1_000_000
 LARGEST_NUMBER = 1e13
 """In SI: no length, stiffness or coordinate of a machine is larger, nor a moment in milliseconds since 1970."""
+CORRELATION_TOLERANCE = 1e-6
+"""By which a correlation may leave -1 to 1: rounding."""
 ROTATION_TOLERANCE = 1e-6
 """By which the axes of a frame that was written with all its digits may miss being orthonormal: rounding."""
 
@@ -146,9 +149,25 @@ class ModelPart(msgspec.Struct, frozen=True):
         lengths = {2: [size] * size, SCHEMA: [*range(1, size + 1)]}
         if [len(row) for row in self.covariance] != lengths[self.schema]:
             raise ValueError(f"expected {size} rows, one an unknown, up to the diagonal - at `$.covariance`")
+        _check_covariance(self.covariance)
+        for name, rows in self.tool.items():
+            for value in np.array(rows)[:3, 3]:
+                if abs(value) > LARGEST_LENGTH:
+                    raise ValueError(f"{value:g} m, expected at most {LARGEST_LENGTH:g} m - at `$.tool[{name!r}]`")
         for name, (low, high) in self.ranges.items():
             if low > high:
                 raise ValueError(f"expected the lower value first - at `$.ranges[{name!r}]`")
+
+
+def _check_covariance(rows: Sequence[Sequence[float]]) -> None:
+    """Variances of zero or more, and correlations from -1 to 1 but for rounding."""
+    variances = np.array([row[k] for k, row in enumerate(rows)])
+    if (variances < 0).any():
+        raise ValueError("expected variances of zero or more - at `$.covariance`")
+    for k, row in enumerate(rows):
+        most = np.sqrt(variances[: len(row)] * variances[k])
+        if (np.abs(row) > most * (1.0 + CORRELATION_TOLERANCE)).any():
+            raise ValueError("expected correlations from -1 to 1 - at `$.covariance`")
 
 
 def _check_rigid(transform: Array, where: str) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
@@ -15,10 +16,17 @@ from gpmodel.checks.warnings import built_wrong, warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
+from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.progress import Teller
+from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.split import USUAL
 
+NOBODY = Teller()
+MOST_FITTED, STRETCH = 2000, 50
+"""Rows that are fitted to judge a table, and how many of them stand together: a fit takes a second, and its RMS is
+known to 1 / √(6 · 2000) of itself."""
 LIMIT_TOLERANCE = 1e-3
 """Radians or metres beyond a joint's limit that are its stop's play and the last digit written."""
 MINIMUM_DISTANCES, UNLIKE = 12, 0.2
@@ -38,34 +46,56 @@ class Remark:
     of_mechanism: bool = False
 
 
-def check_dataset(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> list[Remark]:
-    """What is wrong or odd with `poses`, errors first.
+def check_dataset(
+    mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...] | None = None, tell: Teller = NOBODY
+) -> list[Remark]:
+    """What is wrong or odd with a table, errors first.
 
-    standard: the geometric effects that would be fitted (default: all). Errors: joint values beyond limits, units
-    or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `built_wrong` and
-    `warnings_of`. Notes: see `notes`.
+    standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows whatever needs a
+    fit is judged on as many, in stretches spread evenly over the table, and a note says so. Errors: joint values beyond
+    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `built_wrong`
+    and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
-    errors = [Remark("error", text) for text in _errors(mechanism, poses, standard)]
+    many = len(data) > MOST_FITTED
+    if many:
+        tell(f"{len(data)} rows: limits, units, repeats")
+    errors = [Remark("error", text) for text in _errors(mechanism, data, standard)]
     if errors:
         return errors
+    rows = evenly(len(data))
+    poses = prepare(mechanism, data.subset(rows) if many else data)
+    if unlike := [Remark("error", text) for text in _unlike_distances(mechanism, poses)]:
+        return unlike
+    if many:
+        tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
+    warnings = list(_too_few_held(mechanism, data, standard))
     wrong = [Remark("warning", text, of_mechanism=True) for text in built_wrong(fit)]
-    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
-    return [*wrong, *warnings, *(Remark("note", text) for text in notes(mechanism, poses.dataset, bare, fit))]
+    warnings = [Remark("warning", text) for text in (*warnings, *warnings_of(mechanism, poses, bare, fit))]
+    said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
+    sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
+    return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
+
+
+def evenly(count: int) -> IntArray:
+    """Rows (K,) to fit of so many: all, or MOST_FITTED in stretches at even distances, so that neighbours stay."""
+    if count <= MOST_FITTED:
+        return np.arange(count)
+    starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)
+    return (starts[:, None] + np.arange(STRETCH)).ravel()
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
     """Raises InputError with the first error check_dataset would find."""
     standard = geometric_effects(mechanism) if standard is None else standard
-    for text in _errors(mechanism, poses, standard):
+    for text in (*_errors(mechanism, poses.dataset, standard), *_unlike_distances(mechanism, poses)):
         raise InputError(text)
 
 
-def _errors(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) -> Iterator[str]:
+def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
     """Reasons not to go on, each found only where those before it are not."""
-    data = poses.dataset
     beyond = list(_beyond_limits(mechanism, data))
     if alike := _all_alike(data):
         yield alike
@@ -79,7 +109,6 @@ def _errors(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...]) ->
     if free_joints(mechanism) and (flaw := points_flaw(data)):
         yield flaw
         return
-    yield from _unlike_distances(mechanism, poses)
     yield from _too_few(mechanism, data, standard)
 
 
@@ -119,10 +148,20 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
         )
 
 
+def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
+    """Enough values for all unknowns, but not once the usual share of the poses is held out."""
+    values, needed = measured_values(data.subset(np.sort(distinct_poses(data)[0]))), unknowns(mechanism, data, standard)
+    if values * (1.0 - USUAL) <= needed:
+        yield (
+            f"{values} measured values for {needed} unknowns: with {100 * USUAL:.0f} % of the poses held out too few "
+            "are left to calibrate; measure more, hold none out (--holdout 0) or fit fewer parameters (--standard)"
+        )
+
+
 def _unlike_distances(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Distances alone, of which the best anchor and tool explain next to nothing."""
+    """Distances of which the best anchor and tool explain next to nothing."""
     data = poses.dataset
-    if np.isfinite(data.position).any() or len(data) < MINIMUM_DISTANCES:
+    if not data.distances or len(data) < MINIMUM_DISTANCES:
         return
     fit = calibrate(ErrorModel(mechanism, ()), poses, robust=False)
     residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), data)

@@ -8,7 +8,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
-from gpmodel.table.bundles import bundles, noise_floor
+from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
 
 ENOUGH_VALUES = 5.0
@@ -18,9 +18,13 @@ NARROW = 0.3
 """Share of a joint's range below which a wider one would tell more."""
 
 
-def notes(mechanism: Mechanism, data: Dataset, bare: Calibration, fit: Calibration) -> Iterator[str]:
+def notes(
+    mechanism: Mechanism, data: Dataset, fits: tuple[Calibration, Calibration], floor: float | None
+) -> Iterator[str]:
     """One sentence each: residuals of registration and standard model, values an unknown, loads, what was left out,
-    the noise floor, and what to measure next. bare: fit of registration and tool. fit: of the standard model."""
+    the noise floor, and what to measure next. fits: of registration and tool, and of the standard model. floor: RMS of
+    repeats, m, None without."""
+    bare, fit = fits
     yield (
         f"registration and tool alone leave {_rms_mm(bare):.4g} mm RMS, the standard model "
         f"{_rms_mm(fit):.4g} mm, on the poses it is fitted to"
@@ -36,12 +40,11 @@ def notes(mechanism: Mechanism, data: Dataset, bare: Calibration, fit: Calibrati
     if cut.any():
         rows = ", ".join(map(str, data.row[cut][:8].tolist()))
         yield f"{int(cut.sum())} rows lack some of x, y, z: {rows}{' ...' if cut.sum() > 8 else ''}"
-    floor = noise_floor(data)
     known = (
         "no repeated poses: the noise floor is unknown" if floor is None else f"noise floor {1e3 * floor:.4f} mm RMS"
     )
     yield known
-    if wanted := list(_wanted(mechanism, data, values / fit.rank, fit.rank)):
+    if wanted := list(_wanted(mechanism, data, (values, fit.rank), floor)):
         yield f"to measure next: {'; '.join(wanted)}"
 
 
@@ -58,11 +61,13 @@ def _loads(mechanism: Mechanism, data: Dataset) -> str:
     return f"{masses}; the tool carries {carried}"
 
 
-def _wanted(mechanism: Mechanism, data: Dataset, each: float, unknowns: int) -> Iterator[str]:
-    if noise_floor(data) is None:
+def _wanted(mechanism: Mechanism, data: Dataset, counts: tuple[int, int], floor: float | None) -> Iterator[str]:
+    """counts: of measured values and of unknowns."""
+    values, unknowns = counts
+    if floor is None:
         yield "a few poses three times each, spread over the session, for the noise floor"
-    if each < ENOUGH_VALUES:
-        more = int(np.ceil((ENOUGH_VALUES - each) * unknowns / max(measured_values(data) / len(data), 1.0)))
+    if values < ENOUGH_VALUES * unknowns:
+        more = int(np.ceil((ENOUGH_VALUES * unknowns - values) / max(values / len(data), 1.0)))
         yield f"about {more} more poses"
     narrow = [
         joint.name

@@ -17,6 +17,9 @@ from gpmodel.table.dataset import Dataset
 SMALL_RANGE = np.radians(20.0)
 """A joint that moves less makes sines look like straight lines."""
 
+POOR = 2e-3
+"""Metres that the standard model leaves of a table before it is called poor: of a robot 0.1 to 1 mm are left."""
+
 COARSE_ROTATION = 0.1
 """Radians: rotations that miss by more are in other axes or another convention."""
 
@@ -37,6 +40,8 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
     bare: fit of registration and tool. fit: of the standard model.
     """
     data = poses.dataset
+    yield from _poor_fit(fit)
+    yield from _unmeasured(data)
     yield from unused_torques(mechanism, data)
     if data.has_rotation and (turn := _rotation_error(bare, poses)) > COARSE_ROTATION:
         yield (
@@ -50,6 +55,28 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
     yield from order_matters(fit, poses)
     if fit.status != "converged":
         yield f"the standard model's fit {fit.status}: {fit.reason}"
+
+
+def _poor_fit(fit: Calibration) -> Iterator[str]:
+    """A residual that no effect of a machine explains."""
+    left = float(np.sqrt(np.mean(fit.error**2)))
+    if left > POOR:
+        yield (
+            f"the standard model leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "
+            "mm: a wrong column, rows of different poses, or an instrument so uncertain that little can be found"
+        )
+
+
+def _unmeasured(data: Dataset) -> Iterator[str]:
+    """Coordinates of the position without a single value, where others have some."""
+    known = np.isfinite(data.position).any(axis=0)
+    missing = [axis for axis, there in zip("xyz", known.tolist(), strict=True) if not there]
+    if known.any() and missing:
+        one = len(missing) == 1
+        yield (
+            f"{' and '.join(missing)} {'is' if one else 'are'} not measured in any row: errors along "
+            f"{'it' if one else 'them'} are fitted to nothing and proven by nothing"
+        )
 
 
 def built_wrong(fit: Calibration) -> Iterator[str]:

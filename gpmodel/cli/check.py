@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.check import check as judge
-from gpmodel.cli.console import command_line
+from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import mechanism_options, out_folder_option, quiet_option, standard_option, table_argument
 from gpmodel.mechanism.source import LoadedMechanism
 
@@ -21,7 +21,8 @@ def check(table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], fo
 
     Ends with status 2 where nothing should be fitted to the table. With --out: check.json.
     """
-    judged = judge(mechanism, table, standard=standard, command=command_line())
+    with progress_line(quiet) as say:
+        judged = judge(mechanism, table, standard=standard, progress=say, command=command_line())
     judged.refuse()
     if not quiet:
         click.echo(judged.summary())

@@ -1,5 +1,6 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,8 @@ from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.records.journal_files import JournalFiles
 
+BATCH = 10
+"""Rows after which a table that is followed is looked at again, where no number is given."""
 WATCHED = 0.5
 """Minutes after which no new round begins for a batch of a table that is followed, where none are given."""
 
@@ -58,24 +61,24 @@ WATCHED = 0.5
 @resume_option
 @click.option("--watch", is_flag=True,
               help="Follow a TABLE that grows: verdict and next poses after every batch of rows.")  # fmt: skip
-@click.option("--batch", type=click.IntRange(1), default=10, show_default=True, help="Of --watch: rows.")
+@click.option("--batch", type=click.IntRange(1), default=None, help="Of --watch: rows. [default: 10]")
 @click.option("--rows", type=click.IntRange(1), default=None, help="Of --watch: it ends at so many. [default: never]")
 @quiet_option
 def discover(
     table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, watch: bool, batch: int, rows: int | None, quiet: bool, **asked: Any,
+    folder: Path | None, resume: Path | None, watch: bool, batch: int | None, rows: int | None, quiet: bool,
+    **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
+    _check_watched(watch, {"batch": batch, "rows": rows}, resume)
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return
     folder = folder_for(resume or folder or Path("discovery"))
     if watch:
-        if resume is not None:
-            raise InputError("follows a TABLE from its first row; leave --resume away", "watch")
         with scheduled(scheduler, workers or 0) as executor, alone_in(folder):
             bounded = replace(request, minutes=request.minutes or WATCHED)
-            followed = Watch(request.table, batch, rows)
+            followed = Watch(request.table, batch or BATCH, rows)
             followed.follow(partial(looked, bounded, silent, executor, None), folder, on_screen(quiet))
         return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
@@ -83,6 +86,15 @@ def discover(
     if not quiet:
         click.echo(found.summary())
         click.echo(what_next(folder, found.record))
+
+
+def _check_watched(watch: bool, of_watch: Mapping[str, int | None], resume: Path | None) -> None:
+    """Raises InputError for options that would be ignored."""
+    if watch and resume is not None:
+        raise InputError("follows a TABLE from its first row; leave --resume away", "watch")
+    alone = next((name for name, value in of_watch.items() if value is not None and not watch), None)
+    if alone is not None:
+        raise InputError("needs --watch, which follows a table that grows", alone)
 
 
 def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:

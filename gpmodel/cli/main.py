@@ -1,7 +1,9 @@
 """The command line: `gpmodel`, its commands imported only when called."""
 
 import os
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
@@ -83,6 +85,8 @@ class CommandGroup(click.Group):
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: object) -> NoReturn:  # type: ignore[override]
         """Run as a program, and exit."""
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unpacked goes
         try:
             status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
             sys.exit(status if isinstance(status, int) else DONE)

@@ -7,6 +7,7 @@ import click
 from gpmodel.api.poses import AFTER, BEFORE, Criterion, choose_poses
 from gpmodel.cli.console import path_for, write_frame
 from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
 
 
@@ -43,6 +44,8 @@ def poses(
     from what they could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not
     meet itself where its URDF has geometry.
     """
+    if after is not None and mechanism is not None:
+        raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
     chosen = choose_poses(
         mechanism, count, criterion=criterion, after=after, above=above, box=box, instrument=instrument, normal=normal,
         cone=cone, tool_point=tool_point, collisions=collisions, noise=noise, seed=seed,

@@ -19,6 +19,8 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     `gear_harmonic J4` is one instance of a family, `gear_harmonic` all of them where they are few.
     Raises InputError for an unknown name, slot, axis or input, or where the effect is not finite at some pose.
     """
+    if "=" in name and name.count(":") != 2:
+        raise InputError(f"effect '{name}': '=VALUE' is simulate's; here the value is fitted, expected the name alone")
     effects = _written_out(name) if name.count(":") == 2 else _of_catalogue(name, mechanism, states)
     for effect in effects:
         check_defined(effect, mechanism, states, name)

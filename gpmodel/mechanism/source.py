@@ -14,6 +14,7 @@ from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.mechanism.workspace import links
+from gpmodel.reading import read_text
 
 FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
@@ -46,7 +47,12 @@ class MechanismChoice:
             choice = replace(self, description=_text(Path(name)))
         elif self.description is not None and Path(name).suffix.lower() in FILES:
             raise InputError(f"mechanism '{name}' is a file, and its description is missing")
-        return LoadedMechanism(choice, load_mechanism(name, frame=self.frame, payload_com=self.payload_com))
+        try:
+            return LoadedMechanism(choice, load_mechanism(name, frame=self.frame, payload_com=self.payload_com))
+        except InputError as error:
+            if not self.description:
+                raise
+            raise InputError(error.said.replace(name, f"its mechanism {self.name}"), error.argument) from None
 
 
 @cache
@@ -66,12 +72,7 @@ def _unpacked(name: str, description: str) -> Path:
 
 def _text(path: Path) -> str:
     """The text of a mechanism's file. Raises InputError where it is too large or no text."""
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_FILE >> 20} MB; expected the description of a mechanism")
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); expected the description of a mechanism") from None
+    return read_text(path, LARGEST_FILE, "the description of a mechanism")
 
 
 @dataclass(frozen=True, repr=False)

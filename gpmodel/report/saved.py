@@ -8,10 +8,13 @@ import msgspec
 
 from gpmodel import files
 from gpmodel.errors import InputError
+from gpmodel.reading import read_limited
 from gpmodel.report.schema import SCHEMA, Report
 from gpmodel.report.schema_search import HistogramRecord
 
 NAME = "report.json"
+LARGEST_FILE = 256 << 20
+"""Bytes: a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
 """Those that report.json always counts."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
@@ -69,10 +72,6 @@ def read_report(folder: Path) -> Report:
     path = folder / NAME
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one that discover or calibrate wrote with --out")
-    try:
-        text = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{folder}: has no {NAME}; expected a folder that discover or calibrate wrote") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error}); {EXPECTED}") from None
-    return from_json(text, str(path))
+    if not path.exists():
+        raise InputError(f"{folder}: has no {NAME}; expected a folder that discover or calibrate wrote")
+    return from_json(read_limited(path, LARGEST_FILE, EXPECTED.removeprefix("expected ")), str(path))

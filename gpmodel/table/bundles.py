@@ -137,15 +137,19 @@ def _same_joints(q: Array) -> IntArray:
     Rows are compared with the first of their pose, not with their neighbours, so that a slow motion does not become
     one pose.
     """
-    tree = cKDTree(q)
-    if not tree.count_neighbors(tree, SAME_JOINT, p=np.inf) > len(q):
-        return np.arange(len(q))
-    out = np.full(len(q), -1, dtype=np.int64)
-    for row in range(len(q)):
+    _, first, code = np.unique(q, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # equal rows stand for one another: the tree is slow among them
+    distinct = q[first[order]]
+    tree = cKDTree(distinct)
+    nearest = tree.query(distinct, k=2, p=np.inf, distance_upper_bound=np.nextafter(SAME_JOINT, 1.0))[0][:, 1]
+    close = np.flatnonzero(np.isfinite(nearest))
+    out = np.arange(len(distinct))
+    out[close] = -1
+    for row in close:
         if out[row] < 0:
-            near = np.array(tree.query_ball_point(q[row], SAME_JOINT, p=np.inf))
+            near = np.array(tree.query_ball_point(distinct[row], SAME_JOINT, p=np.inf))
             out[near[out[near] < 0]] = row
-    return out
+    return np.asarray(first[order][out][np.argsort(order)[code.reshape(-1)]], dtype=np.int64)
 
 
 def _clusters(q: Array) -> IntArray:

@@ -14,6 +14,7 @@ import pandas as pd
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.reading import read_limited
 
 LARGEST = 1e20
 """In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""
@@ -21,6 +22,8 @@ LARGEST = 1e20
 LARGEST_FILE = 128 << 20
 """Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
 
+COMMENTS = ("#", "//", "%", "!")
+"""How comments begin; no name of a column does."""
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
@@ -29,15 +32,7 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
     Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
     """
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(
-                f"{path.name}: {path.stat().st_size >> 20} MB, expected a table of at most {LARGEST_FILE >> 20} MB; "
-                "leave columns or rows away"
-            )
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a measured table") from None
+    raw = read_limited(path, LARGEST_FILE, "a measured table; leave columns or rows away where it is too large")
     if not raw.strip():
         raise InputError(f"{path.name}: the file is empty; expected a header line and one row per pose")
     digest = hashlib.sha256(raw).hexdigest()
@@ -84,6 +79,8 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     if "\0" in text:
         raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
     header = text.lstrip().splitlines()[0]
+    if header.startswith(COMMENTS):
+        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; expected names with units, as J1 [deg]")
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
     _check_names(next(csv.reader([header], delimiter=separator, skipinitialspace=True)), path)

@@ -20,6 +20,9 @@ from gpmodel.table.units import factor, identifier, known_unit, split_header
 FARTHEST = 1e5
 """Metres: no instrument measures points of a machine from so far."""
 
+ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
+"""By the units that temperatures come in."""
+
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _NAMELESS = re.compile(r"^Unnamed: \d+$")
 
@@ -100,7 +103,7 @@ class _Cells:
         elif name in ("rx", "ry", "rz"):
             self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * _factor(unit, "angle", where)
         elif name.startswith("distance_"):
-            self.distances[name] = numbers(column, where) * _factor(unit, "length", where)
+            self.distances[name] = _not_negative(numbers(column, where) * _factor(unit, "length", where), where)
         elif name == "payload":
             self.payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
             self.payload_given = True
@@ -117,8 +120,25 @@ class _Cells:
         if not known_unit(unit):
             raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
         word = identifier(name)
+        _check_temperature(values, unit, where)
         self.extras[word], self.extra_units[word] = _complete(values, where), unit
         self.extra_names[word] = name
+
+
+def _not_negative(values: Array, where: str) -> Array:
+    """Distances (N,). Raises InputError naming the row of a negative one."""
+    if (values < 0).any():
+        row = int(np.flatnonzero(values < 0)[0])
+        raise InputError(f"{where}, row {row + 1}: {1e3 * values[row]:g} mm; expected a distance of zero or more")
+    return values
+
+
+def _check_temperature(values: Array, unit: str, where: str) -> None:
+    """Raises InputError naming the row of a temperature below absolute zero."""
+    least = ABSOLUTE_ZERO.get(unit, -np.inf)
+    if (values < least).any():
+        row = int(np.flatnonzero(values < least)[0])
+        raise InputError(f"{where}, row {row + 1}: {values[row]:g} {unit} is below absolute zero, {least:g} {unit}")
 
 
 def _check_near(path: Path, cells: _Cells) -> None:

@@ -8,11 +8,14 @@ from gpmodel.errors import InputError
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
 
+FEWEST_HELD, USUAL = 5, 0.3
+"""Poses held out at least, of tables whose usual share has as many: the p-value of fewer, all better, is above 3 %."""
+
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
     """Rows (T,) to train on and rows (H,) held out (about `fraction` of the poses, whole bundles), both sorted.
 
-    Raises InputError where all poses are one bundle, or `fraction` leaves none to train on.
+    Raises InputError where all poses are one bundle, or `fraction` leaves none to train on or hardly any held out.
     """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"{fraction}, expected a share between 0 and 1, as in 0.3", "holdout")
@@ -23,6 +26,13 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     mask = np.isin(of_pose, held)
     if len(order) < 2:
         raise InputError(f"{dataset.source}: no poses can be held out; expected at least 2 groups of poses")
+    usual = min(FEWEST_HELD, int(USUAL * len(dataset)))
+    if mask.sum() < usual:
+        raise InputError(
+            f"{fraction:g} of {len(dataset)} poses holds out {int(mask.sum())}, which prove nothing; expected at least "
+            f"{FEWEST_HELD}, as with {np.ceil(100 * FEWEST_HELD / len(dataset)) / 100:g}",
+            "holdout",
+        )
     if mask.all():
         groups = "" if len(order) == len(dataset) else f" in {len(order)} groups"
         raise InputError(

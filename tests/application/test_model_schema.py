@@ -220,3 +220,19 @@ def test_the_report_beside_it_must_tell_of_it(content: dict[str, Any], tmp_path:
     load_model(path)
     (tmp_path / "report.json").write_text(json.dumps({"model_sha256": 64 * "0"}))
     refused(json.dumps(content), "is not the model that report.json beside it tells of", path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c["covariance"][2].__setitem__(2, -c["covariance"][2][2] - 1e-12), "variances of zero or more"),
+        (lambda c: c["covariance"][2].__setitem__(0, 1.0), "correlations from -1 to 1"),
+        (lambda c: next(iter(c["tool"].values()))[0].__setitem__(3, 1e4), "10000 m, expected at most 1000 m"),
+    ],
+)
+def test_a_sealed_model_of_no_machine_is_refused(change: Any, said: str, tmp_path: Path) -> None:
+    content = json.loads(model_text(fitted("load")[0]))
+    change(content)
+    (tmp_path / "model.json").write_text(sealed(content))
+    with pytest.raises(InputError, match=said):
+        load_model(tmp_path / "model.json")

@@ -23,7 +23,7 @@ ARMS = ["irb6400r", "ur5", "panda"]
 
 
 def warnings_of(mechanism: Mechanism, dataset: Dataset) -> list[str]:
-    findings = check_dataset(mechanism, prepare(mechanism, dataset))
+    findings = check_dataset(mechanism, dataset)
     assert {f.severity for f in findings} <= {"warning", "note"}, findings
     return [f.text for f in findings if f.severity == "warning"]
 
@@ -155,7 +155,7 @@ def test_noise_floor_is_noted() -> None:
     twice = made.dataset.subset(np.repeat(np.arange(20), 2))
     noisy = twice.position + np.random.default_rng(0).normal(0.0, 1e-5, (40, 3))
     labelled = replace(twice, position=noisy, labels={"repeat": np.repeat(np.arange(20).astype(str), 2)})
-    findings = check_dataset(mechanism, prepare(mechanism, labelled))
+    findings = check_dataset(mechanism, labelled)
     (note,) = [f.text for f in findings if f.severity == "note" and f.text.startswith("noise floor")]
     assert float(note.split()[2]) == pytest.approx(1e-2 * np.sqrt(3), rel=0.25)
 
@@ -225,7 +225,7 @@ def test_a_repeated_pose_needs_no_label() -> None:
 
 
 def notes_of(mechanism: Mechanism, dataset: Dataset) -> list[str]:
-    return [f.text for f in check_dataset(mechanism, prepare(mechanism, dataset)) if f.severity == "note"]
+    return [f.text for f in check_dataset(mechanism, dataset) if f.severity == "note"]
 
 
 def test_the_notes_say_what_fits_what_is_left_out_and_what_to_measure_next() -> None:
