@@ -105,9 +105,9 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 
 
 ORDER = (
-    "_version", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "progress", "numerics",
-    "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks", "planning", "evidence",
-    "selection", "discovery", "records", "application", "hierarchy", "report", "api", "cli",
+    "_version", "errors", "extras", "wording", "arrays", "files", "reading", "texts", "executor", "progress",
+    "numerics", "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks",
+    "planning", "evidence", "selection", "discovery", "records", "application", "hierarchy", "report", "api", "cli",
 )  # fmt: skip
 ALONE = {"evolution", "formula", "files", "errors", "arrays", "executor"}
 

@@ -69,9 +69,8 @@ def _poor_fit(fit: Calibration) -> Iterator[str]:
 
 def _unmeasured(data: Dataset) -> Iterator[str]:
     """Coordinates of the position without a single value, where others have some."""
-    known = np.isfinite(data.position).any(axis=0)
-    missing = [axis for axis, there in zip("xyz", known.tolist(), strict=True) if not there]
-    if known.any() and missing:
+    missing = [axis for k, axis in enumerate("xyz") if not np.isfinite(data.position[:, k]).any()]
+    if 0 < len(missing) < 3:
         one = len(missing) == 1
         yield (
             f"{' and '.join(missing)} {'is' if one else 'are'} not measured in any row: errors along "
