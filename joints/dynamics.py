@@ -1,51 +1,102 @@
-"""The joint as spring, mass and damper: frequency response, and its identification (thesis chapter 6)."""
+"""The ball on its air film: frequency response, its peak and bandwidth, and its identification (thesis chapter 6)."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
 
 from gpmodel.errors import InputError
+from joints.film import FilmGeometry
 from joints.limits import not_negative, positive, require
+from joints.squeeze import squeeze_impedance
+
+SPAN = (0.01, 20.0)
+"""Of sqrt(k/m) / 2 pi, the frequencies in which peak and bandwidth are sought."""
+STEPS = 400
+"""Frequencies over that span, 2 % apart; what lies between two is refined."""
+
+
+class Suspended(Protocol):
+    """A mass held by something."""
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        ...
+
+    @property
+    def stiffness(self) -> float:
+        """Static, N/m."""
+        ...
+
+    def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """F/x [N/m] at `frequency` [Hz]."""
+        ...
 
 
 @dataclass(frozen=True)
-class SpringMassDamper:
-    """m x'' + c x' + k x = F: `mass` [kg], `damping` [N s/m], `stiffness` [N/m]."""
+class BallOnFilm:
+    """m x'' + k x + Z(w) x = F: a fed film of static `stiffness` [N/m] whose gap squeezes the air in it.
+
+    Z: the complex stiffness of that compressible air at a `displacement` [m] of the ball, `air` times as computed;
+    the feed is taken as constant. mass: kg.
+    """
 
     mass: float
-    damping: float
     stiffness: float
+    geometry: FilmGeometry
+    displacement: float
+    air: float = 1.0
 
     def __post_init__(self) -> None:
         positive("mass", self.mass, "kg")
-        not_negative("damping", self.damping, "N s/m")
         positive("stiffness", self.stiffness, "N/m")
+        not_negative("share of the squeezed air", self.air, "")
 
-    @property
-    def natural_frequency(self) -> float:
-        """sqrt(k/m) / 2 pi [Hz]."""
-        return float(np.sqrt(self.stiffness / self.mass) / (2 * np.pi))
+    def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0."""
+        omega = 2 * np.pi * positive("frequency", frequency, "Hz")
+        return (
+            self.stiffness
+            - self.mass * omega**2
+            + self.air * squeeze_impedance(self.geometry, self.displacement, frequency)
+        )
 
-    @property
-    def damping_ratio(self) -> float:
-        """c / (2 sqrt(k m))."""
-        return float(self.damping / (2 * np.sqrt(self.stiffness * self.mass)))
 
-    @property
-    def resonance(self) -> float:
-        """Frequency [Hz] of the largest response, 0 from a damping ratio of 0.707 on."""
-        return self.natural_frequency * float(np.sqrt(max(1 - 2 * self.damping_ratio**2, 0.0)))
+def receptance(system: Suspended, frequency: ArrayLike) -> NDArray[np.complex128]:
+    """x/F [m/N] at `frequency` [Hz]."""
+    return 1 / system.dynamic_stiffness(frequency)
 
-    @property
-    def bandwidth(self) -> float:
-        """Frequency [Hz] above which the compliance stays below 1/sqrt(2) of the static one."""
-        middle = 1 - 2 * self.damping_ratio**2
-        return self.natural_frequency * float(np.sqrt(middle + np.sqrt(middle**2 + 1)))
 
-    def receptance(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """x/F = 1 / (k - m w^2 + i w c) [m/N] at `frequency` [Hz]."""
-        return 1 / (self.stiffness + dynamic_part(self.mass, self.damping, frequency))
+def natural_frequency(system: Suspended) -> float:
+    """sqrt(k/m) / 2 pi [Hz], of the static stiffness."""
+    return float(np.sqrt(system.stiffness / system.mass) / (2 * np.pi))
+
+
+def resonance(system: Suspended) -> tuple[float, float]:
+    """Frequency [Hz] of the largest response and that over the static one; 0 and 1 where none is larger."""
+    f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
+    size = _times_static(system, f)
+    at = int(np.argmax(size))
+    if at == 0 or at + 1 == len(f):
+        return 0.0, 1.0
+    found = optimize.minimize_scalar(
+        lambda x: -float(_times_static(system, x)), bounds=(f[at - 1], f[at + 1]), method="bounded"
+    )
+    return (float(found.x), float(-found.fun)) if -found.fun > 1 else (0.0, 1.0)
+
+
+def bandwidth(system: Suspended) -> float:
+    """Frequency [Hz] above which the response stays below 1/sqrt(2) of the static one."""
+    f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
+    last = int(np.flatnonzero(_times_static(system, f) >= np.sqrt(0.5)).max(initial=0))
+    return float(optimize.brentq(lambda x: float(_times_static(system, x)) - np.sqrt(0.5), f[last], f[last + 1]))
+
+
+def _times_static(system: Suspended, frequency: ArrayLike) -> NDArray[np.float64]:
+    return system.stiffness * np.abs(receptance(system, frequency))
 
 
 def ball_mass(radius: float, density: float) -> float:
@@ -53,49 +104,39 @@ def ball_mass(radius: float, density: float) -> float:
     return float(4 / 3 * np.pi * positive("ball radius", radius, "m") ** 3 * positive("density", density, "kg/m^3"))
 
 
-def dynamic_part(mass: float, damping: float, frequency: ArrayLike) -> NDArray[np.complex128]:
-    """-m w^2 + i w c [N/m]."""
-    omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
-    return -mass * omega**2 + 1j * omega * damping
-
-
-def film_receptance(
-    mass: float, stiffness: float, impedance: ArrayLike, frequency: ArrayLike
-) -> NDArray[np.complex128]:
-    """x/F [m/N] of a mass on a fed film of `stiffness` in which trapped air adds `impedance` [N/m, complex]."""
-    return 1 / (stiffness + np.asarray(impedance, complex) + dynamic_part(mass, 0.0, frequency))
-
-
 @dataclass(frozen=True)
 class ResponseFit:
-    """Spring, mass and damper identified from a frequency response, with one standard error each."""
+    """Identified from a frequency response: kg, N/m, what resists in units of its impedance, and standard errors."""
 
-    system: SpringMassDamper
+    mass: float
+    stiffness: float
+    resistance: float
     stderr: dict[str, float]
 
 
-def fit_response(frequency: ArrayLike, receptance: ArrayLike) -> ResponseFit:
-    """Stiffness, mass and damping from a measured receptance (N,), complex [m/N].
+def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike) -> ResponseFit:
+    """Stiffness, mass and resistance s from a measured receptance (N,), complex [m/N].
 
-    1/H = k - m w^2 + i w c is linear in the three; rows are weighted by |H| so that the error is relative. Raises
-    InputError below 3 frequencies or where the fitted mass or stiffness is not above 0.
+    1/H = k - m w^2 + s Z is linear in the three; rows are weighted by |H| so that the error is relative. impedance: Z
+    (N,) [N/m], i w of a plain damper, s then its N s/m. Raises InputError below 3 frequencies or where the fitted mass
+    or stiffness is not above 0.
     """
     f = positive("frequency", frequency, "Hz").ravel()
-    response = np.asarray(receptance, complex).ravel()
+    response, resists = np.asarray(measured, complex).ravel(), np.asarray(impedance, complex).ravel()
     if f.size != response.size or np.unique(f).size < 3:
         raise InputError(f"frequency response: {f.size} frequencies and {response.size} values, expected 3 or more")
     size = np.abs(response)
     require(np.isfinite(size) & (size > 0), "receptance", size, "finite and not 0 m/N")
-    omega = 2 * np.pi * f
-    real = np.column_stack([np.ones_like(f), -(omega**2), np.zeros_like(f)])
-    imaginary = np.column_stack([np.zeros_like(f), np.zeros_like(f), omega])
-    weighted = np.vstack([real * size[:, None], imaginary * size[:, None]])
+    columns = np.column_stack([np.ones(f.size), -((2 * np.pi * f) ** 2), resists]) * size[:, None]
+    weighted = np.vstack([columns.real, columns.imag])
     target = np.concatenate([(size / response).real, (size / response).imag])
     scale = np.linalg.norm(weighted, axis=0)
     solution, *_ = np.linalg.lstsq(weighted / scale, target, rcond=None)
     residual = weighted / scale @ solution - target
     noise = residual @ residual / max(target.size - 3, 1)
     errors = np.sqrt(np.diag(np.linalg.inv((weighted / scale).T @ (weighted / scale))) * noise) / scale
-    stiffness, mass, damping = solution / scale
-    system = SpringMassDamper(float(mass), float(max(damping, 0.0)), float(stiffness))
-    return ResponseFit(system, dict(zip(("stiffness", "mass", "damping"), errors.tolist(), strict=True)))
+    stiffness, mass, resistance = solution / scale
+    positive("mass", mass, "kg")
+    positive("stiffness", stiffness, "N/m")
+    names = ("stiffness", "mass", "resistance")
+    return ResponseFit(mass, stiffness, max(resistance, 0.0), dict(zip(names, errors.tolist(), strict=True)))

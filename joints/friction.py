@@ -1,11 +1,12 @@
 """What dry friction and the magnets' hysteresis do to the joint's response, by harmonic balance (thesis chapter 6).
 
-    m x'' + c x' + k x + F_c sign(x') + magnets = F sin wt
+    m x'' + film + F_c sign(x') + magnets = F sin wt
 
 The magnets pull with stiffness k_m (negative: they pull the less the farther away) and lose eta pi |k_m| X^2 a cycle,
-whatever the frequency. At amplitude X dry friction resists like 4 F_c / pi in phase with the speed, so that
+whatever the frequency. With D(w) the dynamic stiffness of ball and film, at amplitude X dry friction resists like
+4 F_c / pi in phase with the speed, so that
 
-    F^2 = ((k + k_m - m w^2) X)^2 + ((c w + eta |k_m|) X + 4 F_c / pi)^2
+    F^2 = ((Re D + k_m) X)^2 + ((Im D + eta |k_m|) X + 4 F_c / pi)^2
 
 which is quadratic in X. Source: J. P. Den Hartog, Trans. ASME 53 (1931); its equivalent damper for friction.
 """
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from joints.dynamics import SpringMassDamper
+from joints.dynamics import Suspended
 from joints.limits import not_negative, positive
 
 Array = NDArray[np.float64]
@@ -48,22 +49,22 @@ def magnet_stiffness(preload: float, stand_off: float) -> float:
     return float(-2 * positive("preload", preload, "N") / positive("stand-off", stand_off, "m"))
 
 
-def amplitude(system: SpringMassDamper, losses: Losses, force: ArrayLike, frequency: ArrayLike) -> Array:
+def amplitude(system: Suspended, losses: Losses, force: ArrayLike, frequency: ArrayLike) -> Array:
     """Amplitude of motion [m] under `force` [N] of `frequency` [Hz]; 0 where friction holds the joint."""
-    drive, omega = positive("force amplitude", force, "N"), 2 * np.pi * not_negative("frequency", frequency, "Hz")
-    elastic = system.stiffness + losses.magnet_stiffness - system.mass * omega**2
-    viscous = system.damping * omega + losses.loss_factor * abs(losses.magnet_stiffness)
+    drive, held = positive("force amplitude", force, "N"), system.dynamic_stiffness(frequency)
+    elastic = held.real + losses.magnet_stiffness
+    viscous = held.imag + losses.loss_factor * abs(losses.magnet_stiffness)
     dry = losses.break_away
     squared = elastic**2 + viscous**2
     root = np.sqrt(np.maximum(squared * drive**2 - (elastic * dry) ** 2, 0.0))
     return np.where(drive > dry, np.maximum(root - viscous * dry, 0.0) / squared, 0.0)
 
 
-def energy_per_cycle(system: SpringMassDamper, losses: Losses, motion: ArrayLike, frequency: float) -> dict[str, Array]:
+def energy_per_cycle(system: Suspended, losses: Losses, motion: ArrayLike, frequency: float) -> dict[str, Array]:
     """What a cycle of amplitude `motion` [m] loses, J: to the film, to friction, to the magnets."""
-    x, omega = not_negative("amplitude", motion, "m"), 2 * np.pi * frequency
+    x = not_negative("amplitude", motion, "m")
     return {
-        "film": np.pi * system.damping * omega * x**2,
+        "film": np.pi * system.dynamic_stiffness(frequency).imag * x**2,
         "friction": 4 * losses.friction * x,
         "magnets": np.pi * losses.loss_factor * abs(losses.magnet_stiffness) * x**2,
     }

@@ -50,7 +50,7 @@ def sphere_against_flat() -> dict[str, float]:
     lift = brentq(excess, 10e-6, 60e-6)
     film = spherical_film(geometry, settings["preload"], orifice, lift)
     same = spherical_film(geometry, settings["preload"], orifice, 50e-6)
-    tight = spherical_film(replace(geometry, clearance=1e-7), settings["preload"], orifice, 50e-6)
+    tight = spherical_film(replace(geometry, clearance=1e-9), settings["preload"], orifice, 50e-6)
     return {
         "inlet_atm": float(flat.inlet_pressure) / ATMOSPHERE,
         "flat_stiffness_N_per_um": float(flat.stiffness_constant_inlet) * 1e-6,

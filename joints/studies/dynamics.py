@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joints import figures
-from joints.dynamics import SpringMassDamper, ball_mass, film_receptance, fit_response
+from joints.dynamics import (
+    BallOnFilm,
+    ball_mass,
+    bandwidth,
+    fit_response,
+    natural_frequency,
+    receptance,
+    resonance,
+)
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
@@ -18,13 +26,13 @@ from joints.squeeze import squeeze_damping, squeeze_impedance, squeeze_number
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _HEADS = (
-    "System", "Mass [kg]", "Stiffness [N/um]", "Damping [N s/m]", "Natural [Hz]", "Damping ratio", "Resonance [Hz]",
-    "Bandwidth [Hz]",
+    "System", "Mass [kg]", "Stiffness [N/um]", "Slow damping [N s/m]", "Natural [Hz]", "Peak [Hz]",
+    "Peak over static", "Bandwidth [Hz]",
 )  # fmt: skip
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Spring, mass and damper of the flat and the spherical film, the trapped air's effect, and the identification."""
+    """The ball on a flat and a spherical film of compressible air, and the identification from a response."""
     s = load_settings("dynamics", path)
     geometry = film_geometry(s["film"], s["ball_radius"])
     orifice, lift = orifice_law(s["orifice"]), positive("displacement", s["displacement"], "m")
@@ -33,41 +41,38 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
     flat = float(design_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
     sphere = float(spherical_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
     systems = {
-        "flat film": SpringMassDamper(mass, damping, flat),
-        "spherical film": SpringMassDamper(mass, damping, sphere),
+        "flat film": BallOnFilm(mass, flat, geometry, float(lift)),
+        "spherical film": BallOnFilm(mass, sphere, geometry, float(lift)),
     }
     frequency = _frequencies(s["response"])
-    impedance = squeeze_impedance(geometry, float(lift), frequency)
-    responses = {name: system.receptance(frequency) for name, system in systems.items()}
-    responses["spherical film, trapped air"] = film_receptance(mass, sphere, impedance, frequency)
-
+    responses = {name: receptance(system, frequency) for name, system in systems.items()}
     measured_frequency, measured, source = _measured(s["measured"], path, seed, systems["spherical film"], frequency)
-    fit = fit_response(measured_frequency, measured)
-    escape = frequency[squeeze_number(geometry, lift, frequency) < 1]
+    fit = fit_response(measured_frequency, measured, squeeze_impedance(geometry, float(lift), measured_frequency))
+    fitted = BallOnFilm(fit.mass, fit.stiffness, geometry, float(lift), fit.resistance)
+    limit = 1.0 / float(squeeze_number(geometry, lift, 1.0))
     rows = [
         (
             name,
             system.mass,
             system.stiffness * N_PER_UM,
-            system.damping,
-            system.natural_frequency,
-            system.damping_ratio,
-            system.resonance,
-            system.bandwidth,
+            damping * system.air,
+            natural_frequency(system),
+            *resonance(system),
+            bandwidth(system),
         )
-        for name, system in (*systems.items(), (f"fit of {source}", fit.system))
+        for name, system in (*systems.items(), (f"fit of {source}", fitted))
     ]
-    heads: tuple[str, ...] = ("mass_kg", "stiffness_N_per_um", "damping_Ns_per_m", "natural_Hz", "damping_ratio")
-    heads += ("resonance_Hz", "bandwidth_Hz")
+    heads: tuple[str, ...] = ("mass_kg", "stiffness_N_per_um", "slow_damping_Ns_per_m", "natural_Hz", "resonance_Hz")
+    heads += ("peak_over_static", "bandwidth_Hz")
     losses, held = _lossy(s["losses"], s["load"], systems["spherical film"], frequency)
-    limit = float(escape.max()) if escape.size else float("nan")
     return Study(
         (
             Table(
-                "Spring, mass and damper",
+                "Ball on its film",
                 _HEADS,
                 rows,
-                f"incompressible damping holds while the squeeze number is below 1, up to {limit:.3g} Hz",
+                f"air compressed in the gap, feed constant; it damps as if incompressible up to {limit:.3g} Hz alone,"
+                " where the squeeze number passes 1",
             ),
             losses,
         ),
@@ -86,7 +91,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _lossy(
-    s: Settings, load: float, system: SpringMassDamper, frequency: NDArray[np.float64]
+    s: Settings, load: float, system: BallOnFilm, frequency: NDArray[np.float64]
 ) -> tuple[Table, dict[str, dict[str, float]]]:
     """What friction of the sliding joint and hysteresis of the magnets change, at one amplitude of force."""
     pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
@@ -121,7 +126,7 @@ def _frequencies(s: Settings) -> NDArray[np.float64]:
 
 
 def _measured(
-    s: Settings, path: Path | None, seed: int, system: SpringMassDamper, frequency: NDArray[np.float64]
+    s: Settings, path: Path | None, seed: int, system: BallOnFilm, frequency: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], str]:
     if s["file"] != "none":
         folder = path.parent if path else Path()
@@ -130,4 +135,4 @@ def _measured(
     noise = float(not_negative("measured.noise", s["noise"], ""))
     random = np.random.default_rng(seed)
     ripple = random.normal(size=frequency.size) + 1j * random.normal(size=frequency.size)
-    return frequency, system.receptance(frequency) * (1 + noise * ripple), "simulated response (no file given)"
+    return frequency, receptance(system, frequency) * (1 + noise * ripple), "simulated response (no file given)"

@@ -10,7 +10,9 @@ from click.testing import CliRunner, Result
 from gpmodel.cli.main import main
 from gpmodel.errors import InputError
 from joints.cli import joint
+from joints.film import FilmGeometry
 from joints.settings import DATA
+from joints.squeeze import squeeze_impedance
 from joints.stiffness import RegimeCurve
 
 COMMANDS = [
@@ -102,7 +104,8 @@ def test_measured_force_displacement_is_read_beside_the_table(tmp_path: Path) ->
 
 def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
     f = np.geomspace(10, 1000, 30)
-    response = 1e6 / (4e6 - 0.6 * (2 * np.pi * f) ** 2 + 2j * np.pi * f * 900)
+    air = squeeze_impedance(FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6), 50e-6, f)
+    response = 1e6 / (4e6 - 0.6 * (2 * np.pi * f) ** 2 + 0.9 * air)
     rows = "\n".join(f"{a!r},{b.real!r},{b.imag!r}" for a, b in zip(f.tolist(), response.tolist(), strict=True))
     (tmp_path / "response.csv").write_text(f"frequency [Hz],real [um/N],imaginary [um/N]\n{rows}\n")
     table = tmp_path / "mine.toml"
