@@ -159,10 +159,13 @@ def grade(findings: list[Finding], truth: dict[str, Any]) -> dict[str, Any]:
 
 
 def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Counts over the judged robots; a robot has an effect where its oracle differs from the geometric fit."""
+    """Counts over the judged robots; a robot has an effect where its oracle differs from the geometric fit.
+
+    exact: against exact positions, where no noise hides a difference; the other ratios are against measured ones.
+    """
     done = [row for row in rows if "named" in row]
     told = [row for row in done if row["oracle_clean_mm"] != row["geometric_clean_mm"]]
-    ratios = [row["ratio_noisy"] for row in done]
+    ratios, exact = ([row[f"ratio_{kind}"] for row in done] for kind in ("noisy", "clean"))
     sigmas = [abs(z) for row in done for z in row.get("deviations", [])]
     return {
         "robots": len(rows),
@@ -171,6 +174,9 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "within_goal": sum(ratio <= GOAL for ratio in ratios),
         "median_ratio": median(ratios) if ratios else None,
         "worst_ratio": max(ratios, default=None),
+        "within_goal_exact": sum(ratio <= GOAL for ratio in exact),
+        "median_ratio_exact": median(exact) if exact else None,
+        "worst_ratio_exact": max(exact, default=None),
         "worse_than_standard": sum(row.get("worse", False) for row in done),
         "with_effect": len(told),
         "named": sum(row["named"] for row in told),

@@ -2,7 +2,7 @@
 
 From the root of the repository: python -m experiments.blind.run --set open --family memory,masses --results FILE
 Results are saved after every robot and a table a family beside them; started again, it leaves out the robots that FILE
-has with the same options.
+has with the same options, and where none is left it writes the tables afresh.
 Options it does not know, and all after `--`, go on to `gpmodel discover`; --oracle-only leaves the product out.
 """
 
@@ -88,6 +88,8 @@ def main() -> None:
         print(json.dumps({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()}), flush=True)
         if settings.results:
             save(rows, command, settings.results)
+    if settings.results and not jobs:
+        save(rows, command, settings.results)
     print(json.dumps({"command": command, **summarise(list(rows.values()))}, indent=1))
 
 

@@ -11,10 +11,14 @@ from experiments.blind.cases import CASES, FAMILIES
 from experiments.blind.grading import summarise
 
 COUNTS = (
-    "robots", "failed", "within_goal", "median_ratio", "worst_ratio", "worse_than_standard", "effects_named", "effects",
-    "false_additions", "readable", "findings", "within_2_sigma", "parameters", "slowest_s",
+    "robots", "failed", "within_goal", "median_ratio", "worst_ratio", "within_goal_exact", "median_ratio_exact",
+    "worst_ratio_exact", "worse_than_standard", "effects_named", "effects", "false_additions", "readable", "findings",
+    "within_2_sigma", "parameters", "slowest_s",
 )  # fmt: skip
-COLUMNS = ("case", "set", "seed", "geometry", "oracle", "product", "ratio", "to geometry", "named", "false", "readable")
+COLUMNS = (
+    "case", "set", "seed", "geometry", "oracle", "product", "ratio", "exact", "to geometry", "named", "false",
+    "readable",
+)  # fmt: skip
 
 
 def saved(file: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
@@ -51,7 +55,8 @@ def markdown(rows: list[dict[str, Any]], command: str) -> str:
 def _robot(row: dict[str, Any]) -> str:
     cells = [row["case"], "aside" if CASES[row["case"]].aside else "open", row["seed"]]
     cells += [_both(row, f"{who}_{{}}noisy_mm") for who in ("geometric", "oracle", "product")]
-    cells += [_both(row, "ratio_{}noisy"), _both(row, "ratio_{}standard") + (" worse" if row.get("worse") else "")]
+    cells += [_both(row, f"ratio_{{}}{kind}") for kind in ("noisy", "clean")]
+    cells += [_both(row, "ratio_{}standard") + (" worse" if row.get("worse") else "")]
     if "failed" in row:
         return line((*cells, "", "", "", f"failed: {row['failed']}", ""))
     if "named" not in row:

@@ -31,8 +31,8 @@ ROBOTS = (
 )  # fmt: skip
 """Open robots of every family but `range`, mixed, so that fewer of them are still of many families."""
 COUNTS = (
-    "robots", "within_goal", "median_ratio", "worst_ratio", "worse_than_standard", "effects_named", "effects",
-    "false_additions", "readable", "findings",
+    "robots", "within_goal", "median_ratio", "worst_ratio", "within_goal_exact", "median_ratio_exact",
+    "worst_ratio_exact", "worse_than_standard", "effects_named", "effects", "false_additions", "readable", "findings",
 )  # fmt: skip
 
 
@@ -100,13 +100,14 @@ def markdown(rows: list[Row], summary: dict[str, dict[str, Any]]) -> str:
 
 
 def _robot(row: Row | None) -> str:
-    """Error over the oracle's, effects named of those there are, and false additions where there are any."""
+    """Error over the oracle's, in brackets against exact positions, effects named of those there are, and false
+    additions where there are any."""
     if row is None:
         return ""
     if "failed" in row:
         return "failed"
     false = f", {row['false']} false" if row["false"] else ""
-    return f"{row['ratio_noisy']:.3f}, {row['effects_named']} of {row['effects']}{false}"
+    return f"{row['ratio_noisy']:.3f} ({row['ratio_clean']:.2f}), {row['effects_named']} of {row['effects']}{false}"
 
 
 if __name__ == "__main__":

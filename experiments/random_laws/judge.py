@@ -17,6 +17,7 @@ from experiments.blind.simulator import Array
 from experiments.random_laws.findings import graded
 from experiments.random_laws.methods import Answer, Method, geometry, predicted
 from experiments.random_laws.robot import Robot, make
+from experiments.random_laws.surface import surface
 from gpmodel.errors import GpModelError
 from gpmodel.model.error_model import prepare
 from gpmodel.model.states import States
@@ -58,7 +59,8 @@ def drawn(robot: Robot) -> Row:
 def judge(seed: int, factors: int, index: int, method: Method, folder: Path) -> Row:
     """Errors are 3-D rms in mm at the fresh poses against exact positions.
 
-    ratio: the method's over the oracle's; explained: (g^2 - m^2) / (g^2 - o^2) of geometry, method and oracle.
+    ratio: the method's over the oracle's; explained: (g^2 - m^2) / (g^2 - o^2) of geometry, method and oracle;
+    of_surface: the same with a Gaussian process that is told inputs and place in the oracle's stead.
     """
     robot = make(seed, factors, index)
     shutil.rmtree(folder, ignore_errors=True)
@@ -78,6 +80,12 @@ def judge(seed: int, factors: int, index: int, method: Method, folder: Path) -> 
     row |= {"seconds": round(time.perf_counter() - started, 1), "error_mm": error(answer.positions)}
     row["ratio"] = row["error_mm"] / row["oracle_mm"]
     if robot.law:
-        left = row["geometry_mm"] ** 2 - row["oracle_mm"] ** 2
-        row["explained"] = (row["geometry_mm"] ** 2 - row["error_mm"] ** 2) / left
+        row["surface_mm"] = error(surface(robot))
+        for share, best in (("explained", "oracle_mm"), ("of_surface", "surface_mm")):
+            row[share] = explained(row["geometry_mm"], row["error_mm"], row[best])
     return row if answer.findings is None else {**row, **graded(answer.findings, robot, states)}
+
+
+def explained(geometry_mm: float, error_mm: float, best_mm: float) -> float:
+    """Share of the squared error that could go and does."""
+    return (geometry_mm**2 - error_mm**2) / (geometry_mm**2 - best_mm**2)

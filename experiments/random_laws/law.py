@@ -28,11 +28,14 @@ class Law:
     middle: tuple[float, ...]
     half: tuple[float, ...]
 
+    def scaled(self, columns: Any) -> list[Array]:
+        """u and v (N,) from the columns of the inputs."""
+        return [(columns[n] - m) / h for n, m, h in zip(self.inputs, self.middle, self.half, strict=True)]
+
     def __call__(self, columns: Any) -> Array:
         """(N,) values from the columns of the inputs."""
-        parts = zip("uv", self.inputs, self.middle, self.half, strict=False)
-        scaled = {letter: (columns[name] - middle) / half for letter, name, middle, half in parts}
-        return np.asarray(eval(self.text, {"__builtins__": {}}, {**_FUNCTIONS, **scaled}))
+        values = dict(zip("uv", self.scaled(columns), strict=False))
+        return np.asarray(eval(self.text, {"__builtins__": {}}, {**_FUNCTIONS, **values}))
 
     def __str__(self) -> str:
         parts = zip("uv", self.inputs, self.middle, self.half, strict=False)

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 import gpmodel as gp
 from experiments.blind.simulator import Array
 from gpmodel.report.schema_search import EffectRecord
@@ -30,8 +33,9 @@ Method = Callable[[Path, Path, Path], Answer]
 
 
 def predicted(model: gp.Model, poses: Path) -> Array:
-    """(N, 3) m of a fitted model, for poses of the same session."""
-    return 1e-3 * model.predict(poses, session=True)[POSITION].to_numpy()
+    """(N, 3) m of a fitted model, for poses of the same session, measured or not."""
+    frame = pd.read_csv(poses).drop(columns=POSITION, errors="ignore")
+    return np.asarray(1e-3 * model.predict(frame, session=True)[POSITION].to_numpy())
 
 
 def geometry(table: Path, urdf: Path, poses: Path) -> Answer:
@@ -45,14 +49,19 @@ def discover(table: Path, urdf: Path, poses: Path) -> Answer:
     return Answer(predicted(result.model, poses), result.findings)
 
 
-METHODS: dict[str, Method] = {"geometry": geometry, "discover": discover}
+PEERS = "experiments.random_laws.peers"
+METHODS = {
+    "geometry": "experiments.random_laws.methods:geometry",
+    "discover": "experiments.random_laws.methods:discover",
+    "pybotics": f"{PEERS}:pybotics_geometry",
+    "gaussian process": f"{PEERS}:gaussian_process",
+    "symbolic regression": f"{PEERS}:symbolic_regression",
+}
 
 
 def method_named(name: str) -> Method:
     """One of `METHODS`, or a function written as package.module:function."""
-    if name in METHODS:
-        return METHODS[name]
-    module, colon, function = name.partition(":")
+    module, colon, function = METHODS.get(name, name).partition(":")
     if not colon:
         raise SystemExit(f"no method {name!r}; there are {', '.join(METHODS)}, or package.module:function")
     found: Method = getattr(import_module(module), function)

@@ -56,6 +56,9 @@ def summary(rows: Iterable[Row]) -> Row:
     if all("explained" in row for row in done):
         out["explained to 95 %"] = sum(row["explained"] >= EXPLAINED for row in done)
         out["median explained"] = median(row["explained"] for row in done)
+    if all("of_surface" in row for row in done):
+        out["median of a told surface"] = median(row["of_surface"] for row in done)
+        out["median ratio of a told surface"] = median(row["surface_mm"] / row["oracle_mm"] for row in done)
     if all("found" in row for row in done):
         found = [f for row in done for f in row["found"]]
         unnamed = [f for f in found if not f["named"]]

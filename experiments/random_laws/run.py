@@ -58,7 +58,9 @@ def main() -> None:
     for index, seed, factor in product(indices, seeds, factors):
         if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
             continue
-        folder = settings.work / "_".join(map(str, (settings.method.replace(":", "."), seed, factor, index)))
+        folder = settings.work / "_".join(
+            map(str, (settings.method.replace(":", ".").replace(" ", "-"), seed, factor, index))
+        )
         row = shown({"method": settings.method, **judge(seed, factor, index, method, folder)}, settings.show)
         rows[identity] = row
         if settings.show or not is_aside(seed):

@@ -144,12 +144,13 @@ def test_results_are_read_back_and_tabled(tmp_path):
 
 def test_one_robot_looked_at_in_several_ways_is_one_line():
     row = {"case": "base", "seed": 3, "named": True, "effects": 1, "effects_named": 1, "false": 0, "found": ["base"]}
-    row |= {"oracle_clean_mm": 0.1, "geometric_clean_mm": 0.2, "ratio_noisy": 1.02, "seconds": 3.0}
+    row |= {"oracle_clean_mm": 0.1, "geometric_clean_mm": 0.2, "ratio_noisy": 1.02, "ratio_clean": 1.4, "seconds": 3.0}
     rows = [{**row, "way": "catalogue alone"}, {**row, "way": "programs alone", "false": 2, "ratio_noisy": 1.3}]
     counts = {way: counted([r for r in rows if r["way"] == way]) for way in WAYS}
     assert [c.get("within_goal") for c in counts.values()] == [1, 0, None]
+    assert [c.get("within_goal_exact") for c in counts.values()] == [0, 0, None]
     counts.pop("both")
-    assert "| base 3 | single | 1.020, 1 of 1 | 1.300, 1 of 1, 2 false |" in side_by_side(rows, counts)
+    assert "| base 3 | single | 1.020 (1.40), 1 of 1 | 1.300 (1.40), 1 of 1, 2 false |" in side_by_side(rows, counts)
 
 
 def test_the_robots_of_the_ways_are_open_and_of_every_family_but_ranges():

@@ -8,15 +8,20 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from experiments.blind.arms import ARMS
+from experiments.blind.description import urdf
+from experiments.blind.oracle import fit, register, rms_mm
 from experiments.blind.robot import world_of
 from experiments.random_laws.findings import alike, graded
 from experiments.random_laws.judge import judge, oracle, write
 from experiments.random_laws.law import Law, Place, places
 from experiments.random_laws.methods import geometry, method_named
+from experiments.random_laws.peers import denavit_hartenberg, of_the_rest
 from experiments.random_laws.results import append, saved, summary
 from experiments.random_laws.robot import INNOCENT, columns_of, make
 from experiments.random_laws.run import shown
 from experiments.random_laws.shapes import SHAPES, one_variable, two_variables
+from experiments.random_laws.surface import problem_of, rows_of, surface
 from gpmodel.report.schema_search import EffectRecord
 
 
@@ -132,3 +137,44 @@ def test_a_method_is_named_or_imported():
     assert method_named("geometry") is method_named("experiments.random_laws.methods:geometry")
     with pytest.raises(SystemExit, match="no method 'nothing'"):
         method_named("nothing")
+
+
+def test_a_surface_told_inputs_and_place_is_near_the_oracle_of_a_smooth_law(tmp_path):
+    robot = make(0, 1, 4)
+    told, _ = oracle(robot, write(robot, tmp_path))
+    assert rms_mm(surface(robot) - robot.fresh.clean) < 1.3 * rms_mm(told.positions - robot.fresh.clean)
+
+
+def test_the_gradient_of_the_marginal_likelihood_is_that_of_its_differences():
+    robot = make(0, 2, 18)
+    train = robot.train
+    model = fit(robot.machine.arm, train.q, train.measured, [], register(robot.machine.arm, train.q, train.measured))
+    left = (train.measured - model.predict(train.q, [])).ravel()
+    problem = problem_of(rows_of(robot, model, train), left)
+    at = np.array([np.log(3e-5), np.log(1e-3), -0.5, 0.2])
+    for step, slope in zip(1e-5 * np.eye(4), problem.cost(at)[1], strict=True):
+        assert (problem.cost(at + step)[0] - problem.cost(at - step)[0]) / 2e-5 == pytest.approx(slope, rel=1e-4)
+
+
+def test_rows_of_a_description_are_those_it_was_written_from(tmp_path):
+    for name in ("irb_like", "scara", "seven_tilted"):
+        arm = ARMS[name]
+        (tmp_path / name).write_text(urdf(arm))
+        rows, slides = denavit_hartenberg(tmp_path / name)
+        alpha, a, theta, d = rows.T
+        np.testing.assert_allclose(np.column_stack([a, d]), 1e3 * arm.rows[:, 1:3], atol=1e-6)
+        np.testing.assert_allclose(np.exp(1j * alpha), np.exp(1j * arm.rows[:, 0]), atol=1e-9)
+        np.testing.assert_allclose(np.exp(1j * theta), np.exp(1j * arm.rows[:, 3]), atol=1e-9)
+        assert {k + 1 for k, s in enumerate(slides) if s} == arm.prismatic
+
+
+def test_a_regression_is_of_what_the_standard_model_leaves(tmp_path):
+    files = write(make(0, 1, 4), tmp_path)
+
+    def constant(columns, response):
+        assert np.abs(columns).max() == pytest.approx(1.0)
+        assert abs(response.mean()) < response.std()
+        return lambda others: np.full(len(others), 2.0)
+
+    moved = of_the_rest(constant, *files).positions - geometry(*files).positions
+    np.testing.assert_allclose(moved, 2e-3, atol=1e-9)
