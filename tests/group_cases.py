@@ -16,11 +16,12 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, geometry_groups
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.standing import GENERIC, of_offers, offered
+from gpmodel.selection.standing import of_offers, offered
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"
-STANDING = (of_offers(catalogue.catalogue), *GENERIC)
+STANDING = (of_offers(catalogue.catalogue),)
+PAIRS = (of_offers(catalogue.catalogue, interactions=True),)
 
 
 @cache

@@ -9,6 +9,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Covariance
 from gpmodel.families.by_name import check_defined
+from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis, Columns
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, observe, prepare
@@ -19,8 +20,6 @@ from gpmodel.table.units import is_time
 MARGIN = 0.01
 """Share of a range's width by which an input may lie outside it unsaid: the extremes of a sample of poses are about
 one part in its number short of the limits the poses were drawn from."""
-SHAPES = ("", "joint_curve")
-"""Families that say how an effect looks over the measured poses and not why: beyond those they say nothing."""
 MOMENTS = 100
 """Moments of a session that an average over it is taken at."""
 
@@ -163,7 +162,8 @@ def _still_read(saved: SavedModel, model: ErrorModel) -> dict[str, str]:
 
 
 def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effect:
-    if effect.constant or effect.family not in SHAPES:
+    known = family(effect.family)
+    if effect.constant or (effect.family and not (known and known.clamped)):
         return effect
     return replace(effect, terms=tuple(replace(t, basis=Clamped(t.basis, ranges)) for t in effect.terms))
 

@@ -26,7 +26,8 @@ class Hypothesis:
     """A candidate with what speaks for and against it, all from training poses.
 
     chance: of its score on shuffled residuals. cv_rms: m, cross-validated 3-D RMS with it; cv_before: without.
-    rivals: names and cv_rms of what else it could be.
+    rivals: names and cv_rms of what else it could be. offered: it was evolved and judged by itself; where it passed, it
+    is offered to the selection, which decides.
     """
 
     candidate: Candidate
@@ -36,6 +37,12 @@ class Hypothesis:
     cv_before: float
     rivals: tuple[tuple[str, float], ...]
     verdict: Verdict
+    offered: bool = False
+
+    @property
+    def added(self) -> bool:
+        """Whether it passed and became a finding."""
+        return self.accepted and not self.offered
 
     @property
     def accepted(self) -> bool:
@@ -55,6 +62,8 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
+        if self.accepted and self.offered:
+            return "passes, offered to the selection"
         chance = wording.chance(self.p_value, self.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
@@ -67,9 +76,7 @@ def judge(residual: Residual, pool: Pool, search: Search) -> tuple[Hypothesis, .
     """
     groups = _distinct(residual, pool, search)
     before = cross_validated(residual, ())
-    judged = [_judged(residual, pool, search, group, before) for group in groups]
-    best = _preferred(residual, judged)
-    return tuple(replace(h, verdict=h.verdict.deferred()) if h.accepted and h is not best else h for h in judged)
+    return tuple(_judged(residual, pool, search, group, before) for group in groups)
 
 
 def worth(criteria: Criteria, nats: float, *candidates: Candidate) -> float:
@@ -120,20 +127,6 @@ def _worth(residual: Residual, pool: Pool, i: int) -> float:
     return worth(residual.criteria, pool.scores[i].nats, pool.candidates[i])
 
 
-def _preferred(residual: Residual, judged: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The first that passed; a named one that passed before an expression that does not predict better beyond doubt.
-
-    What an expression explains beyond a named effect may be a few bad poses, which it has more ways to meet.
-    """
-    passed = [h for h in judged if h.accepted]
-    first = next(iter(passed), None)
-    name = next((h for h in passed if h.candidate.family), None)
-    if first is None or name is None or first is name:
-        return first
-    better = better_by(residual, first.candidate.effects, name.candidate.effects) > residual.criteria.clear_cv_t
-    return first if better else name
-
-
 def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int], before: Predicted) -> Hypothesis:
     """The verdict on a group of alike candidates, its leader first; before: predictions without any of them."""
     chosen, candidate = named(residual.criteria, pool, group)
@@ -141,7 +134,8 @@ def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int]
     hypothesis = tested(residual, candidate, pool.scores[chosen], pool.chance(group[0]), before, others)
     share, limit = hypothesis.score.share, residual.criteria.minimum_share
     tests = hypothesis.verdict.tests
-    return replace(hypothesis, verdict=Verdict((*tests, Test("unique share", share, limit, share > limit))))
+    verdict = Verdict((*tests, Test("unique share", share, limit, share > limit)))
+    return replace(hypothesis, verdict=verdict, offered=True)
 
 
 def tested(

@@ -22,7 +22,7 @@ from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
 from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import catalogue, names
+from gpmodel.families.catalogue import family, names
 from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
@@ -30,7 +30,7 @@ from gpmodel.model.sites import sites_of
 from gpmodel.selection.group import Group
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import GENERIC, PAIRS, Offering, of_evolved, of_offers, only
+from gpmodel.selection.standing import Offering, of_evolved, of_offers, only
 from gpmodel.selection.waves import combs_of
 
 PLAIN = 2
@@ -39,9 +39,6 @@ PLAIN = 2
 MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
 law of seven nodes has three constants."""
-
-PROXIES = {"following", "changing"}
-"""Families of groups that stand for any dependence on their inputs, and for no mechanism."""
 
 MOST_RIVALS = 6
 """Rivals shown beside a finding, the nearest first."""
@@ -79,7 +76,9 @@ class Choice:
 
     def asks_for(self, group: Group) -> bool:
         """Whether a group may be offered: what follows an input by no mechanism only where a histogram points at it."""
-        return self.pointed is None or group.family not in PROXIES or not self.pointed.isdisjoint(group.inputs)
+        known = family(group.family)
+        proxy = known is not None and known.needs_pointing
+        return self.pointed is None or not proxy or not self.pointed.isdisjoint(group.inputs)
 
     def residual(self, calibration: Calibration) -> Residual:
         """What a calibration leaves of the training poses."""
@@ -120,8 +119,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     """
     mechanism = choice.standard.model.mechanism
     cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
-    whole = {f.name for f in catalogue} <= {o.name for o in choice.offers}
-    builders = (of_offers(choice.offers), *(GENERIC if whole else ()), of_evolved(evolved, cost))
+    builders = (of_offers(choice.offers), of_evolved(evolved, cost)), (of_offers(choice.offers, interactions=True),)
     still = still_joints(mechanism, choice.train.dataset)
 
     def wanted(group: Group) -> bool:
@@ -131,7 +129,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
             and not all(stands_still(e.slots, still) for e in group.effects)
         )
 
-    single, pairs = (tuple(only(wanted, b) for b in some) for some in (builders, PAIRS if whole else ()))
+    single, pairs = (tuple(only(wanted, b) for b in some) for some in builders)
     combs = combs_of(choice.offers, mechanism, choice.train.states)
     combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(single, pairs, combs)

@@ -39,7 +39,7 @@ def cross_fitted(
     The structure of a named effect is the catalogue's: no poses shaped it. The test is of the search, once for all that
     it found; nothing is evolved where nothing passed. Source: Chernozhukov et al. (2018), cross-fitting.
     """
-    asked = [h.verdict.passed_but_for("preference") and not h.candidate.family for h in judged]
+    asked = [h.accepted and not h.candidate.family for h in judged]
     if not any(asked):
         return tuple(judged)
     found = sign_flip_chance(gain_of_search(residual, sites, search, rng, turn))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
-from gpmodel.selection.curves import continued
+from gpmodel.families.curves import continued
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:

@@ -8,6 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import family
 from gpmodel.families.inner import Constant
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
@@ -21,9 +22,6 @@ OWN = 0.05
 
 MOST = 0.3
 """How much of itself over the poses a law is believed to be changed by: beyond that its column does not say how."""
-
-FITTED = ("", "transmission_ripple", "cyclic_error")
-"""Families whose written constants were chosen from many; what nobody named has nothing else."""
 
 HARMONICS = 12
 """Whole numbers up to this are how often per turn, not constants that were fitted."""
@@ -87,7 +85,8 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
             if not constant.whole:
                 below, above = (_texts(inner.at(_put(inner.values, k, v)).effects) for v in _beside(constant.value))
                 yield _Moved(constant, below, above)
-    if candidate.family not in FITTED:
+    known = family(candidate.family)
+    if candidate.family and not (known and known.refit_constants):
         return
     texts = _texts(candidate.effects)
     programs = [Expression(text).program for own in texts for text in own]

@@ -170,7 +170,7 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
     rng = np.random.default_rng([loop.seed, number])
     train = loop.poses.subset(loop.train)
     exploration, judged = _explored(loop, calibration, train, rng)
-    passed = _one_a_place(h.candidate for h in judged if h.verdict.passed_but_for("preference"))
+    passed = _one_a_place(h.candidate for h in judged if h.accepted)
     new = tuple(c for c in passed if c.name not in {e.name for e in loop.evolved})
     pointed = _pointed(loop, exploration)
     if loop.rounds and not new and pointed == loop.pointed:

@@ -100,7 +100,6 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "repeats": lambda t: f"repeats counted once, it saves {t.value:.1f} nats, limit {t.limit}",
     "rows": lambda t: f"what drifts along the rows taken off, it saves {t.value:.1f} nats, limit {t.limit}",
     "space": lambda t: f"what varies over the space taken off, it saves {t.value:.1f} nats, limit {t.limit}",
-    "preference": lambda t: "passes, but another was preferred: judged again in the next round",
 }
 
 
@@ -123,11 +122,3 @@ class Verdict:
     def passed(self, name: str) -> bool:
         """Whether the test of that name passed, or was not asked of this candidate."""
         return all(test.passed for test in self.tests if test.name == name)
-
-    def passed_but_for(self, name: str) -> bool:
-        """Whether every test passed but perhaps the one of that name."""
-        return all(test.passed or test.name == name for test in self.tests)
-
-    def deferred(self) -> "Verdict":
-        """The verdict of a candidate that passed where another was preferred."""
-        return Verdict((*self.tests, Test("preference", 0.0, 0.0, False)))

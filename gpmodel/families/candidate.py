@@ -82,8 +82,9 @@ class Candidate:
             return "single"
         if len({str(basis) for basis in self.bases}) == 1:
             return "vector"
-        if len(self.effects) == 2:
-            (first, argument), (second, other) = (Expression(str(basis)).call for basis in self.bases)
+        written = [basis for basis in self.bases if isinstance(basis, Expression)]
+        if len(written) == len(self.effects) == 2:
+            (first, argument), (second, other) = (basis.call for basis in written)
             if (first, second) == ("sin", "cos") and argument == other:
                 return "harmonic"
         return "curve"

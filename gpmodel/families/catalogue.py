@@ -8,8 +8,11 @@ from collections.abc import Iterable
 from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
 from gpmodel.families import axis as families_axis
+from gpmodel.families import curves as families_curves
 from gpmodel.families import instrument as families_instrument
+from gpmodel.families import interactions as families_interactions
 from gpmodel.families import load as families_load
+from gpmodel.families import load_curves as families_load_curves
 from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
 from gpmodel.families import session as families_session
@@ -31,8 +34,8 @@ _OWN: tuple[Family, ...] = (
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
-    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_angle.transmission_ripple, families_angle.ripple_combs),
-    Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve),
+    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_angle.transmission_ripple, families_angle.ripple_combs, refit_constants=True),
+    Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve, offered=families_curves.curves, clamped=True),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
     Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_memory.play_last_move),
     Family("friction_windup", "friction winds the transmission up against its last move, the more the higher its load", "Armstrong-Hélouvry 1991", families_memory.friction_windup),
@@ -60,10 +63,17 @@ _OWN: tuple[Family, ...] = (
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),
     Family("axis_motion", "the axis wobbles or runs out along a smooth curve of its angle", "ISO 230-7", families_angle.axis_motion),
     Family("linear_axis", "straightness, pitch, yaw, roll and positioning of a linear axis along its travel", "ISO 230-1", families_axis.linear_curves),
-    Family("cyclic_error", "a screw, rack or scale errs once every lead or pitch", "ISO 230-2; Slocum 1992, ch. 10", families_axis.cyclic, families_axis.cyclic_combs),
+    Family("cyclic_error", "a screw, rack or scale errs once every lead or pitch", "ISO 230-2; Slocum 1992, ch. 10", families_axis.cyclic, families_axis.cyclic_combs, refit_constants=True),
     Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", families_angle.run_out),
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),
+    Family("following", "the place follows an angle or a column of the table; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_curves.following, generic=True, needs_pointing=True),
+    Family("session_curve", "the set-up or a joint wanders slowly along the rows", "ISO 230-3", families_curves.session, generic=True),
+    Family("structure_compliance", "a link, bearing or the foundation yields along one axis under the load there", "Klimchik 2014", families_load_curves.compliances, generic=True),
+    Family("cross_compliance", "a joint yields under the torque of another: stiffness that is not where it is drawn", "Klimchik 2014", families_load_curves.all_torques, generic=True),
+    Family("load_curve", "the joint yields along a curve of its torque: hardening, saturation, a dead band", "Ruderman et al. 2009; Harmonic Drive catalogue, torsional stiffness K1-K3", families_load_curves.load_curves, generic=True),
+    Family("interaction", "the place follows two angles at once; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_interactions.products, generic=True, interaction=True, needs_pointing=True),
+    Family("changing", "a compliance or an eccentricity changes with a column of the session, as with the temperature", "ISO 230-3; Slocum 1992, ch. 2", families_interactions.varying, generic=True, interaction=True, needs_pointing=True),
 )  # fmt: skip
 
 catalogue: tuple[Family, ...] = (*_OWN, *installed())
@@ -71,12 +81,13 @@ catalogue: tuple[Family, ...] = (*_OWN, *installed())
 
 
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
-    """Every instance of every offer that these poses and columns allow.
+    """Every instance that can be named of every offer, as these poses and columns allow; none of a generic family.
 
     offers: families, candidates and single effects. Raises InputError for one of another kind, or two of one name,
     offers as well as what they come to.
     """
-    found = tuple(c for offer in distinct(offers) for c in instances(offer, mechanism, states))
+    named = (offer for offer in distinct(offers) if not (isinstance(offer, Family) and offer.generic))
+    found = tuple(c for offer in named for c in instances(offer, mechanism, states))
     first: dict[str, Candidate] = {}
     for c in found:
         if [e.terms for e in first.setdefault(c.name, c).effects] != [e.terms for e in c.effects]:
@@ -88,8 +99,8 @@ def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = c
 
 
 def names() -> tuple[str, ...]:
-    """The families' names."""
-    return tuple(f.name for f in catalogue)
+    """The families' names, but for generic ones."""
+    return tuple(f.name for f in catalogue if not f.generic)
 
 
 def family(name: str) -> Family | None:
@@ -114,7 +125,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
         return exact[0].effects
     first, *words = name.split() or [""]
     of_family = [c for c in pool if c.family == first]
-    if family(first) is None:
+    if first not in names():
         raise InputError(f"effect '{name}' is unknown; available: {', '.join(names())}")
     wanted = [c for c in of_family if all(_mentions(c.name, w, mechanism) for w in words)]
     if not wanted:

@@ -10,6 +10,8 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.memory import constant_of, word
 
+SYMBOL = "CONSTANT"
+
 DIGITS = 6
 """Of a constant as it is written: a millionth of it changes no basis by as much as its deviation does."""
 
@@ -60,7 +62,7 @@ class Inner:
         left = tuple(
             replace(e, name=_less(e.name, symbol))
             for e in self.template
-            if not any(symbol in str(t.basis) for t in e.terms)
+            if not any(_reads(str(t.basis), symbol) for t in e.terms)
         )
         return Inner(_less(self.name, symbol), left, (*self.constants[:k], *self.constants[k + 1 :]))
 
@@ -80,15 +82,20 @@ class Inner:
 
     def _put(self, text: str, between: bool = False) -> str:
         """A text with the constants in it. between: rows of events are the middle to the next one."""
-        for c in self.constants:
-            value = c.value + 0.5 if c.whole and between else c.value
-            text = text.replace(f"_{c.symbol}", f"_{word(value, DIGITS)}").replace(c.symbol, f"{value:.{DIGITS}g}")
-        return text
+        values = {c.symbol: c.value + 0.5 if c.whole and between else c.value for c in self.constants}
+
+        def written(found: re.Match[str]) -> str:
+            before, symbol = found.groups()
+            if symbol not in values:
+                return found[0]
+            return f"_{word(values[symbol], DIGITS)}" if before else f"{values[symbol]:.{DIGITS}g}"
+
+        return re.sub(rf"(_?)({SYMBOL}\d+)", written, text)
 
 
 def symbol(number: int = 0) -> str:
     """What stands for a constant, the first by default, in the names and bases of a template."""
-    return f"CONSTANT{number}"
+    return f"{SYMBOL}{number}"
 
 
 def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> Iterator[Constant]:
@@ -101,7 +108,12 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
 def _less(name: str, symbol: str) -> str:
     """The name of a law, `f and g on slot axis`, without the terms that hold a symbol; any other as it is."""
     terms, on, place = name.rpartition(" on ")
-    return f"{' and '.join(t for t in terms.split(' and ') if symbol not in t)}{on}{place}"
+    return f"{' and '.join(t for t in terms.split(' and ') if not _reads(t, symbol))}{on}{place}"
+
+
+def _reads(text: str, symbol: str) -> bool:
+    """Whether a text holds a whole symbol: CONSTANT1 is not in CONSTANT10."""
+    return re.search(rf"{symbol}(?!\d)", text) is not None
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}

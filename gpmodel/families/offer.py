@@ -31,15 +31,18 @@ def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
     return tuple(kept.values())
 
 
-def instances(offer: Offer, mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The candidates of one offer on a mechanism, those of a family with its explanation."""
+def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
+    """The candidates of one offer on a mechanism, those of a family with its explanation.
+
+    search: those that a search is offered, where a family has others to be named.
+    """
     match offer:
         case Candidate():
             yield offer
         case Effect():
             yield Candidate(offer.name, (offer,), offer.family or offer.name, PLAIN_COST)
-        case Family(build=build):
-            for instance in build(mechanism, states):
+        case Family(build=build, offered=offered):
+            for instance in (offered if search and offered else build)(mechanism, states):
                 yield _of_family(instance, offer)
 
 

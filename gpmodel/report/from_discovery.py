@@ -174,7 +174,7 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
         p_value=hypothesis.p_value,
         shuffles=hypothesis.shuffles,
         tests=_tests(hypothesis),
-        accepted=bool(hypothesis.accepted),
+        accepted=hypothesis.added,
         why=hypothesis.why,
     )
 

@@ -1,8 +1,4 @@
-"""Which groups are offered: the catalogue's candidates, generic ones, and kinds that several joints share.
-
-A builder takes a mechanism and shapes and yields groups; adding one is one row of STANDING or PAIRS. A family of the
-catalogue needs no row: each of its candidates is a group, and those of one kind at several joints are one group more.
-"""
+"""Which groups are offered: each candidate of the catalogue, those of one kind at several joints as one group more."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
@@ -11,16 +7,15 @@ from itertools import chain
 
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.comb import Comb
+from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Term
-from gpmodel.selection import curves, loads, pairs
 from gpmodel.selection.group import Group, Shapes, from_candidate, joined
 from gpmodel.selection.programs import laws, terms
 
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
-REPLACED = {"joint_curve"}
 LARGEST_BLOCK = 130
 """Effects of one kind offered together as one group at all places: more are slow and say nothing."""
 SMALLEST_BLOCK = 3
@@ -29,13 +24,14 @@ BLOCK_COST = 1.0
 """Nats of a kind at all places: there are few kinds to choose from."""
 
 
-def of_offers(offers: Iterable[Offer]) -> Builder:
-    """Every instance of what is offered, but for the families that a generic builder offers in several sizes."""
+def of_offers(offers: Iterable[Offer], *, interactions: bool = False) -> Builder:
+    """Every instance of what is offered, of one input or, where `interactions`, of two."""
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for offer in offers:
-            if offer.name not in REPLACED:
-                yield from (from_candidate(c, shapes) for c in instances(offer, mechanism, shapes.states))
+            if interactions == (isinstance(offer, Family) and offer.interaction):
+                found = instances(offer, mechanism, shapes.states, search=True)
+                yield from (from_candidate(c, shapes) for c in found)
 
     return build
 
@@ -62,18 +58,6 @@ def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
         return (group for group in builder(mechanism, shapes) if group is not None and wanted(group))
 
     return build
-
-
-GENERIC: tuple[Builder, ...] = (
-    curves.curves,
-    curves.following,
-    curves.session,
-    curves.columns_everywhere,
-    loads.compliances,
-    loads.all_torques,
-    loads.load_curves,
-)
-PAIRS: tuple[Builder, ...] = (pairs.products, pairs.varying)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
 """A candidate knows what its unknowns are together, and their size."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from effect_cases import measure, mechanism
 
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import remembered
-from gpmodel.formula.expression import Expression
+from gpmodel.formula.expression import Columns, Expression
 from gpmodel.model.effect import drive_effect, effect_at
 
 JOINT = mechanism("ur5").joints[3]
@@ -70,3 +72,23 @@ def test_a_law_that_loses_a_term_loses_it_from_its_names() -> None:
     fewer = inner.without(0)
     assert fewer.said == "lag_t_40 on J1.moving Tx"
     assert [e.name for e in fewer.effects] == ["lag_t_40 on J1.moving Tx [2]"]
+
+
+@dataclass(frozen=True)
+class Notch:
+    """A basis in Python, whose text is no expression."""
+
+    at: float
+    inputs: tuple[str, ...] = ("J1",)
+
+    def __call__(self, states: Columns) -> np.ndarray:
+        return np.exp(-((states["J1"] - self.at) ** 2))
+
+    def __str__(self) -> str:
+        return f"a notch at {self.at} rad"
+
+
+def test_two_bases_in_python_are_a_curve() -> None:
+    effects = tuple(effect_at(f"notch {a}", "base", "Rx", Notch(a)) for a in (0.1, 0.2))
+    assert Candidate("notches", effects, "", 4.0).kind == "curve"
+    assert Candidate("notch", effects[:1], "", 4.0).kind == "single"

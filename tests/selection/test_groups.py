@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
-from group_cases import ARM, STANDING, problem
+from group_cases import ARM, PAIRS, STANDING, problem
 from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
@@ -14,6 +14,7 @@ from gpmodel.calibration.noise import Whitening
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.gain import best, gain, with_own_noise
 from gpmodel.families import catalogue
+from gpmodel.families.catalogue import explained
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection.active import Active
@@ -22,7 +23,7 @@ from gpmodel.selection.refit import whitened
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import PAIRS, Offering, offered
+from gpmodel.selection.standing import Offering, offered
 
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
 
@@ -208,3 +209,11 @@ def test_the_ratio_of_the_levels_is_recovered() -> None:
 def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
     fit = found().fit
     assert whitened(fit.problem, np.arange(len(fit.error)), 0.0).estimated(fit.problem.residual, 80.0).ratio == 0.0
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_everything_a_search_is_offered_is_of_a_family_that_says_what_it_is_and_who_says_so(name: str) -> None:
+    arm = mechanism(name)
+    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    assert len({g.family for g in groups}) > 10
+    assert {g.family for g in groups if not explained(g.family)} == set()

@@ -1,4 +1,4 @@
-"""Standing groups over the joints' angles: error curves, single harmonics, one joint's motion following another's."""
+"""Families that say how an error looks and not why: curves of an angle, of the rows, of any column of the table."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
-from gpmodel.families.candidate import Candidate, revolute
+from gpmodel.families.candidate import Candidate, one, revolute
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.sites import Site, sites_of
-from gpmodel.selection.group import Group, Shapes, group_of
+from gpmodel.model.states import States
 
 FOLLOWING = (3, 1.5)
 """Harmonics of a curve that follows another joint, and the one at which its prior falls off: smoother than gears."""
@@ -39,35 +39,37 @@ def richest(count: int) -> tuple[int, float] | None:
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 
 
-def curves(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Error curve of the own angle on the drive, smooth and fine."""
-    fine = richest(len(shapes.states))
+    fine = richest(len(states))
     for j in revolute(mechanism):
         drive = Site(j.drive)
         name = f"error curve of the angle, {j.name}"
-        yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*SMOOTH)), 4.0, shapes)
+        yield Candidate(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*SMOOTH)), "joint_curve", 4.0)
         if fine is not None:
             name = f"fine error curve of the angle, {j.name}"
-            yield group_of(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*fine)), 5.0, shapes)
+            yield Candidate(name, harmonics(name, drive, j.name, "joint_curve", spectrum(*fine)), "joint_curve", 5.0)
 
 
-def following(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-    """Any place that follows another joint's angle: three harmonics, a proxy where no mechanism is known."""
+def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Any place that follows another joint's angle, by three harmonics, or any further column, in proportion."""
     joints = revolute(mechanism)
     for site in sites_of(mechanism):
         for j in joints:
             if not _own(site, j):
                 name = f"{site.name} following {j.name}"
-                yield group_of(name, harmonics(name, site, j.name, "following", spectrum(*FOLLOWING)), 7.0, shapes)
+                yield Candidate(
+                    name, harmonics(name, site, j.name, "following", spectrum(*FOLLOWING)), "following", 7.0
+                )
+    yield from _following_columns(mechanism, states)
 
 
 def _own(site: Site, joint: Joint) -> bool:
     return site.slot == f"{joint.name}.moving"
 
 
-def session(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
+def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """What changes along the rows: a slow wander of the set-up, a ramp at any drive, steps at a drive."""
-    states = shapes.states
     first, span = float(np.min(states["row"])), float(np.ptp(states["row"])) or 1.0
     along = f"(row - {first:g})/{span:g}"
     waves = [Expression(f"cos({3.14159265 * k:.8f}*({along}))") for k in range(1, 7)]
@@ -75,23 +77,21 @@ def session(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
     for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
         name = f"slow wander of the set-up, {kind}"
         effects = [
-            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "drift", float(s))
+            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "session_curve", float(s))
             for a in axes
             for k, (w, s) in enumerate(zip(waves, fall, strict=True), 1)
         ]
-        yield group_of(name, effects, 6.0, shapes)
+        yield Candidate(name, tuple(effects), "session_curve", 6.0)
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
-        yield group_of(name, [site.effect(name, Expression("row"), "1/row", "drift")], 6.0, shapes)
+        yield one(name, site.effect(name, Expression("row"), "1/row", "session_curve"), 6.0)
 
 
-def columns_everywhere(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-    """Every extra column of the table at every place, in proportion."""
-    states = shapes.states
+def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"}
     extra = [c for c in states.columns if c not in known and not c.startswith(("torque_", "moment_", "force_"))]
     for column in extra:
         for site in sites_of(mechanism):
             name = f"{site.name} following {column}"
             effect = site.effect(name, Expression(column), f"1/{states.units[column]}", "following")
-            yield group_of(name, [effect], 6.5, shapes)
+            yield one(name, effect, 6.5)
