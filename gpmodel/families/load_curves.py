@@ -47,5 +47,6 @@ def load_curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         effects: list[Effect] = [
             Site(j.drive).effect(f"{name}, {k}", Expression(t), "rad", "load_curve")
             for k, t in enumerate([load, *texts], 1)
+            if np.ptp(Expression(t)(states)) > 0
         ]
         yield Candidate(name, tuple(effects), "load_curve", 6.0)

@@ -7,10 +7,11 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.errors import InputError
 from gpmodel.families.family import Family
 from gpmodel.families.offer import instances
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
@@ -20,6 +21,9 @@ from gpmodel.table.units import known_unit, split_header
 
 PAYLOAD = 10.0
 """Kilograms, at most, that the poses of a check carry."""
+
+INSTRUMENT_AT = (-1.0, -3.5, 0.5)
+"""Of the mechanism's root in the frame of the instrument that reads the poses of a check, m: as a tracker stands."""
 
 
 def check_family(
@@ -63,12 +67,12 @@ def check_effect(
 
 def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement: Placement) -> None:
     where = f"effect '{effect.name}'"
-    unknown = set(effect.slots) - set(mechanism.slots)
+    unknown = set(effect.slots) - set(places(mechanism))
     assert not unknown, f"{where}: slot '{min(unknown)}' is none of {mechanism.name}"
     assert effect.unit, f"{where}: has no unit"
     for term in effect.terms:
-        missing = [name for name in term.basis.inputs if name not in poses.states.columns]
-        assert not missing, f"{where}: reads '{missing[0]}', which these poses do not have"
+        for name in term.basis.inputs:
+            assert _has(poses.states, name), f"{where}: reads '{name}', which these poses do not have"
         values = np.asarray(term.basis(poses.states), dtype=float)
         assert values.shape in ((), (len(poses),)), f"{where}: its basis gives shape {values.shape}, not one a pose"
         assert np.isfinite(values).all(), f"{where}: '{term.basis}' is infinite or undefined at some poses"
@@ -82,6 +86,14 @@ def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement:
     ahead, behind = (observe(model, poses, side * step, placement).tip[:, :3, 3] for side in (1, -1))
     miss = np.abs(column - (ahead - behind) / (2 * step)).max()
     assert miss < 1e-5 * np.abs(column).max() + 1e-9, f"{where}: its column is not the derivative of the prediction"
+
+
+def _has(states: States, name: str) -> bool:
+    """Whether these poses have a column or can derive it, as what is remembered and what an instrument reads."""
+    try:
+        return len(states[name]) == len(states)
+    except InputError:
+        return False
 
 
 def _check_text(where: str, text: str, values: Array, states: States) -> None:
@@ -103,4 +115,8 @@ def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: 
     )
     tool = np.eye(4)
     tool[:3, 3] = 0.1, -0.05, 0.15
-    return prepare(mechanism, dataset), Placement({"": np.eye(4)}, {"": tool}, {})
+    away = np.eye(4)
+    away[:3, 3] = INSTRUMENT_AT
+    placement = Placement({"": away}, {"": tool}, {})
+    read = observe(ErrorModel(mechanism, ()), prepare(mechanism, dataset), np.zeros(0), placement).tip[:, :3, 3]
+    return prepare(mechanism, replace(dataset, position=read)), placement

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from effect_cases import mechanism
 
 import gpmodel as gp
 from gpmodel import testing
@@ -74,9 +75,24 @@ def test_a_mechanism_with_a_flaw_is_told_which(flaw: str) -> None:
         testing.check_mechanism(Spoiled(gp.load_mechanism("irb6400r"), flaw))
 
 
-@pytest.mark.parametrize("family", [f for f in catalogue if f.name in ("gear_harmonic", "base_compliance", "drift")])
+COUNT = 48
+INPUTS = {
+    "temperature [degC]": 20.0 + np.arange(COUNT) / 3.0 + np.sin(np.arange(COUNT)),
+    "approach_J2 [1]": np.resize([1.0, -1.0, -1.0], COUNT),
+    "time [s]": 60.0 * np.arange(COUNT),
+} | {f"gravity_{axis} [1]": np.sin(np.arange(COUNT) + k) for k, axis in enumerate("xyz")}
+ON = {
+    "linear_axis": "dh", "cyclic_error": "dh", "ball_lobes": "spherical-joint", "following": "spherical-joint",
+    "interaction": "spherical-joint",
+}  # fmt: skip
+"""Where a family has instances, or a hundred instead of thousands."""
+
+
+@pytest.mark.parametrize("family", catalogue, ids=lambda family: family.name)
 def test_our_own_families_pass(family: gp.Family) -> None:
-    testing.check_family(family, gp.load_mechanism("irb6400r"))
+    name = ON.get(family.name, "irb6400r")
+    arm = mechanism(name) if name == "dh" else gp.load_mechanism(name)
+    testing.check_family(family, arm, inputs=INPUTS, poses=COUNT)
 
 
 def drag(mechanism: gp.Mechanism, states: gp.States) -> Iterator[gp.Effect]:
