@@ -19,7 +19,6 @@ from gpmodel.application.kinematics import tips
 from gpmodel.application.uncertainty import coordinate_deviations
 from gpmodel.application.usable import of_the_mechanism
 from gpmodel.model.error_model import Poses, observe
-from gpmodel.report.accuracy import before_and_after
 from gpmodel.report.compare import compare
 
 Row = dict[str, Any]
@@ -112,13 +111,12 @@ def poses_of(result: CalibrationResult, here: Hall) -> Poses:
 
 
 def certified(result: CalibrationResult, here: Hall) -> Row:
-    """The certificate's numbers, and the same of NEW poses measured afterwards, mm."""
-    found = before_and_after(result.record)
-    fit, poses = result.calibrated.final, poses_of(result, here)
+    """The bounds that the certificate states, and the same of NEW poses measured afterwards, mm."""
+    fit, poses, found = result.calibrated.final, poses_of(result, here), result.record.further
     observed = observe(fit.model, poses, fit.theta, fit.placement)
     off = 1e3 * np.linalg.norm(observed.tip[:, :3, 3] - here.new.measured, axis=1)
     there = {"rms": np.sqrt(np.mean(off**2)), "within_95": np.percentile(off, 95), "largest": off.max()}
-    said = {} if found is None else {k: getattr(found[1], k) for k in ("low", "high", *there)}
+    said = {} if found is None else {k: getattr(found, k).bound_mm for k in there}
     return {"said": _short(said), "there": _short(there)}
 
 

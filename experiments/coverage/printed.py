@@ -57,8 +57,7 @@ def covered(rows: list[Row]) -> dict[str, Any]:
     for kind in ("predicted", "compensated"):
         out[kind] = _share([row[kind] for row in rows if row[kind] is not None])
     said = [row for row in rows if row["said"]]
-    out["rms interval"] = _share([r["said"]["low"] <= r["there"]["rms"] <= r["said"]["high"] for r in said])
-    for name in ("within_95", "largest"):
+    for name in ("rms", "within_95", "largest"):
         out[f"{name} not exceeded"] = _share([r["there"][name] <= r["said"][name] for r in said])
     out["compare, false"] = _share([row["changed"] > 0 for row in rows])
     out["compare, one table"] = _share([row["same_changed"] > 0 for row in rows])

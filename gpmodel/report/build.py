@@ -10,7 +10,8 @@ from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.report import fitted
-from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, repeatability, versions
+from gpmodel.report.iso9283 import positioning, repeatability
+from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import Kind, MechanismRecord, MimicRecord, Report, StepRecord
 
@@ -53,6 +54,8 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         noise_floor_mm=floor,
         noise_from=source,
         repeatability=repeatability(data),
+        positioning=positioning(poses, ladder.train, ladder.steps),
+        further=fitted.further(final, poses),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),

@@ -24,8 +24,10 @@ STATISTICS = (
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
     "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. Before is "
-    "registration and tool point alone, with the nominal geometry; after is the model below. The interval of the RMS "
-    "holds for poses drawn like these. Values and σ are of the model fitted to all poses."
+    "registration and tool point alone, with the nominal geometry; after is the model below. Further poses are any "
+    "within the measured ranges of the joints, as this instrument would read them; each bound holds by itself, by a "
+    "Monte Carlo over the fitted numbers and the noise (JCGM 101). Values and σ, standard uncertainties (k = 1), are "
+    "of the model fitted to all poses; ± 2 σ (k = 2) is the 95 % interval."
 )
 
 
@@ -55,7 +57,7 @@ def certificate(report: Report, particulars: Particulars) -> Certificate:
         particulars=particulars.lines(),
         scope=_scope(report),
         poses=f"{count} poses {kind}" if report.held else f"{count} poses, {kind}",
-        statistics=() if found is None else _statistics(*found),
+        statistics=() if found is None else (*_statistics(*found), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
         parameters=_printed(report.geometry()),
@@ -85,23 +87,54 @@ def _scope(report: Report) -> tuple[Line, ...]:
 
 
 def _statistics(before: Accuracy, after: Accuracy) -> tuple[tuple[str, str, str], ...]:
-    rows = [(title, *(wording.millimetres(getattr(a, name)) for a in (before, after))) for title, name in STATISTICS]
-    spans = (f"{wording.millimetres(a.low)} to {wording.millimetres(a.high)}" for a in (before, after))
-    first, second = spans
-    return (*((t, b, a) for t, b, a in rows), ("95 % interval of the RMS", first, second))
+    return tuple(
+        (title, wording.millimetres(getattr(before, name)), wording.millimetres(getattr(after, name)))
+        for title, name in STATISTICS
+    )
+
+
+def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
+    """What the errors at further poses do not exceed, after; nothing where it cannot be told."""
+    found = report.further
+    if found is None:
+        return ()
+    stated = (
+        (f"RMS of {found.poses} further poses", found.rms), (f"95 % of {found.poses} further poses", found.within_95),
+        (f"every one of {found.poses} further poses", found.largest),
+    )  # fmt: skip
+    sure = wording.percent(found.confidence)
+    return tuple((f"{name}, at most ({sure})", wording.UNKNOWN, wording.millimetres(b.bound_mm)) for name, b in stated)
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:
-    found = report.repeatability
+    """Accuracy and repeatability of ISO 9283 where poses were measured again, and why not where they were not."""
+    found, accurate = report.repeatability, report.positioning
+    floor = ("noise floor", words.noise_floor(report))
     if found is None:
-        return (("repeatability", "not measured: no pose was measured three times"),
-                ("noise floor", words.noise_floor(report)))  # fmt: skip
-    return (
-        ("pose repeatability RP = l + 3 s, mean", f"{wording.millimetres(found.rp_mean_mm)} mm"),
-        ("pose repeatability RP, worst pose", f"{wording.millimetres(found.rp_max_mm)} mm"),
+        return (("repeatability", "not measured: no pose was measured three times"), floor)
+    lines = [
+        ("pose repeatability RP = l + 3 s, mean", _with_uncertainty(found.rp_mean_mm, found.relative)),
+        ("pose repeatability RP, worst pose", _with_uncertainty(found.rp_max_mm, None)),
         ("from", f"{found.measurements} measurements of {found.poses} poses"),
-        ("noise floor", words.noise_floor(report)),
-    )
+    ]
+    if accurate is None:
+        lines.append(("pose accuracy AP", "not stated: fewer than three poses were measured three times"))
+    else:
+        kind = "held out" if accurate.heldout else "fitted, as if left out one by one"
+        for when, mm, stderr in (
+            ("before", accurate.before_mm, accurate.before_stderr_mm),
+            ("after", accurate.after_mm, accurate.after_stderr_mm),
+        ):
+            said = _with_uncertainty(mm, stderr / mm if mm else None)
+            lines.append((f"pose accuracy AP {when}, mean", f"{said}, {accurate.poses} poses {kind}"))
+        lines.append(("pose accuracy AP after, worst pose", _with_uncertainty(accurate.after_max_mm, None)))
+    return (*lines, floor)
+
+
+def _with_uncertainty(mm: float, relative: float | None) -> str:
+    """A length with its expanded uncertainty, k = 2."""
+    said = f"{wording.millimetres(mm)} mm"
+    return said if relative is None else f"{said}, U = {wording.millimetres(2 * relative * mm)} mm (k = 2)"
 
 
 def _printed(entries: Sequence[EffectRecord | ParameterRecord]) -> tuple[Parameter, ...]:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.model.error_model import Poses
 from gpmodel.model.states import States
 from gpmodel.report.quantity import table_names
-from gpmodel.report.schema import DataRecord, NoiseSource, Repeatability
+from gpmodel.report.schema import DataRecord, NoiseSource
 from gpmodel.report.schema_search import Range
-from gpmodel.table.bundles import noise_floor, replicates
+from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
 
 PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
@@ -83,23 +82,3 @@ def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSou
         return None, None
     measured = np.isfinite(data.position).sum() + sum(np.isfinite(d).sum() for d in data.distances.values())
     return float(1e3 * noise * np.sqrt(measured / len(data))), "instrument"
-
-
-def repeatability(data: Dataset) -> Repeatability | None:
-    """Pose repeatability of ISO 9283 (1998), 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
-
-    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1).
-    """
-    codes = replicates(data)
-    by_pose = []
-    for code in np.unique(codes):
-        points = data.position[codes == code]
-        points = points[np.isfinite(points).all(axis=1)]
-        if len(points) > 2:
-            by_pose.append(1e3 * np.linalg.norm(points - points.mean(axis=0), axis=1))
-    if not by_pose:
-        return None
-    single: Array = np.array([d.mean() + 3 * d.std(ddof=1) for d in by_pose])
-    count = sum(len(d) for d in by_pose)
-    spread = float(np.sqrt(sum(np.sum(d**2) for d in by_pose) / (count - len(by_pose))))
-    return Repeatability(len(by_pose), count, spread, float(single.mean()), float(single.max()))

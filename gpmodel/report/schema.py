@@ -7,6 +7,7 @@ beside it; names of joints and inputs are those of the table. None stands where 
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gpmodel.report.schema_accuracy import FurtherRecord, Positioning, Repeatability
 from gpmodel.report.schema_poses import PlotRecord
 from gpmodel.report.schema_search import (
     Correlation,
@@ -129,17 +130,6 @@ class MimicRecord:
 
 
 @dataclass(frozen=True)
-class Repeatability:
-    """ISO 9283 pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses."""
-
-    poses: Count
-    measurements: Count
-    rms_mm: NotNegative
-    rp_mean_mm: NotNegative
-    rp_max_mm: NotNegative
-
-
-@dataclass(frozen=True)
 class ExportRecord:
     """A file the model is handed on as: what it is, its errors against `predict` on fresh poses within the measured
     ranges, its own RMS on held-out poses, and the effects it cannot hold."""
@@ -159,7 +149,8 @@ class Report:
     kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
-    the standard model could equally be, and the poses that would tell; mimics: the same by name. sigma_mm: of one
+    the standard model could equally be, and the poses that would tell; mimics: the same by name. further: what is to be
+    expected on further poses. sigma_mm: of one
     component. model_sha256: seal of the model.json that belongs to it.
     """
 
@@ -187,6 +178,8 @@ class Report:
     noise_floor_mm: NotNegative | None = None
     noise_from: NoiseSource | None = None
     repeatability: Repeatability | None = None
+    positioning: Positioning | None = None
+    further: FurtherRecord | None = None
     confirmation: ConfirmationRecord | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()

@@ -54,7 +54,7 @@ def test_a_machine_is_asked_for_everything_printed_of_it() -> None:
     assert 0.8 < row["predicted"] <= 1.0
     assert 0.8 < row["compensated"] <= 1.0
     assert np.std([z for kind in row["z"].values() for z in kind]) < 1.7
-    assert row["said"]["low"] < row["said"]["rms"] < row["said"]["high"]
+    assert row["said"]["rms"] < row["said"]["within_95"] < row["said"]["largest"]
     assert covered([row])["machines"] == 1
 
 

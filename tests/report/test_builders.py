@@ -12,7 +12,8 @@ from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import prepare
 from gpmodel.report.from_discovery import from_discovery
-from gpmodel.report.origin import Origin, floor_mm, repeatability, versions
+from gpmodel.report.iso9283 import repeatability
+from gpmodel.report.origin import Origin, floor_mm, versions
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.verdict import of_discovery

@@ -1,0 +1,122 @@
+"""What accuracy is to be expected on poses that nobody measured, as bounds: a Monte Carlo over all that is fitted.
+
+Each world draws the model's numbers from their covariance and the noise from its own distribution, both with the scale
+of that world, and measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.application.exports.sample import at_joint_values
+from gpmodel.application.matching import remembered
+from gpmodel.application.model_file import saved_model
+from gpmodel.application.uncertainty import placement_columns
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.numerics.tails import Tails, with_far_ones
+from gpmodel.table.bundles import sharing
+
+POSES = 1000
+WORLDS = 400
+"""Of which the 95 % quantile is itself known to about a percent."""
+CONFIDENCE = 0.95
+LARGEST_LEVERAGE = 0.95
+"""A pose that settles so much of the fit by itself has a residual of rounding."""
+FEWEST = 10
+"""Independent coordinates beyond the unknowns from which anything is said."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A statistic of further poses, m: its median over the worlds, and what it exceeds in 1 - CONFIDENCE of them."""
+
+    typical: float
+    bound: float
+
+
+@dataclass(frozen=True)
+class Further:
+    """Distance between measured and predicted point at POSES further poses within the measured ranges of the joints:
+    root mean square, 95th percentile and maximum."""
+
+    rms: Bound
+    within_95: Bound
+    largest: Bound
+
+
+def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> Further | None:
+    """Of a model fitted to `poses`; None where joint values are approximate, positions are not whole, what the model
+    remembers is not known there, or hardly more was measured than fitted."""
+    data = poses.dataset
+    whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
+    use, far = np.setdiff1d(whole, fit.outliers), np.intersect1d(whole, fit.outliers)
+    count = independent(fit, poses, use)
+    if data.joints_approximate or data.observations or count < FEWEST:
+        return None
+    saved, rng = saved_model(fit, poses), np.random.default_rng(seed)
+    try:
+        known = remembered(saved, data)
+    except InputError:
+        return None
+    noise = with_far_ones(standardised(fit, poses, use), standardised(fit, poses, far), count)
+    low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
+    there = prepare(saved.mechanism, at_joint_values(known, rng.uniform(low, high, (POSES, data.q.shape[1])), rng))
+    observed = observe(fit.model, there, fit.theta, fit.placement)
+    columns = np.concatenate(
+        [
+            placement_columns(saved, there, observed),
+            effect_columns(fit.model.effects, fit.model, there, observed)[:, :3],
+        ],
+        axis=2,
+    )
+    return _over_worlds(columns, fit.covariance.values, noise, rng)
+
+
+def independent(fit: Calibration, poses: Poses, use: Array) -> float:
+    """What the residuals of the rows `use` are worth in independent coordinates, less the unknowns.
+
+    For bundles of n rows that share ρ of the variance of one: Satterthwaite's degrees of freedom of the sum of both
+    parts, 2 T² / V with T = 1 + ρ, V = (2 (1 + n ρ)² / (3 B - rank) + 2 (n - 1)² / (3 (N - B))) / n².
+    """
+    rows, ratio = len(use), fit.pose_ratio
+    bundles = len(np.unique(sharing(poses.dataset)[use]))
+    if ratio == 0.0 or bundles == rows:
+        return float(3 * rows - fit.rank)
+    size, free = rows / bundles, max(3 * bundles - fit.rank, 1)
+    variance = 2 * (1 + size * ratio) ** 2 / free + 2 * (size - 1) ** 2 / max(3 * (rows - bundles), 1)
+    return float(2 * (1 + ratio) ** 2 * size**2 / variance)
+
+
+def standardised(fit: Calibration, poses: Poses, use: Array) -> Array:
+    """Residuals (M, 3), m, of the rows `use`, as large as those of measurements that no model was fitted to."""
+    problem = problem_at(fit, poses)
+    at = problem.weights[:, :3] > 0
+    rows = np.full(at.shape, -1)
+    rows[at] = np.cumsum(problem.weights.ravel() > 0).reshape(problem.weights.shape)[:, :3][at] - 1
+    own = rows[use]
+    columns = problem.columns[own.ravel()]
+    known = np.sum((columns @ fit.covariance.values) * columns, axis=1).reshape(own.shape).mean(axis=1)
+    fitted = np.isin(use, fit.outliers, invert=True)
+    left = np.where(fitted, 1.0 - np.minimum(known / fit.sigma**2, LARGEST_LEVERAGE), 1.0)
+    return np.asarray(problem.residual[own] / np.sqrt(left)[:, None])
+
+
+def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random.Generator) -> Further:
+    """columns: (N, 3, K) of the predicted points."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = root @ rng.normal(size=(len(root), WORLDS))
+    off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng)
+    distance = np.linalg.norm(off, axis=2)
+    return Further(
+        _bound(np.sqrt(np.mean(distance**2, axis=1))), _bound(np.percentile(distance, 95, axis=1)),
+        _bound(distance.max(axis=1)),
+    )  # fmt: skip
+
+
+def _bound(worlds: Array) -> Bound:
+    return Bound(float(np.median(worlds)), float(np.quantile(worlds, CONFIDENCE)))

@@ -1,0 +1,59 @@
+"""What report.json says of accuracy and repeatability, each with its uncertainty."""
+
+from dataclasses import dataclass
+
+from gpmodel.report.schema_search import Count, NotNegative
+
+
+@dataclass(frozen=True)
+class BoundMm:
+    """A statistic of further poses: its median, and what it does not exceed with the confidence of the record."""
+
+    typical_mm: NotNegative
+    bound_mm: NotNegative
+
+
+@dataclass(frozen=True)
+class FurtherRecord:
+    """Distance between measured and predicted point at so many further poses within the measured ranges of the joints.
+
+    Each bound holds by itself with that confidence.
+    """
+
+    poses: Count
+    confidence: float
+    rms: BoundMm
+    within_95: BoundMm
+    largest: BoundMm
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """ISO 9283 (1998) pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses.
+
+    rms_mm: of these distances. relative: standard uncertainty of them all, over their value: repeats are few.
+    """
+
+    poses: Count
+    measurements: Count
+    rms_mm: NotNegative
+    rp_mean_mm: NotNegative
+    rp_max_mm: NotNegative
+    relative: NotNegative | None = None
+
+
+@dataclass(frozen=True)
+class Positioning:
+    """ISO 9283 (1998) pose accuracy AP, the distance of the mean of a pose's repeats from where it should be: with the
+    nominal geometry before, with the model after; mean over the poses with its standard uncertainty, and the largest.
+
+    heldout: whether of poses that the model was not fitted to.
+    """
+
+    poses: Count
+    heldout: bool
+    before_mm: NotNegative
+    before_stderr_mm: NotNegative
+    after_mm: NotNegative
+    after_stderr_mm: NotNegative
+    after_max_mm: NotNegative
