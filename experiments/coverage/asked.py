@@ -123,10 +123,12 @@ def certified(result: CalibrationResult, here: Hall) -> Row:
 def compared(first: CalibrationResult, second: CalibrationResult) -> Row:
     """What `compare` calls changed of an unchanged machine: of two tables."""
     found = compare(first.record, second.record)
-    z = [c.difference / c.stderr for c in (*found.effects, *(() if found.incomparable else found.parameters))]
     every = (*found.effects, *(() if found.incomparable else found.parameters))
-    return {"changed": sum(c.significant for c in every), "compared": len(every), "change_z": [round(v, 2) for v in z],
-            "placement_changed": sum(c.significant for c in found.placement)}  # fmt: skip
+    return {
+        "change": round(min((c.chance for c in every), default=1.0), 5), "compared": len(every),
+        "change_z": [round(c.difference / c.stderr, 2) for c in every if c.stderr],
+        "placement_change": round(min(c.chance for c in found.placement), 5),
+    }  # fmt: skip
 
 
 def same_table(first: CalibrationResult, here: Hall, effects: list[str]) -> Row:

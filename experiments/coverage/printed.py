@@ -59,7 +59,9 @@ def covered(rows: list[Row]) -> dict[str, Any]:
     said = [row for row in rows if row["said"]]
     for name in ("rms", "within_95", "largest"):
         out[f"{name} not exceeded"] = _share([r["there"][name] <= r["said"][name] for r in said])
-    out["compare, false"] = _share([row["changed"] > 0 for row in rows])
+    for level in (0.01, 0.05):
+        out[f"compare, false at {level}"] = _share([row["change"] < level for row in rows])
+        out[f"compare, registration false at {level}"] = _share([row["placement_change"] < level for row in rows])
     out["compare, one table"] = _share([row["same_changed"] > 0 for row in rows])
     without = [row["without_changed"] > 0 for row in rows if "without_changed" in row]
     out["compare, one table, other model"] = _share(without) if without else None

@@ -12,7 +12,7 @@ from gpmodel.application.exports.sample import at_joint_values
 from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import placement_columns
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
@@ -76,7 +76,7 @@ def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> Further | No
     return _over_worlds(columns, fit.covariance.values, noise, rng)
 
 
-def independent(fit: Calibration, poses: Poses, use: Array) -> float:
+def independent(fit: Calibration, poses: Poses, use: IntArray) -> float:
     """What the residuals of the rows `use` are worth in independent coordinates, less the unknowns.
 
     For bundles of n rows that share ρ of the variance of one: Satterthwaite's degrees of freedom of the sum of both
@@ -91,7 +91,7 @@ def independent(fit: Calibration, poses: Poses, use: Array) -> float:
     return float(2 * (1 + ratio) ** 2 * size**2 / variance)
 
 
-def standardised(fit: Calibration, poses: Poses, use: Array) -> Array:
+def standardised(fit: Calibration, poses: Poses, use: IntArray) -> Array:
     """Residuals (M, 3), m, of the rows `use`, as large as those of measurements that no model was fitted to."""
     problem = problem_at(fit, poses)
     at = problem.weights[:, :3] > 0

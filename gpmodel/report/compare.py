@@ -1,5 +1,6 @@
 """What changed between two calibrations of a machine, parameter by parameter and effect by effect."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from textwrap import fill
@@ -17,13 +18,15 @@ from gpmodel.report.schema_search import EffectRecord
 
 @dataclass(frozen=True)
 class Change:
-    """value ± stderr before and after, SI; chance: of so large a difference without a change, corrected (Holm)."""
+    """value ± stderr before and after, SI; stderr: of the difference, None where both are of the same rows; chance: of
+    so large a difference without a change, corrected (Holm)."""
 
     name: str
     unit: str
     before: tuple[float, float]
     after: tuple[float, float]
-    chance: float
+    stderr: float | None
+    chance: float = 1.0
 
     @property
     def difference(self) -> float:
@@ -31,14 +34,9 @@ class Change:
         return self.after[0] - self.before[0]
 
     @property
-    def stderr(self) -> float:
-        """σ of the difference of two independent estimates."""
-        return float(np.hypot(self.before[1], self.after[1]))
-
-    @property
     def z(self) -> float:
-        """The difference in its own σ."""
-        return abs(self.difference) / self.stderr
+        """The difference in its own σ, zero where it has none."""
+        return abs(self.difference) / self.stderr if self.stderr else 0.0
 
     @property
     def significant(self) -> bool:
@@ -50,7 +48,8 @@ class Change:
 class Comparison:
     """parameters, effects, placement: what both know, largest change in σ first. only_before, only_after: effects.
 
-    incomparable: parameters that one fitted and the other could not; the others absorbed them there.
+    incomparable: parameters that one fitted and the other could not; the others absorbed them there. shared: rows that
+    both were fitted to.
     """
 
     before: Report
@@ -61,6 +60,12 @@ class Comparison:
     only_before: tuple[EffectRecord, ...]
     only_after: tuple[EffectRecord, ...]
     incomparable: tuple[str, ...]
+    shared: int
+
+    @property
+    def of_models(self) -> bool:
+        """Whether both are of the same rows, so that whatever differs is the model."""
+        return self.shared == self.before.data.poses == self.after.data.poses
 
 
 def compare(before: Report, after: Report) -> Comparison:
@@ -72,32 +77,77 @@ def compare(before: Report, after: Report) -> Comparison:
         )
     old, new = ({e.name: e for e in r.effects} for r in (before, after))
     first, second = ({p.name: p for p in r.geometry() if p.stderr} for r in (before, after))
+    shared = shared_rows(before, after)
+    both = (shared / max(before.data.poses, 1), shared / max(after.data.poses, 1))
+    placed = ({p.name: p for p in r.placement} for r in (before, after))
     return Comparison(
         before=before,
         after=after,
-        parameters=_changes(first, second),
-        effects=_changes(old, new),
-        placement=_changes({p.name: p for p in before.placement}, {p.name: p for p in after.placement}),
+        parameters=_changes(first, second, both),
+        effects=_changes(old, new, both),
+        placement=_changes(*_turned_alike(*placed), both),
         only_before=tuple(e for n, e in old.items() if n not in new),
         only_after=tuple(e for n, e in new.items() if n not in old),
         incomparable=tuple(sorted(set(first) ^ set(second))),
+        shared=shared,
     )
 
 
+def shared_rows(before: Report, after: Report) -> int:
+    """Rows that both were fitted to, by their marks; of reports without marks, all of them where the files are one."""
+    if before.data.marks and after.data.marks:
+        return (Counter(before.data.marks) & Counter(after.data.marks)).total()
+    alike = before.data.sha256 == after.data.sha256 != ""
+    return before.data.poses if alike and before.data.poses == after.data.poses else 0
+
+
+def _turned_alike(
+    old: Mapping[str, ParameterRecord], new: Mapping[str, ParameterRecord]
+) -> tuple[Mapping[str, ParameterRecord], Mapping[str, ParameterRecord]]:
+    """The placements with the rotation vectors of the second as near to those of the first as a whole turn makes
+    them: near half a turn a vector and its opposite are the same orientation."""
+    out = dict(new)
+    for name in {n.removesuffix(" rx") for n in old if n.endswith(" rx")}:
+        axes = [f"{name} r{axis}" for axis in "xyz"]
+        if not all(a in old and a in new for a in axes):
+            continue
+        first, second = (np.array([of[a].value or 0.0 for a in axes]) for of in (old, new))
+        turn = float(np.linalg.norm(second))
+        other = second * (1.0 - 2.0 * np.pi / turn) if turn > 0 else second
+        if np.linalg.norm(other - first) < np.linalg.norm(second - first):
+            out |= {a: replace(new[a], value=float(v)) for a, v in zip(axes, other, strict=True)}
+    return old, out
+
+
 def _changes(
-    old: Mapping[str, ParameterRecord | EffectRecord], new: Mapping[str, ParameterRecord | EffectRecord]
-) -> tuple[Change, ...]:
-    """Every quantity of both, with its chance by a two-sided normal test corrected for their number."""
+    old: Mapping[str, ParameterRecord | EffectRecord], new: Mapping[str, ParameterRecord | EffectRecord],
+    shared: tuple[float, float],
+) -> tuple[Change, ...]:  # fmt: skip
+    """Every quantity of both, with its chance by a two-sided normal test corrected for their number.
+
+    shared: of the rows of either, the share that the other has as well: what they say is in both estimates. Of s shared
+    rows the covariance is the smaller of (s / n) v of the other, which is exact where one table holds the other
+    (Hausman 1978: v of the difference is the difference of the v).
+    """
     pairs = [
-        Change(name, a.unit, (a.value, a.stderr), (b.value, b.stderr), 1.0)
+        Change(name, a.unit, (a.value, a.stderr), (b.value, b.stderr), _of_difference(a.stderr, b.stderr, shared))
         for name, a in old.items()
         if (b := new.get(name)) is not None
         and a.unit == b.unit
         and a.value is not None and b.value is not None and a.stderr and b.stderr
     ]  # fmt: skip
-    ordered = sorted(pairs, key=lambda c: -c.z)
+    ordered = sorted(pairs, key=lambda c: (-c.z, -abs(c.difference) / c.after[1]))
     chances = holm(2 * stats.norm.sf([c.z for c in ordered]))
     return tuple(replace(c, chance=float(p)) for c, p in zip(ordered, chances, strict=True))
+
+
+def _of_difference(before: float, after: float, shared: tuple[float, float]) -> float | None:
+    """σ of the difference of two estimates, None where they are of the same rows."""
+    if min(shared) >= 1.0:
+        return None
+    first, second = before**2, after**2
+    common = min(shared[0] * second, shared[1] * first)
+    return float(np.sqrt(max(first + second - 2.0 * common, abs(first - second))))
 
 
 def verdict(found: Comparison) -> str:
@@ -105,9 +155,19 @@ def verdict(found: Comparison) -> str:
 
     Where not the same parameters were fitted, the others took the missing ones up: their changes are then not counted.
     """
-    compared = (*found.effects, *(() if found.incomparable else found.parameters))
+    tool = [c for c in found.placement if c.name.startswith("tool")]
+    compared = (*found.effects, *(() if found.incomparable else (*found.parameters, *tool)))
     changed = [c.name for c in compared if c.significant]
     parts = [f"{len(changed)} of {len(compared)} quantities changed beyond chance"]
+    if found.of_models:
+        parts = ["The same rows, another model: what differs is of the models, not of the machine"]
+        apart = any(c.difference for c in (*compared, *found.placement))
+        if not (apart or found.incomparable or found.only_before or found.only_after):
+            parts = ["The same rows and the same numbers"]
+    elif found.shared:
+        parts[0] += f"; {found.shared} rows are in both tables, which the σ of the changes allow for"
+    moved = [c.name for c in found.placement if c not in tool and c.significant]
+    parts += [f"the registration moved: {', '.join(moved)}"] if moved else []
     parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
     parts += [f"new: {' and '.join(e.name for e in found.only_after)}"] if found.only_after else []
     parts += [f"gone: {' and '.join(e.name for e in found.only_before)}"] if found.only_before else []
@@ -139,19 +199,21 @@ def text(found: Comparison) -> str:
 
 def cells(c: Change) -> tuple[str, str, str, str]:
     """Before, after and change ± σ in one prefix, and the unit."""
-    factor, unit = wording.prefix(max(abs(c.before[0]), abs(c.after[0]), c.stderr), c.unit)
-    places = min(6, max(0, 1 - int(np.floor(np.log10(factor * c.stderr)))))
+    least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
+    factor, unit = wording.prefix(max(abs(c.before[0]), abs(c.after[0]), least), c.unit)
+    places = min(6, max(0, 1 - int(np.floor(np.log10(factor * least)))))
     old, new, change = (
         wording.minus(f"{factor * v:{sign}.{places}f}")
         for v, sign in ((c.before[0], ""), (c.after[0], ""), (c.difference, "+"))
     )
-    return old, new, f"{change} ± {factor * c.stderr:.{places}f}", unit
+    return old, new, change if c.stderr is None else f"{change} ± {factor * c.stderr:.{places}f}", unit
 
 
 def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
     name, mark = wording.short_name(c.name, 19), "*" if c.significant else ""
-    return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{c.z:>5.1f}{mark}".rstrip()
+    sure = "" if c.stderr is None else f"{c.z:.1f}"
+    return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{sure:>5}{mark}".rstrip()
 
 
 def html(found: Comparison) -> str:

@@ -1,5 +1,6 @@
 """Where a report comes from: the call, the versions, the table."""
 
+import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Mapping
@@ -56,7 +57,18 @@ def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:
         heldout=len(data) - train,
         outliers=tuple(int(r) for r in data.row[final.outliers]),
         ranges=ranges(poses.states, data.joints, names_of(data)),
+        marks=marks(data),
     )
+
+
+def marks(data: Dataset) -> tuple[str, ...]:
+    """Of each row eight digits of a digest of its joint values and readings; none where there are readings of other
+    kinds than columns hold."""
+    if data.observations:
+        return ()
+    readings = [data.position, data.rotation, *(data.distances[name] for name in sorted(data.distances))]
+    values = np.ascontiguousarray(np.column_stack([data.q, *readings]))
+    return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:8] for row in values)
 
 
 def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) -> tuple[Range, ...]:

@@ -65,7 +65,8 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class DataRecord:
-    """The measured table. outliers: rows of the file left out of the fit. ranges: of every joint, as measured."""
+    """The measured table. outliers: rows of the file left out of the fit. ranges: of every joint, as measured. marks:
+    one a row, the same for the same joint values and readings in any table."""
 
     file: str = ""
     sha256: str = ""
@@ -74,6 +75,7 @@ class DataRecord:
     heldout: Count = 0
     outliers: tuple[int, ...] = ()
     ranges: tuple[Range, ...] = ()
+    marks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

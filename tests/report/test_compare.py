@@ -1,14 +1,15 @@
 """Two calibrations of one machine: what changed stands out, what did not does not."""
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from report_runs import discovered
 
 from gpmodel.errors import InputError
-from gpmodel.report.compare import SIGNIFICANCE, compare, html, text, verdict
-from gpmodel.report.schema import MechanismRecord, Report
+from gpmodel.report.compare import SIGNIFICANCE, cells, compare, html, text, verdict
+from gpmodel.report.schema import DataRecord, MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
 
@@ -20,7 +21,15 @@ def remeasured(seed: int, shift: float = 0.0) -> Report:
     ]
     at = next(i for i, p in enumerate(drawn) if p.kept)
     drawn[at] = dataclasses.replace(drawn[at], value=drawn[at].value + shift * drawn[at].stderr)
-    return dataclasses.replace(report, parameters=tuple(drawn))
+    return dataclasses.replace(
+        report, parameters=tuple(drawn), data=of_rows(report, range(seed * 1000, seed * 1000 + 90))
+    )
+
+
+def of_rows(report: Report, rows: Iterable[int]) -> DataRecord:
+    """The data of a report as if of these rows of one long table."""
+    marks = tuple(f"{row:08x}" for row in rows)
+    return dataclasses.replace(report.data, marks=marks, poses=len(marks), sha256=f"{hash(marks)}")
 
 
 def test_a_report_does_not_differ_from_itself() -> None:
@@ -28,7 +37,52 @@ def test_a_report_does_not_differ_from_itself() -> None:
     assert {c.chance for c in (*found.parameters, *found.effects, *found.placement)} == {1.0}
     assert {c.name for c in found.placement} >= {"tool x", "registration rz"}
     assert (found.only_before, found.only_after, found.incomparable) == ((), (), ())
-    assert verdict(found).startswith("0 of ")
+    assert verdict(found) == "The same rows and the same numbers."
+
+
+def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
+    """What the geometry takes up of an effect that one of them lacks may be many deviations."""
+    report = discovered()
+    kept = next(p for p in report.parameters if p.kept and p.stderr)
+    moved = dataclasses.replace(kept, value=kept.value + 50 * kept.stderr)
+    other = dataclasses.replace(report, parameters=tuple(moved if p is kept else p for p in report.parameters))
+    found = compare(report, other)
+    assert verdict(found).startswith("The same rows, another model")
+    assert not any(c.significant or c.stderr for c in (*found.parameters, *found.effects, *found.placement))
+    assert kept.name in {c.name for c in found.parameters}
+    assert "±" not in text(found)
+    assert not any("±" in cell for c in found.parameters for cell in cells(c))
+    assert "The same rows" in html(found)
+
+
+def test_a_table_that_grew_is_compared_by_what_was_added() -> None:
+    """Of n rows and the same n with m more the σ of the difference is that of what the m say."""
+    report = discovered()
+    kept = next(p for p in report.parameters if p.kept and p.stderr)
+    few = dataclasses.replace(report, data=of_rows(report, range(60)))
+    finer = dataclasses.replace(kept, stderr=kept.stderr * np.sqrt(60 / 90))
+    many = dataclasses.replace(
+        report, data=of_rows(report, range(90)), parameters=tuple(finer if p is kept else p for p in report.parameters)
+    )
+    change = next(c for c in compare(few, many).parameters if c.name == kept.name)
+    assert change.stderr == pytest.approx(kept.stderr * np.sqrt(1 - 60 / 90))
+    assert "60 rows are in both tables" in verdict(compare(few, many))
+    apart = dataclasses.replace(few, data=of_rows(report, range(200, 260)))
+    change = next(c for c in compare(apart, many).parameters if c.name == kept.name)
+    assert change.stderr == pytest.approx(np.hypot(kept.stderr, finer.stderr))
+
+
+def test_a_rotation_vector_past_half_a_turn_is_the_same_orientation() -> None:
+    names = [f"registration r{a}" for a in "xyz"]
+    first, second = np.array([3.13, 0.1, 0.0]), np.array([-3.14, -0.1, 0.0])
+    second *= (2 * np.pi - np.linalg.norm(first) - 1e-5) / np.linalg.norm(second)
+
+    def placed(vector: np.ndarray, rows: range) -> Report:
+        numbers = [ParameterRecord(n, float(v), 1e-4, "rad") for n, v in zip(names, vector, strict=True)]
+        return dataclasses.replace(discovered(), placement=tuple(numbers), data=of_rows(discovered(), rows))
+
+    found = compare(placed(first, range(50)), placed(second, range(100, 150)))
+    assert max(abs(c.difference) for c in found.placement) < 5e-4
 
 
 def test_noise_alone_is_seldom_called_a_change_and_a_shift_is_found() -> None:
@@ -56,7 +110,8 @@ def test_parameters_that_only_one_could_fit_are_not_compared() -> None:
     report = discovered()
     kept = next(p for p in report.parameters if p.kept)
     without = [dataclasses.replace(p, kept=False, stderr=None) if p is kept else p for p in report.parameters]
-    found = compare(report, dataclasses.replace(report, parameters=tuple(without)))
+    other = dataclasses.replace(report, parameters=tuple(without), data=of_rows(report, range(90)))
+    found = compare(report, other)
     assert found.incomparable == (kept.name,)
     assert kept.name not in {c.name for c in found.parameters}
     assert "fitted in one only" in text(found)
