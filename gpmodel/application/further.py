@@ -39,7 +39,7 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Further:
+class ErrorBounds:
     """Distance between measured and predicted point at POSES further poses within the measured ranges of the joints:
     root mean square, 95th percentile and maximum."""
 
@@ -48,7 +48,7 @@ class Further:
     largest: Bound
 
 
-def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> Further | None:
+def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds | None:
     """Of a model fitted to `poses`; None where joint values are approximate, positions are not whole, what the model
     remembers is not known there, or hardly more was measured than fitted."""
     data = poses.dataset
@@ -105,14 +105,14 @@ def standardised(fit: Calibration, poses: Poses, use: IntArray) -> Array:
     return np.asarray(problem.residual[own] / np.sqrt(left)[:, None])
 
 
-def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random.Generator) -> Further:
+def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random.Generator) -> ErrorBounds:
     """columns: (N, 3, K) of the predicted points."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = root @ rng.normal(size=(len(root), WORLDS))
     off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng)
     distance = np.linalg.norm(off, axis=2)
-    return Further(
+    return ErrorBounds(
         _bound(np.sqrt(np.mean(distance**2, axis=1))), _bound(np.percentile(distance, 95, axis=1)),
         _bound(distance.max(axis=1)),
     )  # fmt: skip
