@@ -27,8 +27,11 @@ Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE)
 """Statuses of rows that have corrected values."""
 MAX_MOVE = float(np.radians(2.0))
+"""Radians or metres that a joint may be moved by to compensate: an error of the model is far smaller."""
 LIMIT_TOLERANCE = 1e-9
+"""Radians or metres by which a joint may pass its limit: rounding."""
 DAMPED_ITERATIONS = 12
+"""Levenberg steps of each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Metres a radian of joint move counts against a radian of orientation (times LENGTH): each holds the move about three
 times shorter than the one before."""

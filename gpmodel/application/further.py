@@ -22,8 +22,9 @@ from gpmodel.table.bundles import sharing
 
 POSES = 1000
 WORLDS = 400
-"""Of which the 95 % quantile is itself known to about a percent."""
+"""Poses of a world; worlds, of which the 95 % quantile is itself known to about a percent."""
 CONFIDENCE = 0.95
+"""The usual level of a tolerance bound."""
 LARGEST_LEVERAGE = 0.95
 """A pose that settles so much of the fit by itself has a residual of rounding."""
 FEWEST = 10

@@ -19,9 +19,13 @@ SCHEMAS = (2, SCHEMA)
 LARGEST_FILE = 64 << 20
 """Bytes: a hundred times a model of all families, with the description of a humanoid in it."""
 MOST_EFFECTS = 2000
+"""Ten times as many as the largest model of an arm with all families."""
 MOST_TERMS = 64
+"""Places that one effect acts at; those of all masses act at every joint of a chain."""
 MOST_COLUMNS = 500
+"""Columns of a table, as spreadsheets of a session have them, and labels of one kind."""
 MOST_ROWS = 1_000_000
+"""Poses of a table, a hundred times those of the largest measured."""
 LARGEST_NUMBER = 1e13
 """In SI: no length, stiffness or coordinate of a machine is larger, nor a moment in milliseconds since 1970."""
 CORRELATION_TOLERANCE = 1e-6

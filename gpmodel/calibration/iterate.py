@@ -19,7 +19,9 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 
 MAX_ITERATIONS = 30
+"""Steps of a calibration at most; six to ten are usual."""
 MAX_HALVINGS = 10
+"""How often a step is halved at most: to a thousandth, where rounding decides whether the cost falls."""
 REGAINED = 2
 """Halvings of the step before that the next one tries without: where a step is cut it is long before one is whole."""
 SUFFICIENT = 0.5

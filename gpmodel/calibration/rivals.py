@@ -35,7 +35,7 @@ VISIBLE = 0.05
 
 POOL = 400
 SHOWN = 4
-"""Random poses within the limits, and how many of them are named as those that tell most."""
+"""Random poses within the limits; how many of them are named as those that tell most."""
 
 
 MOST = 6

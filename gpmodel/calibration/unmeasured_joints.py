@@ -28,8 +28,9 @@ ROUNDING = 1e-7
 """Share of the largest singular value below which a combination is rounding: the root of the precision of a
 double."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
-ROTATION_WEIGHT = 0.3
 """Radians and metres that approximate joint values are off by, where nobody says: what is read off a scale by eye."""
+ROTATION_WEIGHT = 0.3
+"""Metres that a radian of orientation counts as where joints are solved: about the lever from a wrist to its tool."""
 MAX_ITERATIONS = 20
 """Steps at most for a pose's joints; three are usual."""
 STEP_TOLERANCE = 1e-9

@@ -24,6 +24,7 @@ from gpmodel.table.split import folds
 FOLDS = 3
 """Two thirds of the poses evolve each time: with fewer a law that is there would not be found."""
 RUNS = 2
+"""GP runs without each third: a second one finds what the first has missed."""
 AFTER = 1000
 """Number of the first of these runs: beyond those of any exploration, so that each is kept as its own."""
 

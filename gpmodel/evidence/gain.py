@@ -15,8 +15,8 @@ DECADES = 10.0
 GRID = 24
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 REFINEMENTS = 12
-"""The variance is sought over so many powers of ten below the largest, at so many places, and refined between the
-best two by so many golden sections: to a hundredth of a nat."""
+"""The variance is sought over so many powers of ten below the largest; at so many places; the ratio of a golden
+section; so many of them between the best two places, to a hundredth of a nat."""
 
 
 def gain(variance: Array, s: Array, q: Array) -> Array:

@@ -19,7 +19,7 @@ Kinds = NDArray[np.uint8]
 
 MOST_STEPS = 8
 CHECKED = 8
-"""Edits one after the other at most, and trials of each that are scored exactly."""
+"""Edits one after the other at most; trials of each that are scored exactly."""
 
 
 class Hill(Protocol):

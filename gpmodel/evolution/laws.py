@@ -18,11 +18,12 @@ from gpmodel.formula.program import Program
 
 MOST_INPUTS = 2
 MOST_NODES = 7
-"""What one law may read and be made of: the longest of the field's own, exp(-k (q - a)²), has as many nodes."""
+"""Inputs that one law may read; nodes that it may be made of: the longest of the field's own, exp(-k (q - a)²), has as
+many."""
 
 TERM = Linear(length=24, registers=2, outputs=1, own_constants=3)
 QUICK = Budget(population=256, generations=20, seconds=1e9, polish_every=5, restart_after=0, climb=3, threads=1)
-"""A representation for one term, and the small effort that finds one."""
+"""A representation for one term; the small effort that finds one."""
 
 FORMS = (
     "sin({n}*({q} - {a}))", "square({q} - {a})", "exp(-{k}*square({q} - {a}))", "tanh({k}*({q} - {a}))",

@@ -11,7 +11,7 @@ FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
 """Degrees of freedom that are weighed against each other, all alike beforehand; the last is the normal distribution."""
 STEPS = 200
 SETTLED = 1e-8
-"""Relative change of a scale that ends its iteration, and how many there are at most."""
+"""Iterations of a scale at most; its relative change that ends them."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,9 @@ from gpmodel.report.figures import STYLE
 from gpmodel.report.picture import INK, MUTED, RULE
 
 WIDTH, HEIGHT = 8.27, 11.69
+"""Inches: A4."""
 LEFT, RIGHT, TOP, BOTTOM = 0.08, 0.92, 0.945, 0.06
+"""Margins of the text as shares of the side."""
 STEP = 0.0145
 """Height of a line of 8 points as a share of the side."""
 PER_COLUMN = 2

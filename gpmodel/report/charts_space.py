@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
+"""Names of the projections, and the coordinates that each shows."""
 SHARE_OF_SPAN = 0.13
+"""Length of a typical arrow as a share of the workspace: neighbours do not overlap."""
 ARROWS = 250
 """At most this many poses are drawn, evenly chosen along the rows."""
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
 DOTS_PER_INCH = 192
+"""Twice a screen's: text stays sharp where a page is enlarged."""
 STYLE: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -49,6 +50,7 @@ STYLE: dict[RcKeyType, str | float | bool] = {
     "figure.facecolor": PAPER,
     "svg.fonttype": "none",
 }
+"""How figures look: sizes in points."""
 COLOURS = {
     INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",

@@ -10,7 +10,9 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.numerics.se3 import chain, hat, right_jacobian
 
 PAYLOAD = 10.0
+"""Kilograms at the tool point, whose weight shows in the loads."""
 DOWN = (0.0, 0.0, -1.0)
+"""Direction of gravity in the root frame where nobody says."""
 ERROR, STEP = 1e-3, 1e-5
 """m and rad: errors larger than a machine's, and a step at which the third order of a difference is 1e-10."""
 
