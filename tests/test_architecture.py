@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import gpmodel
+from gpmodel.cli.main import COMMANDS
 from gpmodel.extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
@@ -160,3 +162,25 @@ def test_no_file_imports_itself_by_way_of_others() -> None:
         for a in ready:
             del waiting[a]
     assert waiting == {}
+
+
+def reachable(graph: dict[str, set[str]], start: set[str]) -> set[str]:
+    """Modules that some import, directly or by others; the packages they are in, too."""
+    found: set[str] = set()
+    waiting = set(start)
+    while waiting:
+        name = waiting.pop()
+        found.add(name)
+        around = {".".join([*name.split(".")[:k], "__init__"]) for k in range(1, name.count(".") + 1)}
+        waiting |= ((graph.get(name, set()) | around) & set(graph)) - found
+    return found
+
+
+def test_a_public_name_or_a_command_reaches_every_module() -> None:
+    graph = edges(all_modules())
+    commands = {f"gpmodel.cli.{home.split(':')[0]}" for home, _ in COMMANDS.values()} | {"gpmodel.cli.main"}
+    plugins = {"robots.__init__", "joints.__init__", "joints.cli", "gpmodel.testing.__init__", "gpmodel.__main__"}
+    data = {"robots.data.__init__"}
+    public = {f"gpmodel.{home}" for home in gpmodel._HOME.values()}
+    assert public | plugins | commands <= set(graph)
+    assert set(graph) - reachable(graph, commands | plugins | public) == data
