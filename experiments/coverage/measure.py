@@ -162,7 +162,7 @@ def predicted(here: Bench, fitted: Calibration) -> Row:
 
 def _points(here: Bench, fitted: Calibration) -> tuple[np.ndarray, np.ndarray]:
     """Predicted points (N, 3) of the fresh poses and standard deviation (N, 3) of each coordinate, m."""
-    saved = usable(saved_model(fitted, here.poses), session=here.robot.by_row)
+    saved = usable(saved_model(fitted, here.poses), session=here.robot.by_row, as_measured=True)
     points, deviations = [], []
     for poses in here.fresh:
         ready = replace(poses, dataset=matched(saved, poses.dataset))

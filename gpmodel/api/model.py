@@ -40,17 +40,20 @@ class Model:
         """The mechanism that the model corrects."""
         return self.saved.mechanism
 
-    def predict(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> pd.DataFrame:
-        """`poses` with what the instrument would read: x, y, z [mm] in its frame, rx, ry, rz [deg] where rotations
+    def predict(
+        self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
+    ) -> pd.DataFrame:
+        """`poses` with where the tool is now: x, y, z [mm] in the instrument's frame, rx, ry, rz [deg] where rotations
         were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
         inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
         `predicted_x`.
 
-        poses: joint values and the further columns the model reads, as in a measured table. session: whether they
-        belong to the session the model was fitted to; otherwise effects that read its rows or time (`averaged`) keep
-        their mean over it. in_order: the rows are in the order in which the poses are taken, which play and hysteresis
-        ask for. Outside its ranges a law that nobody named keeps its value at the edge.
-        Raises InputError where a column, a set-up or a tool does not fit the model.
+        poses: joint values and the further columns the model reads, as in a measured table. Now is the end of the
+        session the model was fitted to, where effects that read its rows or time (`of_its_session`) have left it; the
+        errors of the instrument that were found are left out. as_measured: with these, what the instrument would read.
+        session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which
+        the poses are taken, which play and hysteresis ask for. Outside its ranges a law that nobody named keeps its
+        value at the edge. Raises InputError where a column, a set-up or a tool does not fit the model.
         """
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
@@ -59,7 +62,8 @@ class Model:
             else dataset_from(text, path, self.mechanism, need_measurement=False)
         )
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
-        return beside(frame, predicted_columns(usable(self.saved, session=session), dataset))
+        used = usable(self.saved, session=session, as_measured=as_measured)
+        return beside(frame, predicted_columns(used, dataset))
 
     def compensate(
         self,
@@ -118,15 +122,18 @@ class Model:
             raise InputError(made.refused[GRID], "box")
         return ExportsResult(self.mechanism.name, made)
 
-    def misses(self, poses: TableLike, *, session: bool = False, in_order: bool = False) -> Array:
+    def misses(
+        self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
+    ) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
         dataset = dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
-        return misses(dataset, predicted_columns(usable(self.saved, session=session), dataset))
+        used = usable(self.saved, session=session, as_measured=as_measured)
+        return misses(dataset, predicted_columns(used, dataset))
 
     @property
-    def averaged(self) -> tuple[str, ...]:
-        """Effects that read the rows or the time of the session they were fitted to: of another they keep the mean."""
+    def of_its_session(self) -> tuple[str, ...]:
+        """Effects that read the rows or the time of the session they were fitted to: its end is now."""
         return tuple(effect.name for effect in of_the_session(self.saved))
 
     @property

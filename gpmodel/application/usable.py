@@ -20,8 +20,6 @@ from gpmodel.table.units import is_time
 MARGIN = 0.01
 """Share of a range's width by which an input may lie outside it unsaid: the extremes of a sample of poses are about
 one part in its number short of the limits the poses were drawn from."""
-MOMENTS = 100
-"""Moments of a session that an average over it is taken at."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +53,14 @@ class _Within:
 
 
 @dataclass(frozen=True)
-class Averaged:
-    """A basis in the middle of a session that is over: its mean over moments spread evenly along the clocks' ranges.
+class Ended:
+    """A basis at the end of a session: the machine is as it was left, whatever moved or slipped on the way.
 
-    Without it the registration would be that of the moment where the basis happens to be zero.
+    clocks: the row and the times of its last moment.
     """
 
     basis: Basis
-    clocks: Mapping[str, tuple[float, float]]
+    clocks: Mapping[str, float]
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -70,13 +68,11 @@ class Averaged:
 
     @property
     def constant(self) -> float | None:
-        """The mean where nothing but the clocks is read."""
+        """Its value where nothing but the clocks is read."""
         return None if self.inputs else float(self({"": np.zeros(1)})[0])
 
     def __call__(self, states: Columns) -> Array:
-        shares = (np.arange(MOMENTS) + 0.5) / MOMENTS
-        moments = ({c: low + share * (high - low) for c, (low, high) in self.clocks.items()} for share in shares)
-        return np.mean([self.basis(_At(states, moment)) for moment in moments], axis=0)
+        return self.basis(_At(states, self.clocks))
 
     def __str__(self) -> str:
         return str(self.basis)
@@ -105,19 +101,23 @@ def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
-def usable(saved: SavedModel, *, session: bool = False) -> SavedModel:
-    """The model for other poses: what reads the session keeps its average over it unless `session`, and a law that
-    nobody named is clamped, so that beyond the ranges of its inputs it keeps its value at the edge."""
+def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
+    """The model for other poses: the tool as it is now, at the end of the session and without the errors of the
+    instrument. A law that nobody named is clamped: beyond the ranges of its inputs it keeps its value at the edge.
+
+    as_measured: with the errors of the instrument. session: with these, and for the rows of the session itself.
+    """
     found = saved if session else _after_the_session(saved)
+    found = found if session or as_measured else of_the_mechanism(found)
     effects = tuple(_clamped(effect, saved.ranges) for effect in found.model.effects)
     return replace(found, model=ErrorModel(saved.mechanism, effects))
 
 
 def _after_the_session(saved: SavedModel) -> SavedModel:
-    clocks = {name: saved.ranges[name] for name in clocks_of(saved) if name in saved.ranges}
+    clocks = {name: saved.ranges[name][1] for name in clocks_of(saved) if name in saved.ranges}
     own = of_the_session(saved)
     effects = tuple(
-        replace(effect, terms=tuple(replace(t, basis=Averaged(t.basis, clocks)) for t in effect.terms))
+        replace(effect, terms=tuple(replace(t, basis=Ended(t.basis, clocks)) for t in effect.terms))
         if effect in own
         else effect
         for effect in saved.model.effects

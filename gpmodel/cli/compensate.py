@@ -32,8 +32,8 @@ def compensate(
     fitted = load_model(model)
     corrected = fitted.compensate(targets, max_move=max_move, session=session, in_order=in_order, seed=seed)
     path = write_frame(corrected, out, "compensated.csv")
-    if not quiet and fitted.averaged:
-        click.echo(session_note(fitted.averaged, session), err=True)
+    if not quiet and fitted.of_its_session:
+        click.echo(session_note(fitted.of_its_session, session), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()

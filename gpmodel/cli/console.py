@@ -48,7 +48,7 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
     """What becomes of effects that belong to the session a model was fitted to."""
     if session:
         return f"row k is taken for row k of the session the model was fitted to: {', '.join(names)}"
-    return f"averaged over the session the model was fitted to: {', '.join(names)}; --session takes row k for its row k"
+    return f"as at the end of the session the model was fitted to: {', '.join(names)}; --session takes row k for row k"
 
 
 def what_next(folder: Path, record: Report) -> str:

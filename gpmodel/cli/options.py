@@ -77,7 +77,7 @@ in_order_option = click.option(
     help="The rows are in the order in which the poses are taken: one may depend on those before.",
 )
 session_option = click.option(
-    "--session", is_flag=True, help="The rows are of the session that was fitted: keep what reads rows and time."
+    "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
 )
 table_argument = click.argument("table", type=click.Path(path_type=Path))
 

@@ -30,7 +30,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     """
     if poses.dataset.joints_approximate:
         return (ErrorsMm(),) * len(groups)
-    saved, rng = usable(saved_model(final, poses)), np.random.default_rng(0)
+    saved, rng = usable(saved_model(final, poses), as_measured=True), np.random.default_rng(0)
     try:
         data = remembered(saved, poses.dataset)
     except InputError:

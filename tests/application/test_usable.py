@@ -68,7 +68,7 @@ def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
                   input_units={"clock": "s"})  # fmt: skip
     arm = gp.load_mechanism("irb6400r")
     fitted = gp.calibrate(arm, frame, ["J1.moving:Rz:clock"]).model
-    assert fitted.averaged == ("J1.moving:Rz:clock",)
+    assert fitted.of_its_session == ("J1.moving:Rz:clock",)
     bare = frame.drop(columns="clock [s]")
     assert len(fitted.predict(bare)) == 60
     with pytest.raises(gp.InputError, match="column 'clock \\[s\\]' is missing"):
@@ -76,8 +76,8 @@ def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
     assert fitted.misses(frame, session=True).mean() < fitted.misses(frame).mean()
 
 
-def test_of_another_session_the_mean_is_kept_however_the_law_is_written() -> None:
-    """A drift written from the first row or from the last leaves the same registration behind, that of the middle."""
+def test_of_another_session_the_end_is_kept_however_the_law_is_written() -> None:
+    """A drift written from the first row or from the last leaves the same registration behind, that of the last."""
     frame = table(60, effects=("J1.moving:Rz:row=3e-5",))
     arm = gp.load_mechanism("irb6400r")
     first, last = (gp.calibrate(arm, frame, [f"base:Tx:{law}"]).model for law in ("row", "row - 60"))
@@ -93,6 +93,20 @@ def test_errors_of_the_instrument_are_predicted_where_nothing_was_measured() -> 
     data = replace(truth.dataset, position=truth.dataset.position + off)
     effects = ("instrument:Tz:instrument_azimuth", "instrument:Tx:instrument_range")
     found = gp.calibrate(mechanism, data, effects, holdout=0.0).model
-    predicted = found.predict(replace(data, position=np.full_like(data.position, np.nan)))
+    bare = replace(data, position=np.full_like(data.position, np.nan))
+    predicted, tool = found.predict(bare, as_measured=True), found.predict(bare)
     np.testing.assert_allclose(predicted[LENGTHS].to_numpy() / 1e3, data.position, atol=2e-5)
     assert not predicted["outside"].any()
+    np.testing.assert_allclose(tool[LENGTHS].to_numpy() / 1e3, data.position - off, atol=2e-5)
+
+
+def test_of_a_tool_that_slipped_the_prediction_is_where_it_is_now() -> None:
+    """Row 1 alone and row 90 alone are both predicted with the tool as it was left: a millimetre on, not half of it."""
+    arm = gp.load_mechanism("irb6400r")
+    effect = "tool slipped after row 45, Tx"
+    made = gp.simulate(arm, [f"{effect}=1 mm"], poses=90, noise="0.02 mm", seed=3)
+    found = gp.calibrate(arm, made.table, [effect], holdout=0.0).model
+    first, last = (found.misses(made.table.subset([row])) for row in (0, 89))
+    assert last[0] < 0.1
+    assert first[0] == pytest.approx(1.0, abs=0.1)
+    assert found.misses(made.table, session=True).max() < 0.15

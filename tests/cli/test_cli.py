@@ -170,13 +170,13 @@ def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("brief")
-def test_predict_averages_what_belongs_to_another_session_and_says_so(tmp_path: Path) -> None:
+def test_predict_takes_the_end_of_the_session_and_says_so(tmp_path: Path) -> None:
     path = write(table(60, effects=("J1.moving:Rz:row=3e-5",)), tmp_path / "t.csv")
     for effect, said in (("J1.moving:Rz:row", 1), ("gear_ratio J3", 0)):
         out = tmp_path / str(said)
         assert run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out).exit_code == 0
         other, same = (run("predict", out / "model.json", path, *more) for more in ((), ("--session",)))
-        assert other.stderr.count("averaged over the session") == said
+        assert other.stderr.count("as at the end of the session") == said
         assert same.stderr.count("row k is taken for row k") == said
         assert (other.stdout != same.stdout) == bool(said)
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""

@@ -9,7 +9,7 @@ from gpmodel.application.exports.chain import Chain, chain_of
 from gpmodel.application.exports.loads import Body, Loads
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import Averaged, Clamped, of_the_mechanism, usable
+from gpmodel.application.usable import Clamped, Ended, usable
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import AXES, Massive
@@ -49,11 +49,11 @@ class Forward:
 
 
 def forward_of(saved: SavedModel, place: Place) -> Forward:
-    """The forward model of what `predict` uses, without the errors of the instrument and of the session.
+    """The forward model of what `predict` uses, without what it cannot write of the end of the session.
 
     Raises InputError for a mechanism that is no serial chain, or a load that its masses do not give.
     """
-    kept = of_the_mechanism(usable(saved))
+    kept = usable(saved)
     chain = chain_of(saved.mechanism)
     lines = tuple(
         Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), basis)
@@ -79,11 +79,11 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
 
 
 def _written(basis: Basis) -> Basis | None:
-    """A basis that text can say: an average over the session is a number, or none where it reads the pose as well."""
-    mean = basis.basis if isinstance(basis, Clamped) else basis
-    if not isinstance(mean, Averaged):
+    """A basis that text can say: one at the end of the session is a number, or none where it reads the pose as well."""
+    last = basis.basis if isinstance(basis, Clamped) else basis
+    if not isinstance(last, Ended):
         return basis
-    return None if mean.constant is None else Expression(repr(mean.constant))
+    return None if last.constant is None else Expression(repr(last.constant))
 
 
 def _measured_torques(saved: SavedModel) -> set[str]:
