@@ -17,6 +17,7 @@ from gpmodel._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from gpmodel.api.calibrate import calibrate
+    from gpmodel.api.certificate import certificate
     from gpmodel.api.check import check
     from gpmodel.api.discover import discover
     from gpmodel.api.evolve import evolve
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from gpmodel.api.regress import regress
     from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
+    from gpmodel.api.verify import verify
     from gpmodel.discovery.search import Search
     from gpmodel.errors import InputError
     from gpmodel.evidence.criteria import Criteria
@@ -59,6 +61,7 @@ _HOME = {
     "Tree": "evolution.tree",
     "calibrate": "api.calibrate",
     "catalogue": "families.catalogue",
+    "certificate": "api.certificate",
     "check": "api.check",
     "choose_poses": "api.poses",
     "discover": "api.discover",
@@ -70,6 +73,7 @@ _HOME = {
     "read_table": "api.table",
     "regress": "api.regress",
     "simulate": "api.simulate",
+    "verify": "api.verify",
 }
 
 __all__ = [
@@ -90,6 +94,7 @@ __all__ = [
     "Tree",
     "calibrate",
     "catalogue",
+    "certificate",
     "check",
     "choose_poses",
     "discover",
@@ -101,6 +106,7 @@ __all__ = [
     "read_table",
     "regress",
     "simulate",
+    "verify",
 ]
 
 if not TYPE_CHECKING:

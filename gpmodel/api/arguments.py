@@ -116,10 +116,13 @@ def file_path(value: object, argument: str) -> Path:
 
 
 def quantity(value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False) -> float:
-    """Text with a unit, "0.03 mm", or a number in m or kg; in SI.
+    """Text with a unit, "0.03 mm", in SI; a mass may be a number in kg. A length of so many metres is nearly always
+    meant in mm, so that a bare number is none, but for zero.
 
     Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero where `positive`.
     """
+    if dimension == "length" and isinstance(value, numbers.Real) and not isinstance(value, bool) and value != 0:
+        raise InputError(f"{shown(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
     number = parse_quantity(value, dimension, argument) if isinstance(value, str) else value
     if not isinstance(number, numbers.Real) or not math.isfinite(number):
         raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)

@@ -119,7 +119,7 @@ def discover(
     choose nothing. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
-    cross-validated. noise: standard deviation of one coordinate, "0.03 mm" or m, where there are no repeats.
+    cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats.
     progress: called with one Progress at a time, which prints as a line: `print` will do. journal: keeps
     what is finished, to go on from it to the same numbers. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.

@@ -12,6 +12,7 @@ from gpmodel.api.arguments import box_limits, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
+from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.application.compensate import compensated, targets_in
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
@@ -21,6 +22,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.report.verification import VerifyRequest
 from gpmodel.table.read import dataset_from
 from gpmodel.texts import SEAL
 from gpmodel.wording import measured
@@ -121,6 +123,11 @@ class Model:
         if box is not None and GRID in made.refused:
             raise InputError(made.refused[GRID], "box")
         return ExportsResult(self.mechanism.name, made)
+
+    def verify(self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False) -> VerifyResult:
+        """Whether the model still holds, by a table measured afterwards; see `gpmodel.verify`."""
+        asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
+        return verify_saved(self.saved, table, asked, tolerance, in_order)
 
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False

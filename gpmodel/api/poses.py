@@ -102,7 +102,7 @@ def choose_poses(
     workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
-    above: lowest height of the tool point in the root frame, "200 mm" or m. box: "800:1200,-200:200,300:700mm".
+    above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm".
     instrument: its place in the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its
     `normal` in the measured frame, and the arm does not stand between. tool_point: in the measured frame; after a
     result its own. collisions: whether poses in which the arm meets itself are left out, where its URDF has geometry.

@@ -74,7 +74,7 @@ def simulate(
     """Poses measured on a mechanism with known errors, by an instrument at a random place with a random tool point.
 
     effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value". poses: how many random ones within the
-    limits, or a table of joint values. noise: standard deviation of each of x, y, z, text with a unit or m.
+    limits, or a table of joint values. noise: standard deviation of each of x, y, z, text with a unit.
     geometry_sigma: of every constant error, m, and rad at 1 m. inputs: further columns by header with its unit,
     "temperature [degC]": "20:30" (uniform), "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
     or the mechanism's payload, hangs at the tool point. Raises InputError for what cannot be read.

@@ -1,17 +1,14 @@
 """`gpmodel certificate`: how accurate the machine is, on paper."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import click
 
+from gpmodel.api.certificate import certificate as certify
 from gpmodel.cli.options import quiet_option
-from gpmodel.files import write_text
-from gpmodel.report.certificate import certificate as certify
-from gpmodel.report.certificate import html
-from gpmodel.report.particulars import Particulars, read_particulars
-from gpmodel.report.saved import read_report
+from gpmodel.report.particulars import Particulars
 
 
 def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -29,14 +26,11 @@ def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
 @particulars_options
 @quiet_option
 def certificate(result: Path, particulars: Path | None, folder: Path | None, quiet: bool, **given: str) -> None:
-    """Write certificate.html and certificate.pdf of the calibration or discovery in DIR."""
-    from gpmodel.report.certificate_pdf import write_pdf
+    """Write certificate.html and certificate.pdf of the calibration, discovery or verification in DIR.
 
-    record = read_report(result)
-    said = read_particulars(particulars) if particulars else Particulars()
-    said = replace(said, **{name: value for name, value in given.items() if value})
+    Where DIR holds a verification (verify.json), that is certified: it was measured afterwards and not predicted.
+    """
     target = folder or result
-    write_text(target / "certificate.html", html(record, said))
-    write_pdf(certify(record, said), target / "certificate.pdf")
+    certify(result, particulars, **given).report(target)
     if not quiet:
         click.echo(f"certificate.html and certificate.pdf are in {target}")

@@ -28,6 +28,7 @@ COMMANDS = {
     "fleet": ("fleet", "Many machines of one type: what they share, how they spread, who stands out."),
     "evolve": ("evolve", "Evolve compensators and the histogram of the inputs they refer to."),
     "predict": ("predict", "Add predicted x, y, z to a table of joint values."),
+    "verify": ("verify", "Does the model still hold, by poses measured afterwards? What changed?"),
     "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),
     "export": ("export", "The model as URDF, DH rows, NumPy, C99, LaTeX and a lookup grid, with their errors."),
     "simulate": ("simulate", "A measured table with known truth."),

@@ -11,7 +11,7 @@ from gpmodel.report.accuracy import Accuracy, before_and_after
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.picture import numbers
-from gpmodel.report.schema import STANDARD, ParameterRecord, Report
+from gpmodel.report.schema import STANDARD, ParameterRecord, Repeatability, Report
 from gpmodel.report.schema_search import EffectRecord
 
 Line = tuple[str, str]
@@ -45,6 +45,7 @@ class Certificate:
     parameters: tuple[Parameter, ...]
     placement: tuple[Parameter, ...]
     record: tuple[Line, ...]
+    small_print: str = SMALL_PRINT
 
 
 def certificate(report: Report, particulars: Particulars) -> Certificate:
@@ -57,7 +58,7 @@ def certificate(report: Report, particulars: Particulars) -> Certificate:
         particulars=particulars.lines(),
         scope=_scope(report),
         poses=f"{count} poses {kind}" if report.held else f"{count} poses, {kind}",
-        statistics=() if found is None else (*_statistics(*found), *_further(report)),
+        statistics=() if found is None else (*statistics(*found), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
         parameters=_printed(report.geometry()),
@@ -68,7 +69,7 @@ def certificate(report: Report, particulars: Particulars) -> Certificate:
 
 def html(report: Report, particulars: Particulars) -> str:
     """The certificate as a page that prints to one or two sides of A4."""
-    return render("certificate.html.j2", c=certificate(report, particulars), report=report, small_print=SMALL_PRINT)
+    return render("certificate.html.j2", c=certificate(report, particulars), report=report)
 
 
 def _scope(report: Report) -> tuple[Line, ...]:
@@ -86,7 +87,8 @@ def _scope(report: Report) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _statistics(before: Accuracy, after: Accuracy) -> tuple[tuple[str, str, str], ...]:
+def statistics(before: Accuracy, after: Accuracy) -> tuple[tuple[str, str, str], ...]:
+    """Rows of the table of accuracy: name, before, after."""
     return tuple(
         (title, wording.millimetres(getattr(before, name)), wording.millimetres(getattr(after, name)))
         for title, name in STATISTICS
@@ -112,11 +114,7 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
     floor = ("noise floor", words.noise_floor(report))
     if found is None:
         return (("repeatability", "not measured: no pose was measured three times"), floor)
-    lines = [
-        ("pose repeatability RP = l + 3 s, mean", _with_uncertainty(found.rp_mean_mm, found.relative)),
-        ("pose repeatability RP, worst pose", _with_uncertainty(found.rp_max_mm, None)),
-        ("from", f"{found.measurements} measurements of {found.poses} poses"),
-    ]
+    lines = list(repeated(found))
     if accurate is None:
         lines.append(("pose accuracy AP", "not stated: fewer than three poses were measured three times"))
     else:
@@ -129,6 +127,15 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
             lines.append((f"pose accuracy AP {when}, mean", f"{said}, {accurate.poses} poses {kind}"))
         lines.append(("pose accuracy AP after, worst pose", _with_uncertainty(accurate.after_max_mm, None)))
     return (*lines, floor)
+
+
+def repeated(found: Repeatability) -> tuple[Line, ...]:
+    """Lines of the pose repeatability."""
+    return (
+        ("pose repeatability RP = l + 3 s, mean", _with_uncertainty(found.rp_mean_mm, found.relative)),
+        ("pose repeatability RP, worst pose", _with_uncertainty(found.rp_max_mm, None)),
+        ("from", f"{found.measurements} measurements of {found.poses} poses"),
+    )
 
 
 def _with_uncertainty(mm: float, relative: float | None) -> str:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gpmodel import wording
-from gpmodel.report.certificate import SMALL_PRINT, Certificate, Parameter
+from gpmodel.report.certificate import Certificate, Parameter
 from gpmodel.report.figures import STYLE
 from gpmodel.report.picture import INK, MUTED, RULE
 
@@ -97,7 +97,7 @@ def _rows(found: Certificate) -> Iterator[Row]:
     yield from _parameters("Parameters ± σ", found.parameters)
     yield from _block("Record", found.record)
     yield 1.0, [], False
-    for line in wrap(SMALL_PRINT, 132):
+    for line in wrap(found.small_print, 132):
         yield 0.95, [(LEFT, line, TextStyle(6.5, MUTED))], False
     yield 4.0, [(LEFT, "Date, signature: ____________________________", PLAIN)], False
 

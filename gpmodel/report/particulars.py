@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +31,14 @@ class Particulars:
         """What is given, as heading and text."""
         fields = (f.name for f in dataclasses.fields(self))
         return tuple((name.replace("_", " "), getattr(self, name)) for name in fields if getattr(self, name))
+
+    def with_lines(self, said: Mapping[str, str]) -> "Particulars":
+        """With these lines instead, empty ones passed over. Raises InputError for a line that is none."""
+        known = [f.name for f in dataclasses.fields(self)]
+        for name in said:
+            if name not in known:
+                raise InputError(f"'{name}' is no line of a certificate; available: {', '.join(known)}", "particulars")
+        return dataclasses.replace(self, **{name: value for name, value in said.items() if value})
 
 
 def read_particulars(path: Path) -> Particulars:

@@ -1,0 +1,68 @@
+"""The certificate of a result: what machine, measured how, how accurate, on one or two sides of A4."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gpmodel.api.arguments import file_path, shown
+from gpmodel.api.verification import VerifyResult
+from gpmodel.errors import InputError
+from gpmodel.files import finished_folder, write_text
+from gpmodel.report.particulars import Particulars, read_particulars
+from gpmodel.report.saved import read_report
+from gpmodel.report.schema import Report
+from gpmodel.report.verification import Verification, read_verification
+
+
+@dataclass(frozen=True, repr=False)
+class CertificateResult:
+    """The certificate of a calibration, a discovery or a verification. said: what stands beside the numbers."""
+
+    record: Report | Verification
+    said: Particulars
+
+    def report(self, folder: str | Path) -> None:
+        """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
+        from gpmodel.report import certificate as of_report
+        from gpmodel.report import verification_certificate as of_verification
+        from gpmodel.report.certificate_pdf import write_pdf
+
+        record, said = self.record, self.said
+        if isinstance(record, Verification):
+            page, sheet = of_verification.html(record, said), of_verification.certificate(record, said)
+        else:
+            page, sheet = of_report.html(record, said), of_report.certificate(record, said)
+        with finished_folder(file_path(folder, "folder")) as draft:
+            write_text(draft / "certificate.html", page)
+            write_pdf(sheet, draft / "certificate.pdf")
+
+    def __repr__(self) -> str:
+        kind = "verification" if isinstance(self.record, Verification) else self.record.kind
+        return f"<certificate of {self.record.mechanism.name}, by {kind} of {self.record.data.file}>"
+
+
+def certificate(result: object, particulars: str | Path | Particulars | None = None, **said: str) -> CertificateResult:
+    """How accurate a machine is, to be written with `report(folder)`.
+
+    result: of `calibrate`, `discover` or `verify`, or a folder that one of them left; where it holds a verification,
+    that is certified: it was measured and not predicted. particulars: a TOML file of the lines machine, serial,
+    controller, location, instrument, instrument_serial, instrument_calibrated, operator, date, temperature, payload,
+    remarks, or said: these by name. Raises InputError for what is none of them.
+    """
+    known = (
+        read_particulars(file_path(particulars, "particulars")) if isinstance(particulars, str | Path) else particulars
+    )
+    return CertificateResult(_record(result), (known or Particulars()).with_lines(said))
+
+
+def _record(result: object) -> Report | Verification:
+    if isinstance(result, VerifyResult):
+        return result.record
+    if isinstance(result, str | Path):
+        folder = file_path(result, "result")
+        return read_verification(folder) or read_report(folder)
+    record = getattr(result, "record", None)
+    if not isinstance(record, Report):
+        raise InputError(
+            f"{shown(result)}, expected a result of calibrate, discover or verify, or its folder", "result"
+        )
+    return record

@@ -1,0 +1,128 @@
+"""A model judged by poses measured after it was fitted."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.api.arguments import file_path, quantity
+from gpmodel.api.display import notebook
+from gpmodel.api.table import TableLike, cells_of, dataset_of
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.verify import misses_of, verified
+from gpmodel.files import finished_folder, write_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.source import choice_of
+from gpmodel.report.verification import NAME, Verification, VerifyRequest, to_json, verification
+from gpmodel.table.dataset import Dataset, with_payload
+from gpmodel.table.read import dataset_from
+from gpmodel.table.units import split_header
+
+CORRECTED = "corrected_"
+"""How `compensate` calls the joint values it gives."""
+GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
+"""What it gives beside them."""
+
+
+@dataclass(frozen=True, repr=False)
+class VerifyResult:
+    """A model against poses measured afterwards. record: the same as verify.json has it."""
+
+    record: Verification
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence, that on the tolerance in another."""
+        from gpmodel.report.verification_words import verdict
+
+        return verdict(self.record)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the model holds: neither drifted nor of another machine."""
+        return self.record.verdict == "holds"
+
+    @property
+    def passed(self) -> bool:
+        """Whether it holds and every row is within the tolerance, where one was given."""
+        return self.record.passed
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a row of the table, the worst first: errors without and with the model, promised, chance, and what
+        is outside the ranges it was fitted in."""
+        rows = [
+            {"row": p.row, "without [mm]": p.without_mm, "with [mm]": p.with_mm, "promised [mm]": p.promised_mm,
+             "chance": p.chance, "outside": p.outside, "outlier": p.outlier, "missed [mm]": p.missed_mm}
+            for p in self.record.worst_first
+        ]  # fmt: skip
+        frame = pd.DataFrame(rows)
+        return frame if self.record.missed.known else frame.drop(columns="missed [mm]")
+
+    def changes(self) -> pd.DataFrame:
+        """One row a thing that changed: name, kind, value, stderr, unit, chance, rivals."""
+        columns = ["name", "kind", "value", "stderr", "unit", "chance", "rivals"]
+        return pd.DataFrame([{c: getattr(x, c) for c in columns} for x in self.record.changes], columns=columns)
+
+    def summary(self) -> str:
+        """Verdict, errors, what it rests on, and the worst rows."""
+        from gpmodel.report.verification_words import text
+
+        return text(self.record)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave verify.html, verify.pdf, verify.csv and verify.json, which `certificate` reads, in `folder`: all or
+        none. Raises InputError when they cannot be written."""
+        from gpmodel.report.certificate_pdf import write_pdf
+        from gpmodel.report.particulars import Particulars
+        from gpmodel.report.verification_certificate import certificate
+        from gpmodel.report.verification_words import csv, html
+
+        with finished_folder(file_path(folder, "folder")) as draft:
+            write_text(draft / "verify.html", html(self.record))
+            write_text(draft / "verify.csv", csv(self.record))
+            write_pdf(certificate(self.record, Particulars()), draft / "verify.pdf")
+            self.save(draft / NAME)
+
+    def save(self, file: str | Path) -> None:
+        """Write verify.json. Raises InputError when it cannot be written."""
+        write_text(file_path(file, "file"), to_json(self.record))
+
+    def __repr__(self) -> str:
+        return f"<verification of {self.record.model_file} by {self.record.data.file}: {self.record.verdict}>"
+
+    def _repr_html_(self) -> str:
+        return notebook(self.summary(), self.to_dataframe())
+
+
+def verify_saved(
+    saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool
+) -> VerifyResult:  # fmt: skip
+    """A saved model judged by a table. Raises InputError as `gpmodel.verify`."""
+    limit = None if tolerance is None else quantity(tolerance, "length", "tolerance", positive=True)
+    dataset, targets = _driven(saved.mechanism, table)
+    dataset = replace(dataset, in_order=in_order or dataset.in_order)
+    found = verified(saved, dataset)
+    missed = None if targets is None else misses_of(found.session, targets)
+    return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed)))
+
+
+def _driven(mechanism: Mechanism, table: TableLike) -> tuple[Dataset, Dataset | None]:
+    """Where the machine went, and where its nominal arm would have been sent, where the table says both."""
+    if isinstance(table, Dataset):
+        return dataset_of(table, mechanism, need_measurement=True), None
+    cells = cells_of(table)
+    names = {header: split_header(header)[0] for header in cells.text.columns}
+    if not any(name.startswith(CORRECTED) for name in names.values()):
+        return dataset_of(table, mechanism, need_measurement=True), None
+    joints = {name.removeprefix(CORRECTED): header for header, name in names.items() if name.startswith(CORRECTED)}
+    own = [header for header, name in names.items() if name in GIVEN_BESIDE]
+    went = cells.text[list(joints.values())].notna().all(axis=1)
+    rows = cells.text[went].drop(columns=own)
+    sent = rows.drop(columns=list(joints.values()))
+    driven = sent.drop(columns=[h for h in sent.columns if names[h] in joints])
+    driven = driven.assign(**{header.replace(CORRECTED, "", 1): rows[header] for header in joints.values()})
+    both = (dataset_from(f, cells.path, mechanism, sha256=cells.sha256) for f in (driven, sent))
+    payload, row = choice_of(mechanism).payload, np.flatnonzero(went) + 1
+    first, second = (replace(with_payload(d, payload), row=row) for d in both)
+    return first, second

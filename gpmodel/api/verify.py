@@ -1,0 +1,37 @@
+"""Whether a model still holds, by poses measured after it was fitted."""
+
+from pathlib import Path
+
+from gpmodel.api.arguments import shown
+from gpmodel.api.model import Model, load_model
+from gpmodel.api.table import TableLike
+from gpmodel.api.verification import VerifyResult, verify_saved
+from gpmodel.errors import InputError
+from gpmodel.report.verification import VerifyRequest
+
+COMMAND = "gpmodel.verify"
+
+
+def verify(
+    model: Model | str | Path, table: TableLike, *, tolerance: str | None = None, in_order: bool = False,
+    command: str = COMMAND,
+) -> VerifyResult:  # fmt: skip
+    """Judge a model by poses measured afterwards: does it hold, has the machine drifted, or is it another one?
+
+    The registration is found anew; tool point and everything else are the model's, at the end of its session. With r
+    what the model leaves, V its covariance (noise and all that the model does not know better) and z the part of
+    V^(-1/2) r at right angles to the registration, |z|² is compared with chi-square, and what could have changed
+    (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. Both tests together call one machine
+    in a hundred changed that is not.
+
+    model: of a fit, or its model.json. table: as of `read_table`; where it has the columns corrected_J1, ... that
+    `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
+    tolerance: what no row may exceed, as "0.1 mm". in_order: as of `predict`. command: what verify.json says made it.
+    Raises InputError where the table does not fit the model, or has fewer than four poses.
+    """
+    name = "model"
+    if isinstance(model, str | Path):
+        name, model = Path(model).name, load_model(model)
+    if not isinstance(model, Model):
+        raise InputError(f"{shown(model)}, expected a gpmodel.Model or its model.json", "model")
+    return verify_saved(model.saved, table, VerifyRequest(command, name, model.sha256), tolerance, in_order)

@@ -1,0 +1,93 @@
+"""What changed since a model was fitted: everything that could have, tested against what the model leaves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from gpmodel.application.possible_changes import Kind, PossibleChange, zero_of
+from gpmodel.application.recheck import Recheck
+
+SIGNIFICANCE = 0.005
+"""Of each of the two tests of a model that holds, of all that is left and of what is named: a hundredth in all."""
+MOST = 4
+"""Changes named at most: where more would be, nothing is what it was."""
+AS_LIKELY = 4.0
+"""Difference of chi-square below which another change explains the poses as well: two standard deviations."""
+LARGEST = 0.01
+"""Radians or metres: a zero that is only seen from there on is not seen."""
+POWER = 0.9
+"""Chance with which a change is seen that is called visible."""
+
+
+@dataclass(frozen=True)
+class NamedChange:
+    """What changed, by how much ± one standard deviation, in `unit`; of a `size` as a share of what the model has.
+
+    chance: of so much while nothing changed, corrected for all that was tried. rivals: what explains the poses as well.
+    """
+
+    name: str
+    kind: Kind
+    value: float
+    stderr: float
+    unit: str
+    chance: float
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Visible:
+    """The smallest change of a joint's zero, in `unit`, that these poses would show; None where none would, since the
+    registration that every session finds anew stands for it."""
+
+    name: str
+    unit: str
+    size: float | None
+
+
+def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[NamedChange, ...], Recheck]:
+    """What changed beyond chance, the least probable first, each beside those before it; and what is left then.
+
+    The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni).
+    """
+    out: list[NamedChange] = []
+    left = found
+    while tried and len(out) < MOST:
+        here = [h.beside(left) for h in tried]
+        scores = [h.explained(left.z) for h in here]
+        chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
+        best = min(range(len(here)), key=lambda k: (chances[k], -scores[k][0]))
+        if chances[best] >= SIGNIFICANCE:
+            break
+        value, deviation = here[best].fitted(left.z)
+        own, numbers = scores[best]
+        rivals = [
+            h.name for h, (score, k) in zip(here, scores, strict=True)
+            if h is not here[best] and k <= numbers and score > own - AS_LIKELY
+        ]  # fmt: skip
+        chosen = here[best]
+        out.append(
+            NamedChange(chosen.name, chosen.kind, value, deviation, chosen.unit, chances[best], tuple(rivals[:4]))
+        )
+        left = left.without(chosen.columns)
+    return tuple(out), left
+
+
+def _chance(found: Recheck, score: float, numbers: int) -> float:
+    return float(stats.f.sf(score / numbers, numbers, found.freedom)) if numbers else 1.0
+
+
+def visible(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[Visible, ...]:
+    """What of every joint's zero these poses would show with the chance POWER."""
+    zeros = {h.name: h for h in tried if h.kind == "zero"}
+    out = []
+    for joint in found.session.saved.mechanism.joints:
+        zero, size = zeros.get(zero_of(joint.name)), None
+        if zero is not None:
+            needed = stats.norm.isf(0.5 * SIGNIFICANCE * zero.share) + stats.norm.ppf(POWER)
+            least = float(needed / np.linalg.norm(zero.columns))
+            size = least if least < LARGEST else None
+        out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))
+    return tuple(out)

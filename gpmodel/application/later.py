@@ -1,0 +1,108 @@
+"""A later session: the same model, an instrument that stands somewhere else."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.application.kinematics import tips
+from gpmodel.application.matching import matched
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.usable import check_finite
+from gpmodel.arrays import Array, Mask
+from gpmodel.calibration.linearise import Linearised, linearise, placement_after
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import Placement, Poses, measured_minus, observe, pose_error, prepare
+from gpmodel.model.observation import Tips, observations
+from gpmodel.model.observed import Observed
+from gpmodel.numerics import se3
+from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
+from gpmodel.table.dataset import Dataset
+
+PASSES = 8
+"""Steps of Gauss-Newton for the registration, each without what then stands far out: three settle it."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """A model with the registration of another session. use: (N,) the poses that count, without outliers. tool: whether
+    the tool point is found anew as well."""
+
+    saved: SavedModel
+    poses: Poses
+    use: Mask
+    tool: bool = False
+
+    @property
+    def problem(self) -> Linearised:
+        """The linear problem of registration, tool, anchors and every effect at the poses that count."""
+        saved = self.saved
+        return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.rotation_weight, self.use)
+
+    @property
+    def observed(self) -> Observed:
+        """What the model says of every pose."""
+        return observe(self.saved.model, self.poses, self.saved.theta, self.saved.placement)
+
+    @property
+    def errors(self) -> Array:
+        """3-D distance (N,), m, between measured and predicted point, those of outliers too."""
+        return pose_error(self.observed, self.poses.dataset)
+
+    def anew(self, problem: Linearised) -> Mask:
+        """Which columns (P + E,) this session finds for itself: registration and anchors, the tool where it is free;
+        the effects are the model's."""
+        free = [self.tool or name.split(" ", 1)[0] != "tool" for name in problem.placement_names]
+        return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
+
+    def moved(self, problem: Linearised, step: Array) -> "Session":
+        """With a step (P,) of the placement, m and rad."""
+        placement = placement_after(problem.poses, problem.observed, self.saved.placement, step)
+        return replace(self, saved=replace(self.saved, placement=placement))
+
+    def _without_outliers(self) -> "Session":
+        """The poses that count, found anew: far out by the median of all, and not in company."""
+        observed, dataset = self.observed, self.poses.dataset
+        error = pose_error(observed, dataset)
+        far = error > outlier_limit(error)
+        far &= ~in_company(far, dataset.q, measured_minus(observed, dataset))
+        far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(error)))])
+        return replace(self, use=~far)
+
+
+def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
+    """The model with the registration that these poses give it. saved: as it is to be used. start: where registration
+    and tool point are to be found from; without it the tool point is the model's.
+
+    Raises InputError as `matched`, for a tool the model does not know, and for fewer than three poses of a set-up.
+    """
+    setups = dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
+    saved = replace(saved, placement=replace(saved.placement, registration=setups))
+    dataset = matched(saved, dataset)
+    check_finite(saved, dataset)
+    placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
+    use = np.ones(len(dataset), dtype=bool)
+    session = Session(placed, prepare(saved.mechanism, dataset), use, tool=start is not None)
+    for _ in range(PASSES):
+        problem = session.problem
+        free, step = session.anew(problem), np.zeros(problem.placement)
+        columns = problem.columns[:, free]
+        step[free[: problem.placement]] = np.linalg.lstsq(columns, problem.residual, rcond=1e-12)[0]
+        session = session.moved(problem, step)._without_outliers()
+    return session
+
+
+def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
+    """With the registration by Kabsch of the predicted points, and what observations find of themselves from there."""
+    root = tips(saved, dataset, nominal=False)[1].tip
+    measured = np.isfinite(dataset.position).all(axis=1)
+    registration = dict(saved.placement.registration)
+    for name in registration if measured.any() else ():
+        rows = measured & (dataset.label("setup") == name)
+        if rows.sum() < 3:
+            where = f"{dataset.source}, setup '{name}'" if name else dataset.source
+            raise InputError(f"{where}: {rows.sum()} poses with x, y and z; registration needs at least 3")
+        turn, shift = se3.fit_rotation(root[rows, :3, 3], dataset.position[rows])
+        registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
+    there = np.stack([registration[name] for name in dataset.label("setup").tolist()]) @ root
+    own = {kind.name: kind.start(Tips(root, there)) for kind in observations(dataset) if kind.own}
+    return replace(saved, placement=Placement(registration, saved.placement.tool, own))

@@ -1,0 +1,145 @@
+"""What may have changed about a machine since its model was fitted."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from gpmodel.application.recheck import Recheck
+from gpmodel.arrays import Array
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import without_phase
+from gpmodel.formula.expression import ONE
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import rank
+
+Kind = Literal["zero", "tool", "size", "geometry", "catalogue"]
+SHARES: dict[Kind, float] = {"zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 6}
+"""How the significance is shared: what slips and is crashed oftenest is asked for first."""
+LEAST = 1e-3
+"""Of a column's length: where less than that is left of it, registration or tool stand for it."""
+
+
+@dataclass(frozen=True)
+class PossibleChange:
+    """One thing that may have changed: whitened columns (M, k), one a number in `unit`; share: of the significance.
+
+    A `size` is a share of what the model has of that effect.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    columns: Array
+    share: float = 1.0
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        u, s, v = np.linalg.svd(self.columns, full_matrices=False)
+        kept = s > 1e-9 * max(s[0], np.finfo(float).tiny)
+        return u[:, kept], s[kept], v[kept]
+
+    def explained(self, z: Array) -> tuple[float, int]:
+        """Chi-square of z (M,) that it explains, and the numbers it has for that."""
+        u, s, _ = self._parts
+        return float(np.sum((u.T @ z) ** 2)), len(s)
+
+    def fitted(self, z: Array) -> tuple[float, float]:
+        """Its size and standard deviation; of several numbers those of the length of their vector."""
+        u, s, v = self._parts
+        values = v.T @ ((u.T @ z) / s)
+        size = float(np.linalg.norm(values))
+        along = values / size if size > 0 else v[0]
+        deviation = float(np.linalg.norm((v @ along) / s))
+        return (float(values[0]) if len(values) == 1 else size), deviation
+
+    def beside(self, left: Recheck) -> "PossibleChange":
+        """The same less what was taken out; without columns where nothing of it is left."""
+        columns = self.columns - left.basis @ (left.basis.T @ self.columns)
+        little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
+        return replace(self, columns=np.zeros_like(columns) if little else columns)
+
+
+def zero_of(joint: str) -> str:
+    """What the zero of a joint is called."""
+    return f"zero of {joint}"
+
+
+def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
+    """Everything these poses could show, each with its share of the significance."""
+    tools = list(_tools(found))
+    others = [m for m in (*_geometry(found), *_of_the_catalogue(found)) if not any(_within(m, t) for t in tools)]
+    all_of = [*_zeros(found), *tools, *_sizes(found), *others]
+    counts = Counter(m.kind for m in all_of)
+    return tuple(replace(m, share=SHARES[m.kind] / counts[m.kind]) for m in all_of)
+
+
+def _within(one: PossibleChange, other: PossibleChange) -> bool:
+    """Whether it is a part of the other, as a shift of the last link along one axis is of a tool point's."""
+    left = rank.remove(rank.orthonormal(other.columns), one.columns)
+    return bool(np.linalg.norm(left) < LEAST * np.linalg.norm(one.columns))
+
+
+def _zeros(found: Recheck) -> Iterator[PossibleChange]:
+    joints = found.session.saved.mechanism.joints
+    effects = [drive_effect(zero_of(joint.name), joint, ONE) for joint in joints]
+    raw = found.problem.effect_rows(effects, found.session.saved.model)
+    for k, effect in enumerate(effects):
+        yield from _seen(found, effect.name, "zero", effect.unit, raw[:, [k]])
+
+
+def _tools(found: Recheck) -> Iterator[PossibleChange]:
+    names = found.problem.placement_names
+    for label in () if found.session.tool else found.session.saved.placement.tool:
+        title = f"tool{f' {label}' if label else ''}"
+        at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
+        if at:
+            yield from _seen(found, f"{title} point", "tool", "m", found.problem.columns[:, at])
+
+
+def _sizes(found: Recheck) -> Iterator[PossibleChange]:
+    model, theta = found.session.saved.model, found.session.saved.theta
+    groups: dict[str, list[int]] = {}
+    for k, effect in enumerate(model.effects):
+        if not effect.constant and theta[k]:
+            groups.setdefault(without_phase(effect.name), []).append(k)
+    for name, at in groups.items():
+        raw = found.problem.effect_rows([model.effects[k] for k in at], model) @ theta[at]
+        yield from _seen(found, name, "size", "1", raw[:, None])
+
+
+def _geometry(found: Recheck) -> Iterator[PossibleChange]:
+    """Constants but for the zeros themselves."""
+    mechanism = found.session.saved.mechanism
+    zeros = {drive_effect("", joint, ONE).terms for joint in mechanism.joints}
+    effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
+    raw = found.problem.effect_rows(effects, found.session.saved.model)
+    for k, effect in enumerate(effects):
+        yield from _seen(found, effect.name, "geometry", effect.unit, raw[:, [k]])
+
+
+def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
+    """What its families offer of one number, or of one amplitude and phase, that the model does not have."""
+    model, poses = found.session.saved.model, found.problem.poses
+    own = {effect.name for effect in model.effects}
+    offered = [
+        c for c in catalogue.candidates(model.mechanism, poses.states)
+        if c.kind in ("single", "harmonic") and not own & {e.name for e in c.effects}
+    ]  # fmt: skip
+    if not offered:
+        return
+    raw = found.problem.effect_rows([e for c in offered for e in c.effects], model)
+    ends = np.cumsum([len(c.effects) for c in offered])[:-1]
+    for candidate, columns in zip(offered, np.split(raw, ends, axis=1), strict=True):
+        yield from _seen(found, candidate.name, "catalogue", candidate.unit, columns)
+
+
+def _seen(found: Recheck, name: str, kind: Kind, unit: str, raw: Array) -> Iterator[PossibleChange]:
+    """It, where the poses show anything of it."""
+    whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw)), found.whitened(raw)))
+    if left > LEAST * whole and np.isfinite(left):
+        yield PossibleChange(name, kind, unit, found.whitened(raw))

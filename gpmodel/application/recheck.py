@@ -1,0 +1,178 @@
+"""A saved model against poses measured afterwards, in numbers that are standard normal while it holds.
+
+With r (M,) the measured minus predicted coordinates, F the columns of what every session finds anew (registration,
+anchors) and K those of what the model holds (tool, effects), known with covariance Σ, noise σ of a coordinate:
+
+    r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
+
+Q takes out the span of V^(-1/2) F. While the model holds, |z|² is chi-square distributed with M - rank F degrees of
+freedom and, σ being an estimate of ν itself, |z|² over its degrees is distributed as F. Source: Rao (1973), ch. 4a.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from gpmodel.application.kinematics import REACHED
+from gpmodel.application.later import Session
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.noise import Whitening, blocks_of
+from gpmodel.errors import InputError
+from gpmodel.model.effect import Effect
+from gpmodel.numerics import rank
+from gpmodel.table.bundles import sharing
+
+LEAST_FREEDOM = 6
+"""Degrees of freedom below which nothing is judged: what four poses of three coordinates leave a registration."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """V = σ² (I + U s² Uᵀ): U (M, q) orthonormal, s (q,). Repeats of a pose are one row, their mean."""
+
+    sigma: float
+    u: Array
+    s: Array
+
+    def whiten(self, values: Array) -> Array:
+        """V^(-1/2) times values (M, ...)."""
+        return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
+
+    def restored(self, values: Array) -> Array:
+        """V^(1/2) times values (M, ...)."""
+        return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
+
+    def block(self, rows: IntArray) -> Array:
+        """Rows and columns (k, k) of V."""
+        own = self.u[rows] * self.s
+        return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
+
+    def _within(self, values: Array, factor: Array) -> Array:
+        return self.u @ (factor.reshape(-1, *[1] * (values.ndim - 1)) * (self.u.T @ values))
+
+
+@dataclass(frozen=True)
+class Recheck:
+    """A later session, judged. z: (M,) as above. basis: (M, k) orthonormal, the span that was taken out. freedom: of σ.
+
+    bundle: (N,) code of every pose, the same for repeats. pose: (M,) of every row. anew: (F,) names of the columns that
+    the session finds for itself, and their covariance (F, F).
+    """
+
+    session: Session
+    problem: Linearised
+    blocks: Whitening
+    spread: Spread
+    z: Array
+    basis: Array
+    bundle: IntArray
+    pose: IntArray
+    freedom: float
+    anew: tuple[tuple[str, ...], Array]
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of |z|²."""
+        return len(self.z) - self.basis.shape[1]
+
+    @property
+    def chi_square(self) -> float:
+        """|z|²."""
+        return float(self.z @ self.z)
+
+    @property
+    def chance(self) -> float:
+        """Of so large a |z|² while the model holds."""
+        return float(stats.f.sf(self.chi_square / self.degrees, self.degrees, self.freedom))
+
+    @cached_property
+    def by_pose(self) -> tuple[Array, Array]:
+        """Of every pose (N,): what its 3-D error is promised to be, RMS, m, with all that V holds and the registration
+        fitted; and the chance of so unlikely an error while the model holds. NaN where it does not count."""
+        promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
+        left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
+        turns = self._turns
+        for code in np.unique(self.pose):
+            rows = np.flatnonzero(self.pose == code)
+            covariance = self.spread.block(rows) - fitted[rows] @ fitted[rows].T
+            unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
+            here = (self.bundle == code) & self.session.use
+            promised[here] = np.sqrt(np.trace(covariance[~turns[rows]][:, ~turns[rows]]))
+            chance[here] = stats.f.sf(unlikely / len(rows), len(rows), self.freedom)
+        return promised, chance
+
+    @property
+    def _turns(self) -> Mask:
+        """Which rows (M,) are angles."""
+        if self.problem.left is not None:
+            return np.zeros(len(self.z), dtype=bool)
+        component = np.nonzero(self.problem.weights > 0)[1]
+        first = np.unique(self.blocks.block, return_index=True)[1]
+        return np.asarray(self.problem.observed.turns[component[first]])
+
+    def columns_of(self, effects: Sequence[Effect]) -> Array:
+        """Whitened columns (M, E) of any effects, less what was taken out."""
+        return self.whitened(self.problem.effect_rows(effects, self.session.saved.model))
+
+    def whitened(self, columns: Array) -> Array:
+        """Columns of the problem whitened, less what was taken out."""
+        return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
+
+    def without(self, columns: Array) -> "Recheck":
+        """The same with whitened columns (M, k) taken out too."""
+        more = rank.orthonormal(columns)
+        return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
+
+
+def recheck(session: Session) -> Recheck:
+    """A session judged. Raises InputError where its poses are too few to judge anything by."""
+    problem, saved = session.problem, session.saved
+    bundle = sharing(session.poses.dataset)
+    blocks = blocks_of(problem, bundle)
+    free, at = session.anew(problem), _in_covariance(saved, problem)
+    known = ~free & (at >= 0)
+    covariance = saved.covariance.values[np.ix_(at[known], at[known])]
+    values, vectors = np.linalg.eigh(covariance) if known.any() else (np.zeros(0), np.zeros((0, 0)))
+    sigma = max(saved.sigma, REACHED)
+    rows = blocks.means(problem.columns)
+    u, s, _ = np.linalg.svd(rows[:, known] @ (vectors * np.sqrt(np.maximum(values, 0.0))) / sigma, full_matrices=False)
+    spread = Spread(sigma, u, s)
+    placed = spread.whiten(rows[:, free])
+    basis = rank.orthonormal(placed)
+    z = rank.remove(basis, spread.whiten(blocks.means(problem.residual)))
+    first = np.unique(blocks.block, return_index=True)[1]
+    names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
+    found = Recheck(
+        session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], _freedom(saved),
+        (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
+    )  # fmt: skip
+    if found.degrees < LEAST_FREEDOM:
+        count = len(np.unique(found.pose))
+        raise InputError(
+            f"{session.poses.dataset.source}: {count} different poses leave {max(found.degrees, 0)} values to judge "
+            "the model by after the registration; expected at least 4 poses"
+        )
+    return found
+
+
+def _in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
+    """Where each column of the problem (P + E,) stands in the covariance of the model; -1 where nobody fitted it."""
+    names = saved.covariance.placement
+    placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
+    fitted = np.isfinite(saved.stderr)
+    effects = np.where(fitted, len(names) + np.arange(len(fitted)), -1)
+    return np.concatenate([np.array(placed, dtype=np.int64), effects]).astype(np.int64)
+
+
+def _freedom(saved: SavedModel) -> float:
+    """Degrees of freedom of σ: values measured less unknowns fitted; infinite where σ was not estimated."""
+    if saved.measured is None:
+        return np.inf
+    data = saved.measured.dataset
+    values = sum(np.isfinite(v).sum() for v in (data.position, data.rotation, *data.distances.values()))
+    return float(max(values - np.count_nonzero(np.diag(saved.covariance.values)), 1))

@@ -1,0 +1,143 @@
+"""Whether a fitted model still holds for its machine, by poses measured afterwards, and what changed where it does not.
+
+The registration is found anew: nobody puts an instrument in the same place twice. The tool point is the model's.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from gpmodel.application.changes import SIGNIFICANCE, NamedChange, Visible, changes, visible
+from gpmodel.application.kinematics import tips
+from gpmodel.application.later import Session, settled
+from gpmodel.application.model_file import SavedModel
+from gpmodel.application.possible_changes import possible_changes
+from gpmodel.application.recheck import Recheck, recheck
+from gpmodel.application.usable import outside, usable
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.table.dataset import Dataset
+
+Verdict = Literal["holds", "drifted", "another machine"]
+HALF = 0.5
+"""Of the error of nominal geometry: a model that leaves more of it is nearer to none than to the machine's own."""
+UNEXPLAINED = 0.01
+"""Share of chi-square that changes may leave which are all that changed: their squares, when a joint was crashed."""
+
+
+FAR = 5e-4
+"""Metres, RMS, beyond which a tool point is found anew and not corrected: half a millimetre on an arm of 0.2 m turns by
+what its square moves the point by, a micrometre."""
+
+
+@dataclass(frozen=True)
+class Verified:
+    """A model against later poses.
+
+    verdict: holds; drifted; another machine, which the model serves hardly better than nominal geometry though few
+    changes do not explain it. alone: (N,) 3-D error, m, of nominal geometry with the best registration and tool point;
+    outside: (N,) inputs beyond the model's ranges. instrument: whether
+    the errors of the instrument that the model has are in these readings; None where it has none.
+    """
+
+    verdict: Verdict
+    found: Recheck
+    alone: Array
+    outside: tuple[str, ...]
+    changes: tuple[NamedChange, ...]
+    visible: tuple[Visible, ...]
+    instrument: bool | None
+
+    @property
+    def session(self) -> Session:
+        """The model with the registration of these poses."""
+        return self.found.session
+
+
+def verified(saved: SavedModel, dataset: Dataset) -> Verified:
+    """The model against the poses of `dataset`, measured afterwards.
+
+    It holds while neither what it leaves nor any one thing that could have changed is beyond chance; see
+    `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, or are too
+    few.
+    """
+    if saved.measured is not None and dataset.sha256 and dataset.sha256 == saved.measured.dataset.sha256:
+        raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
+    found, instrument = _with_or_without_the_instrument(saved, dataset)
+    alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
+    other_tool = _another_tool(saved, found, alone.placement)
+    found = found if other_tool is None else other_tool
+    tried = possible_changes(found)
+    moved = () if other_tool is None else _moved_tools(saved, found)
+    named, left = changes(found, tried)
+    session = found.session
+    verdict: Verdict = "holds"
+    if moved or named or found.chance < SIGNIFICANCE:
+        useless = _rms(session.errors[session.use]) > HALF * _rms(alone.error[session.use])
+        few = left.chi_square < UNEXPLAINED * found.chi_square
+        verdict = "another machine" if useless and not few else "drifted"
+    points = session.observed.tip[:, :3, 3]
+    return Verified(
+        verdict=verdict,
+        found=found,
+        alone=alone.error,
+        outside=outside(session.saved, session.poses.states.seen_at(points)),
+        changes=() if verdict == "another machine" else (*moved, *named),
+        visible=visible(found, tried),
+        instrument=instrument,
+    )
+
+
+def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:
+    """The later session without the errors of the instrument that was used before, or with them where its readings are
+    likelier so: the instrument may be another one, or stand elsewhere."""
+    without = recheck(settled(usable(saved), dataset))
+    if not any(e.of_the_instrument and v for e, v in zip(saved.model.effects, saved.theta, strict=True)):
+        return without, None
+    beside = recheck(settled(usable(saved, as_measured=True), dataset))
+    same = beside.chi_square < without.chi_square
+    return (beside if same else without), same
+
+
+def _another_tool(saved: SavedModel, found: Recheck, start: Placement) -> Recheck | None:
+    """The same with the tool point found anew, where it is so far off that nothing is linear any more: somebody mounted
+    another one. None where it is not."""
+    session = found.session
+    far = _rms(session.errors[session.use])
+    if far < FAR:
+        return None
+    again = recheck(settled(session.saved, session.poses.dataset, start))
+    return again if _rms(again.session.errors[again.session.use]) < HALF * far else None
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
+    """Tool points that are not where the model has them, by how much, m."""
+    names, covariance = found.anew
+    out = []
+    for label, frame in found.session.saved.placement.tool.items():
+        title = f"tool{f' {label}' if label else ''}"
+        at = [names.index(f"{title} T{axis}") for axis in "xyz"]
+        off = frame[:3, :3].T @ (frame[:3, 3] - saved.placement.tool[label][:3, 3])
+        size = float(np.linalg.norm(off))
+        deviation = float(np.sqrt(off @ covariance[np.ix_(at, at)] @ off) / size)
+        if size > FAR:
+            out.append(NamedChange(f"{title} point", "tool", size, deviation, "m", 0.0, ()))
+    return tuple(out)
+
+
+def misses_of(session: Session, targets: Dataset) -> Array:
+    """Distance (N,), m, of the measured points from those that the nominal arm with the model's tool has at the joint
+    values of `targets`, in the registration of the session: what is missed of targets that were compensated."""
+    saved = session.saved
+    labels = {**targets.labels, **{c: session.poses.dataset.label(c) for c in ("setup", "tool")}}
+    root = tips(saved, replace(targets, labels=labels), nominal=True)[1].tip
+    frames = np.stack([saved.placement.registration[s] for s in session.poses.dataset.label("setup").tolist()])
+    wanted = (frames @ root)[:, :3, 3]
+    return np.asarray(np.linalg.norm(session.poses.dataset.position - wanted, axis=1))

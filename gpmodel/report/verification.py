@@ -1,0 +1,188 @@
+"""verify.json: what poses measured afterwards say of a model, as frozen records; lengths in mm, all else SI."""
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from gpmodel import files
+from gpmodel.application.verify import Verified
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.report.fitted import optional, statistics_mm
+from gpmodel.report.iso9283 import repeatability
+from gpmodel.report.origin import names_of, versions
+from gpmodel.report.quantity import translate
+from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord, Repeatability
+from gpmodel.report.schema_search import NotNegative, Share
+
+NAME, KIND = "verify.json", "verify"
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class PoseRecord:
+    """A row of the table: 3-D errors, mm, with nominal geometry and with the model, what the model promises it to be,
+    RMS, and the chance of so much; the last two None where the row was left out as an outlier. missed: of a target
+    that was compensated, mm."""
+
+    row: int
+    without_mm: NotNegative | None
+    with_mm: NotNegative | None
+    promised_mm: NotNegative | None = None
+    chance: Share | None = None
+    outside: str = ""
+    outlier: bool = False
+    missed_mm: NotNegative | None = None
+
+
+@dataclass(frozen=True)
+class ChangeRecord:
+    """What changed, value ± stderr in `unit`; of kind `size` as a share of what the model has. rivals: what explains
+    the poses as well."""
+
+    name: str
+    kind: str
+    value: float
+    stderr: NotNegative
+    unit: str
+    chance: Share
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VisibleRecord:
+    """The smallest change of a joint's zero that these poses would show; None where none would."""
+
+    joint: str
+    unit: str
+    size: NotNegative | None
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The whole of verify.json.
+
+    verdict: holds, drifted or another machine. sigma_mm: of one coordinate, by the model. chi_square, degrees, chance:
+    of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
+    errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
+    """
+
+    command: str
+    verdict: Literal["holds", "drifted", "another machine"]
+    data: DataRecord
+    mechanism: MechanismRecord
+    model_file: str
+    model_sha256: str
+    without: ErrorsMm
+    after: ErrorsMm
+    promised_mm: NotNegative
+    sigma_mm: NotNegative
+    chi_square: NotNegative
+    degrees: int
+    noise_degrees: NotNegative | None
+    chance: Share
+    changes: tuple[ChangeRecord, ...]
+    visible: tuple[VisibleRecord, ...]
+    poses: tuple[PoseRecord, ...]
+    missed: ErrorsMm = field(default_factory=ErrorsMm)
+    instrument: bool | None = None
+    repeatability: Repeatability | None = None
+    tolerance_mm: NotNegative | None = None
+    schema: int = SCHEMA
+    kind: str = KIND
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def beyond_tolerance(self) -> tuple[PoseRecord, ...]:
+        """Rows whose error exceeds the tolerance, the worst first; outliers count too, no reading is passed over."""
+        limit = self.tolerance_mm
+        return () if limit is None else tuple(p for p in self.worst_first if (p.with_mm or 0.0) > limit)
+
+    @property
+    def worst_first(self) -> tuple[PoseRecord, ...]:
+        """The rows, the largest error with the model first; those without a measured point last."""
+        return tuple(sorted(self.poses, key=lambda p: -1.0 if p.with_mm is None else p.with_mm, reverse=True))
+
+    @property
+    def passed(self) -> bool:
+        """Whether the model holds, within the tolerance where one was asked."""
+        return self.verdict == "holds" and not self.beyond_tolerance
+
+
+@dataclass(frozen=True)
+class VerifyRequest:
+    """What was asked. missed: (N,) m by which compensated targets were missed."""
+
+    command: str
+    model_file: str
+    model_sha256: str
+    tolerance: float | None = None
+    missed: Array | None = None
+
+
+def verification(found: Verified, asked: VerifyRequest) -> Verification:
+    """The record of a model against later poses; joints by the names of their table."""
+    session = found.session
+    data, count = session.poses.dataset, len(session.poses)
+    names = names_of(data)
+    measured = np.isfinite(data.position).any(axis=1) | any(np.isfinite(d).any() for d in data.distances.values())
+    errors = np.where(measured, session.errors, np.nan)
+    missed = np.full(count, np.nan) if asked.missed is None else asked.missed
+    promised, chances = found.found.by_pose
+    mechanism = session.saved.mechanism
+    return Verification(
+        command=asked.command,
+        verdict=found.verdict,
+        data=DataRecord(data.source, data.sha256, count, outliers=tuple(data.row[~session.use].tolist())),
+        mechanism=MechanismRecord(mechanism.name, tuple(names.get(j.name, j.name) for j in mechanism.joints)),
+        model_file=asked.model_file,
+        model_sha256=asked.model_sha256,
+        without=statistics_mm(found.alone[measured & session.use]),
+        after=statistics_mm(errors[measured & session.use]),
+        promised_mm=float(1e3 * np.sqrt(np.nanmean(promised**2))),
+        sigma_mm=1e3 * found.found.spread.sigma,
+        chi_square=found.found.chi_square,
+        degrees=found.found.degrees,
+        noise_degrees=optional(found.found.freedom),
+        chance=found.found.chance,
+        changes=tuple(
+            ChangeRecord(translate(c.name, names), c.kind, c.value, c.stderr, c.unit, c.chance,
+                         tuple(translate(r, names) for r in c.rivals))
+            for c in found.changes
+        ),
+        visible=tuple(VisibleRecord(translate(v.name, names), v.unit, v.size) for v in found.visible),
+        poses=tuple(
+            PoseRecord(
+                int(data.row[k]), optional(1e3 * found.alone[k]), optional(1e3 * errors[k]),
+                optional(1e3 * promised[k]), optional(chances[k]), translate(found.outside[k], names),
+                not session.use[k], optional(1e3 * missed[k]),
+            )
+            for k in range(count)
+        ),
+        missed=statistics_mm(missed[np.isfinite(missed)]),
+        instrument=found.instrument,
+        repeatability=repeatability(data),
+        tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
+        versions=versions(),
+    )  # fmt: skip
+
+
+def to_json(record: Verification) -> str:
+    """The text of verify.json."""
+    return files.to_json(dataclasses.asdict(record))
+
+
+def read_verification(folder: Path) -> Verification | None:
+    """The saved Verification in `folder`, None where there is none. Raises InputError where it cannot be read."""
+    path = folder / NAME
+    if not path.is_file():
+        return None
+    try:
+        return msgspec.convert(json.loads(path.read_bytes()), Verification)
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); expected the JSON that verify wrote") from None

@@ -1,0 +1,67 @@
+"""The certificate of a verification: how accurate the machine is, by poses measured after it was calibrated."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gpmodel import wording
+from gpmodel.report.accuracy import accuracy
+from gpmodel.report.certificate import Certificate, Line, repeated, statistics
+from gpmodel.report.page import render
+from gpmodel.report.particulars import Particulars
+from gpmodel.report.verification import Verification
+from gpmodel.report.verification_words import facts, tolerance, verdict
+
+SMALL_PRINT = (
+    "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point "
+    "over the rows of a table that was measured after the model was fitted; mean, mean + 3 s and maximum are of these "
+    "distances. Before is registration and tool point alone, with the nominal geometry; after is the model, its "
+    "registration found anew. The interval of the RMS holds for poses drawn like these."
+)
+
+
+def certificate(record: Verification, particulars: Particulars) -> Certificate:
+    """The certificate of what was measured afterwards: both columns of errors are measurements, none a prediction but
+    of the model that was certified before."""
+    pairs = [(p.without_mm, p.with_mm) for p in record.poses if not p.outlier and None not in (p.without_mm, p.with_mm)]
+    errors = np.array(pairs, dtype=float)
+    return Certificate(
+        title=f"Verification certificate: {particulars.machine or record.mechanism.name}",
+        particulars=particulars.lines(),
+        scope=tuple(_scope(record)),
+        poses=f"{len(pairs)} poses, measured after the model was fitted",
+        statistics=statistics(accuracy(errors[:, 0]), accuracy(errors[:, 1])) if len(pairs) > 1 else (),
+        repeatability=() if record.repeatability is None else repeated(record.repeatability),
+        effects=(),
+        parameters=(),
+        placement=(),
+        record=tuple(_record(record)),
+        small_print=SMALL_PRINT,
+    )
+
+
+def html(record: Verification, particulars: Particulars) -> str:
+    """The certificate as a page that prints to one or two sides of A4."""
+    shown = certificate(record, particulars)
+    return render("certificate.html.j2", c=shown, report=record)
+
+
+def _scope(record: Verification) -> Iterator[Line]:
+    yield "result", verdict(record)
+    if record.tolerance_mm is not None:
+        yield "tolerance", f"{'fail' if record.beyond_tolerance else 'pass'}: {tolerance(record)}"
+    yield from facts(record)
+    yield "model of the machine", record.mechanism.name
+    yield "measured poses", f"{len(record.poses)}"
+    yield "noise of one coordinate", f"{wording.millimetres(record.sigma_mm)} mm, by the model"
+
+
+def _record(record: Verification) -> Iterator[Line]:
+    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+    lines = (
+        ("table", record.data.file), ("SHA-256", record.data.sha256), ("model", record.model_file),
+        ("SHA-256 of the model", record.model_sha256), ("command", record.command), ("versions", versions),
+    )  # fmt: skip
+    for name, value in lines:
+        if value:
+            yield name, value

@@ -1,0 +1,184 @@
+"""What a verification says, in words and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from gpmodel import wording
+from gpmodel.report.figures import drawn
+from gpmodel.report.page import render
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, Picture, log_axis
+from gpmodel.report.schema import ErrorsMm
+from gpmodel.report.verification import ChangeRecord, PoseRecord, Verification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_ROWS, MOST_PRINTED = 400, 8
+"""Rows on the page and on a terminal, the worst; verify.csv has all of them."""
+UNLIKELY = 0.001
+"""Chance of a row below which it is marked: of twenty rows one in fifty tables."""
+LOST = 50.0
+"""mm that nominal geometry leaves of no arm of the same type: joint columns, units or the type itself are others."""
+
+
+def verdict(record: Verification) -> str:
+    """The answer in one sentence, and the tolerance in another."""
+    mm, after = wording.millimetres, record.after
+    if record.verdict == "holds":
+        said = (
+            f"The model holds: {len(record.poses)} poses measured afterwards miss it by {mm(after.rms_mm)} mm RMS, "
+            f"{mm(record.promised_mm)} mm are promised, {mm(record.without.rms_mm)} mm without it."
+        )
+    elif record.verdict == "drifted":
+        said = f"The machine has drifted: {mm(after.rms_mm)} mm RMS, {mm(record.promised_mm)} mm are promised"
+        named = "; ".join(change(c) for c in record.changes)
+        said += f"; what changed: {named}." if named else "; no single change explains it."
+    else:
+        said = (
+            f"This is another machine, or much of it was changed: {mm(after.rms_mm)} mm RMS with the model, "
+            f"{mm(record.without.rms_mm)} mm without it, {mm(record.promised_mm)} mm are promised."
+        )
+        if (record.without.rms_mm or 0.0) > LOST:
+            said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
+    return f"{said} {tolerance(record)}".strip()
+
+
+def tolerance(record: Verification) -> str:
+    """Whether the tolerance is kept; empty where none was asked."""
+    if record.tolerance_mm is None:
+        return ""
+    limit, worst, beyond = record.tolerance_mm, record.worst_first[0], record.beyond_tolerance
+    if not beyond:
+        return f"Every pose is within {limit:g} mm, the worst has {wording.millimetres(worst.with_mm)} mm."
+    return (
+        f"{len(beyond)} of {len(record.poses)} poses are beyond {limit:g} mm, "
+        f"the worst, row {worst.row}, has {wording.millimetres(worst.with_mm)} mm."
+    )
+
+
+def change(found: ChangeRecord) -> str:
+    """A change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
+    if found.kind == "size":
+        more, by = ("more" if found.value > 0 else "less"), abs(found.value)
+        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} of it"
+    moved = " moved" if found.kind in ("zero", "tool") else ""
+    return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}"
+
+
+def facts(record: Verification) -> Iterator[tuple[str, str]]:
+    """What the verdict rests on, by heading."""
+    known = "" if record.noise_degrees is None else f", σ known from {record.noise_degrees:.0f}"
+    yield (
+        "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
+        f"chance {wording.chance(record.chance)} while the model holds",
+    )  # fmt: skip
+    for found in record.changes:
+        yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{_rivals(found)}"
+    if record.missed.known:
+        yield "compensated targets missed", _errors(record.missed)
+    if record.instrument is not None:
+        there = "in these readings too" if record.instrument else "not in these readings, and left out"
+        yield "instrument's errors", there
+    if record.data.outliers:
+        yield "outliers, left out", f"rows {', '.join(map(str, record.data.outliers))}"
+    beyond = [str(p.row) for p in record.poses if p.outside]
+    if beyond:
+        yield "outside the model's ranges", f"rows {', '.join(beyond)}"
+    if record.repeatability is not None:
+        yield "pose repeatability RP, mean", f"{wording.millimetres(record.repeatability.rp_mean_mm)} mm"
+    yield "a moved zero is seen from", ", ".join(_visible(record))
+
+
+def _visible(record: Verification) -> Iterator[str]:
+    for zero in record.visible:
+        seen = "not at all (registration or tool stand for it)" if zero.size is None else None
+        yield f"{zero.joint} {seen or wording.measured(zero.size, None, zero.unit)}"
+
+
+def _rivals(found: ChangeRecord) -> str:
+    return f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
+
+
+def _errors(errors: ErrorsMm) -> str:
+    mm = wording.millimetres
+    return f"mean {mm(errors.mean_mm)}, RMS {mm(errors.rms_mm)}, largest {mm(errors.max_mm)} mm"
+
+
+def text(record: Verification) -> str:
+    """Verdict, what it rests on, and the worst rows, in 80 columns."""
+    lines = ["[[Verdict]]", wording.wrapped(verdict(record), 4), "[[Errors]]"]
+    for title, errors in (("without the model", record.without), ("with the model", record.after)):
+        lines.append(f"    {title:<19}{_errors(errors)}")
+    lines.append(f"    {'promised':<19}RMS {wording.millimetres(record.promised_mm)} mm")
+    lines.append("[[Why]]")
+    lines += [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]
+    lines += ["[[Worst rows]]", f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   mm"]
+    lines += [_row(p) for p in record.worst_first[:MOST_PRINTED]]
+    return "\n".join(lines)
+
+
+def _row(pose: PoseRecord) -> str:
+    mm = wording.millimetres
+    said = "outlier" if pose.outlier else wording.chance(pose.chance)
+    mark = " *" if pose.chance is not None and pose.chance < UNLIKELY else ""
+    cells = f"{mm(pose.without_mm):>10}{mm(pose.with_mm):>9}{mm(pose.promised_mm):>10}{said:>12}{mark}"
+    return f"    {pose.row:>6}{cells}{f'  outside {pose.outside}' if pose.outside else ''}"
+
+
+def csv(record: Verification) -> str:
+    """The text of verify.csv: a row a pose, the worst first."""
+    heads = ["row", "without [mm]", "with [mm]", "promised [mm]", "chance", "outside", "outlier", "missed [mm]"]
+    rows = [
+        (p.row, p.without_mm, p.with_mm, p.promised_mm, p.chance, p.outside, int(p.outlier), p.missed_mm)
+        for p in record.worst_first
+    ]
+    cells = (",".join("" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in row) for row in rows)
+    return "\n".join([",".join(heads), *cells]) + "\n"
+
+
+def picture(record: Verification) -> Picture:
+    """Errors row by row, with and without the model, and what is promised."""
+    return Picture(
+        "verification", "Error of every pose", 7.6, 3.0,
+        f"3-D error of every row: {_errors(record.after)} with the model, {_errors(record.without)} without it.",
+        "Dots: 3-D error of each row with the model (blue) and with nominal geometry (grey); the line is what the "
+        "model promises, twice its RMS. The scale is logarithmic.",
+        partial(_draw, record=record),
+    )  # fmt: skip
+
+
+def _draw(figure: Figure, record: Verification) -> None:
+    axes = figure.subplots()
+    rows, nan = [p.row for p in record.poses], float("nan")
+
+    def of(name: str) -> list[float]:
+        return [nan if (v := getattr(p, name)) is None else max(v, 1e-5) for p in record.poses]
+
+    values = np.array([of("with_mm"), of("without_mm"), of("promised_mm")])
+    log_axis(axes, 0.5 * float(np.nanmin(values)), 2.0 * float(np.nanmax(values)), "y")
+    axes.plot(rows, of("without_mm"), "o", ms=3.5, color=BEFORE, label="nominal geometry")
+    axes.plot(rows, of("with_mm"), "o", ms=4.5, color=AFTER, label="model")
+    axes.plot(rows, [2 * v for v in of("promised_mm")], "_", ms=7, color=INK, label="promised, 2 RMS")
+    if record.tolerance_mm:
+        axes.axhline(record.tolerance_mm, color=AXIS, lw=1.0)
+        axes.text(rows[0], record.tolerance_mm, "tolerance", color=MUTED, size=8, va="bottom")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("row")
+    axes.set_ylabel("3-D error, mm")
+    axes.grid(axis="y")
+    figure.legend(loc="outside upper right", ncols=3)
+
+
+def html(record: Verification) -> str:
+    """The verification as a page."""
+    shown = picture(record)
+    return render(
+        "verify.html.j2", record=record, verdict=verdict(record), facts=list(facts(record)), picture=shown,
+        drawing=drawn([shown])[shown.name], rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY,
+    )  # fmt: skip

@@ -1,0 +1,202 @@
+"""A model against poses measured afterwards: it holds, or what changed is named; one in a hundred is wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_cases import one_line, robot, run
+from scipy import stats
+
+import gpmodel as gp
+from gpmodel.application.later import settled
+from gpmodel.application.recheck import recheck
+from gpmodel.application.usable import usable
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.numerics import se3
+from gpmodel.planning.simulate import Simulation
+from gpmodel.table.dataset import Dataset, unmeasured
+from gpmodel.table.write import frame_of, table_text
+
+NOISE = 2e-5
+
+
+@pytest.fixture(scope="module")
+def fitted() -> tuple[gp.Model, Simulation]:
+    arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))
+    return gp.calibrate(arm, made.dataset, ["base_compliance"], holdout=0.0).model, made
+
+
+def later(
+    made: Simulation, seed: int, count: int = 20, *, joint: int = 0, moved: float = 0.0, tool: float = 0.0
+) -> Dataset:
+    """Poses of the same robot from another place of the instrument."""
+    arm, rng = made.model.mechanism, np.random.default_rng(seed)
+    zero = drive_effect("moved", arm.joints[joint], gp.Expression("1"))
+    frame = made.placement.tool[""].copy()
+    frame[0, 3] += tool
+    placement = Placement({"": se3.exp(rng.normal(0.0, 1.0, 6))}, {"": frame}, {})
+    dataset = unmeasured([j.name for j in arm.joints], random_poses(arm, count, rng))
+    truth = ErrorModel(arm, (*made.model.effects, zero))
+    tip = observe(truth, prepare(arm, dataset), np.append(made.theta, moved), placement).tip[:, :3, 3]
+    return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
+
+
+def test_while_the_model_holds_chances_are_uniform(fitted: tuple[gp.Model, Simulation]) -> None:
+    """Of everything left, and of every pose: over forty later sessions of twenty poses."""
+    model, made = fitted
+    found = [recheck(settled(usable(model.saved), later(made, seed))) for seed in range(40)]
+    assert stats.kstest([f.chance for f in found], "uniform").pvalue > 0.01
+    by_pose = np.concatenate([f.by_pose[1] for f in found])
+    assert np.mean(by_pose < 0.1) == pytest.approx(0.1, abs=0.04)
+    errors = np.concatenate([f.session.errors for f in found])
+    promised = np.concatenate([f.by_pose[0] for f in found])
+    assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_model_that_holds_is_said_to(fitted: tuple[gp.Model, Simulation]) -> None:
+    model, made = fitted
+    found = model.verify(later(made, 1), tolerance="0.2 mm")
+    assert (found.holds, found.passed, found.record.changes) == (True, True, ())
+    assert found.record.after.rms_mm < 0.06 < 0.3 < found.record.without.rms_mm
+    assert not model.verify(later(made, 1), tolerance="0.02 mm").passed
+    assert list(found.to_dataframe()["with [mm]"]) == sorted(found.to_dataframe()["with [mm]"], reverse=True)
+
+
+def test_a_zero_that_moved_is_named_with_its_size(fitted: tuple[gp.Model, Simulation]) -> None:
+    model, made = fitted
+    for joint, moved in ((1, 1e-4), (2, -1e-4), (2, 5e-3)):
+        found = model.verify(later(made, 2, joint=joint, moved=moved))
+        first = found.record.changes[0]
+        assert (found.record.verdict, first.name) == ("drifted", f"zero of J{joint + 1}")
+        assert abs(first.value - moved) < 4 * first.stderr
+        assert f"zero of J{joint + 1} moved by" in found.verdict
+
+
+def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: tuple[gp.Model, Simulation]) -> None:
+    model, made = fitted
+    for slip in (2e-4, 0.05):
+        found = model.verify(later(made, 4, tool=slip))
+        assert [c.name for c in found.record.changes] == ["tool point"]
+        assert abs(found.record.changes[0].value - slip) < 5 * found.record.changes[0].stderr
+
+
+def test_another_machine_is_told_from_one_that_drifted(fitted: tuple[gp.Model, Simulation]) -> None:
+    other = robot(25, seed=9, noise=NOISE)[1]
+    assert fitted[0].verify(later(other, 5)).record.verdict == "another machine"
+
+
+def test_the_zero_that_the_registration_stands_for_is_said_to_be_unseen(fitted: tuple[gp.Model, Simulation]) -> None:
+    model, made = fitted
+    found = model.verify(later(made, 6, joint=0, moved=1e-3))
+    assert found.holds
+    assert found.record.visible[0].size is None
+    assert 0.0 < found.record.visible[1].size < 1e-4
+
+
+def test_one_wrong_reading_is_an_outlier_and_no_change_but_beyond_the_tolerance(
+    fitted: tuple[gp.Model, Simulation],
+) -> None:
+    model, made = fitted
+    dataset = later(made, 7)
+    position = dataset.position.copy()
+    position[4, 1] += 2e-3
+    found = model.verify(replace(dataset, position=position), tolerance="0.5 mm")
+    assert (found.holds, found.passed) == (True, False)
+    assert found.record.data.outliers == (5,)
+    assert [p.row for p in found.record.beyond_tolerance] == [5]
+
+
+def test_repeats_of_a_pose_are_one_measurement(fitted: tuple[gp.Model, Simulation]) -> None:
+    """Ten readings of each of six poses are no sixty poses."""
+    model, made = fitted
+    six = later(made, 8, 6)
+    rows = np.repeat(np.arange(6), 10)
+    noisy = six.position[rows] + np.random.default_rng(1).normal(0.0, 1e-6, (60, 3))
+    found = model.verify(replace(six.subset(rows), position=noisy, row=np.arange(1, 61)))
+    assert found.record.degrees == 12
+    assert found.holds
+
+
+def test_errors_of_the_instrument_are_used_where_the_readings_have_them() -> None:
+    arm, made = robot(80, seed=4, noise=NOISE)
+    off = 2e-4 * np.linalg.norm(made.dataset.position, axis=1, keepdims=True) * made.dataset.position
+    data = replace(made.dataset, position=made.dataset.position + off)
+    wave = [f"instrument:T{a}:instrument_{a}*instrument_range" for a in "xyz"]
+    model = gp.calibrate(arm, data, wave, holdout=0.0).model
+    first = later(made, 3)
+    again = first.position + 2e-4 * np.linalg.norm(first.position, axis=1, keepdims=True) * first.position
+    assert model.verify(first).record.instrument is False
+    assert model.verify(replace(first, position=again)).record.instrument is True
+
+
+def write(dataset: Dataset, arm: gp.Mechanism, path: Path) -> Path:
+    path.write_text(table_text(frame_of(dataset, arm)))
+    return path
+
+
+def test_the_command_says_it_by_its_status_and_leaves_a_page_a_pdf_and_a_certificate(
+    fitted: tuple[gp.Model, Simulation], tmp_path: Path
+) -> None:
+    model, made = fitted
+    model.save(tmp_path / "model.json")
+    for name, dataset, status in (("same", later(made, 1), 0), ("moved", later(made, 2, joint=1, moved=1e-4), 3)):
+        table, out = write(dataset, model.mechanism, tmp_path / f"{name}.csv"), tmp_path / name
+        result = run("verify", tmp_path / "model.json", table, "--tolerance", "0.3mm", "--out", out)
+        assert result.exit_code == status, result.stderr
+        assert {p.name for p in out.iterdir()} == {"verify.html", "verify.pdf", "verify.csv", "verify.json"}
+        assert ("zero of J2 moved by" in (out / "verify.html").read_text()) == bool(status)
+        assert run("certificate", out, "--machine", "Cell 4").exit_code == 0
+        page = (out / "certificate.html").read_text()
+        assert "Verification certificate: Cell 4" in page
+        assert "measured after the model was fitted" in page
+        assert (out / "certificate.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_what_cannot_be_judged_is_refused_in_a_line(fitted: tuple[gp.Model, Simulation], tmp_path: Path) -> None:
+    model, made = fitted
+    model.save(tmp_path / "model.json")
+    arm = model.mechanism
+    few = write(later(made, 1, 3), arm, tmp_path / "few.csv")
+    good = write(later(made, 1), arm, tmp_path / "good.csv")
+    (tmp_path / "bare.csv").write_text(good.read_text().replace("x [mm]", "p [mm]").replace("y [mm]", "q [mm]")
+                                       .replace("z [mm]", "r [mm]"))  # fmt: skip
+    for table, more, said in (
+        (few, (), "expected at least 4 poses"), (tmp_path / "bare.csv", (), "nothing measured"),
+        (good, ("--tolerance", "0.1"), "--tolerance"), (tmp_path / "none.csv", (), "cannot be read"),
+    ):  # fmt: skip
+        assert said in one_line(run("verify", tmp_path / "model.json", table, *more), 2)
+    with pytest.raises(gp.InputError, match="tolerance"):
+        gp.verify(model, good, tolerance=0.1)  # type: ignore[arg-type]
+
+
+def test_the_table_of_the_fit_itself_verifies_nothing(fitted: tuple[gp.Model, Simulation], tmp_path: Path) -> None:
+    arm, made = robot(40, seed=5)
+    table = write(made.dataset, arm, tmp_path / "t.csv")
+    model = gp.calibrate("irb6400r", table, holdout=0.0).model
+    with pytest.raises(gp.InputError, match="is the table the model was fitted to"):
+        model.verify(table)
+
+
+def test_targets_that_were_compensated_are_judged_where_the_machine_went(
+    fitted: tuple[gp.Model, Simulation], tmp_path: Path
+) -> None:
+    """The table of `compensate` with what was measured: its corrected values are the joint values."""
+    model, made = fitted
+    arm = model.mechanism
+    targets = unmeasured([j.name for j in arm.joints], 0.6 * random_poses(arm, 20, np.random.default_rng(8)))
+    sent = model.compensate(frame_of(targets, arm)[[f"J{i} [deg]" for i in range(1, 7)]])
+    went = np.radians(sent[[f"corrected_J{i} [deg]" for i in range(1, 7)]].to_numpy(dtype=float))
+    kept = np.isfinite(went).all(axis=1)
+    poses = prepare(arm, unmeasured([j.name for j in arm.joints], went[kept]))
+    tip = observe(made.model, poses, made.theta, made.placement).tip[:, :3, 3]
+    points = np.full((20, 3), np.nan)
+    points[kept] = 1e3 * (tip + np.random.default_rng(2).normal(0.0, NOISE, tip.shape))
+    measured = sent.assign(**{f"{a} [mm]": points[:, i] for i, a in enumerate("xyz")})
+    found = model.verify(measured)
+    assert found.holds
+    assert len(found.record.poses) == kept.sum()
+    assert found.record.missed.rms_mm < 0.1
+    assert sent["correction [mm]"].median() > 0.5
