@@ -1,4 +1,4 @@
-"""From a pool of candidates to one hypothesis: what fits, and whether it passes every test."""
+"""The tests of a candidate, and the verdicts on the best of a pool."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ from gpmodel.numerics import rank as ident
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A candidate with what speaks for and against it, all from training poses.
+    """A candidate with its score, p-value, rivals and verdict, all from training poses.
 
-    chance: of its score on shuffled residuals. cv_rms: m, cross-validated 3-D RMS with it; cv_before: without.
+    chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
     rivals: names and cv_rms of what else it could be. offered: it was evolved and judged by itself; where it passed, it
     is offered to the selection, which decides.
     """
@@ -80,15 +80,15 @@ def judge(residual: Residual, pool: Pool, search: Search) -> tuple[Hypothesis, .
 
 
 def worth(criteria: Criteria, nats: float, *candidates: Candidate) -> float:
-    """Description length saved, less the head start of named effects for every one of the candidates without a name."""
+    """Net nats: gain in description length less the head start of named effects for every unnamed candidate."""
     return nats - criteria.head_start * sum(not candidate.family for candidate in candidates)
 
 
 def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
-    """Whether every part of an expression without a name speaks for more than a few poses.
+    """Whether every part of an unnamed expression acts at more than a few poses.
 
     Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost as much
-    in cross-validation as is asked of the whole: else a spike at the worst poses rides along with a true shape.
+    in cross-validation as is asked of the whole: else a term fitted to a few outlying poses comes in with a true shape.
     """
     if candidate.family:
         return True
@@ -175,8 +175,8 @@ def tested(
 
 
 def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:
-    """The same with the largest chance it had: what was evolved first, by itself or among other terms, and chosen among
-    groups then was found by two searches, and the groups' shuffled residuals know nothing of the first."""
+    """The hypothesis with its largest p-value: a law that was evolved, by itself or among other terms, and then
+    selected went through two searches, and the null of the selection knows nothing of the first."""
     candidate = hypothesis.candidate
     own = {effect.terms for effect in candidate.effects}
 

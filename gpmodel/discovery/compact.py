@@ -37,7 +37,7 @@ def run_law_task(task: LawTask) -> tuple[Solution, ...]:
 def compact_laws(
     left: Residual, curves: Sequence[Candidate], search: Search, seed: int
 ) -> Iterator[tuple[Candidate, Residual, tuple[Candidate, ...]]]:
-    """Of every curve for which there are any: the curve, the residual without it, and laws of one term, in its inputs
+    """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
 
     left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of

@@ -1,4 +1,4 @@
-"""Curves in more detail than they are chosen with."""
+"""Detect a curve with few harmonics, double them if that saves nats."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,10 +10,10 @@ from gpmodel.families.curves import continued
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """What was found, a fine curve with twice its harmonics where the new ones save description length.
+    """The findings, fine curves with twice their harmonics where the new ones lower the description length.
 
-    A drive has lines up to twice its reduction ratio; that its curve is there, fewer tell in an eighth of the time.
-    left: what a model with all that was found leaves.
+    A drive has lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of the time.
+    left: the residual of a model with all findings.
     """
     out = dict(found)
     for name, candidate in found.items():

@@ -69,7 +69,7 @@ def _event(candidate: Candidate, left: Callable[[], Residual]) -> tuple[Known, .
 
 
 def _told(candidate: Candidate, events: Sequence[Known]) -> Candidate:
-    """The same, the rows that its event may be after in its name and in those of its effects."""
+    """The candidate with the interval of its event's row in its name and in those of its effects."""
     inner = candidate.inner
     if inner is None or not any(known.high != known.low for known in events):
         return candidate

@@ -1,4 +1,4 @@
-"""Constants inside a law as unknowns of the last fit: what a change of one does is a column like any other."""
+"""Nonlinear constants of a law as unknowns of the last fit, linearised: a change of one is a column like any other."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from gpmodel.model.effect import Effect, Term
 from gpmodel.model.states import States
 
 STEP = 1e-3
-"""Of the difference that stands for the derivative, in the constant itself."""
+"""Step of the central difference, relative to the constant."""
 
 OWN = 0.05
-"""Share of a change's column that the law's own columns must leave: a scale is its coefficient said again."""
+"""Least unique share of a change's column beside the law's own columns: a scale is the coefficient again."""
 
 MOST = 0.3
-"""How much of itself over the poses a law is believed to be changed by: beyond that its column does not say how."""
+"""Prior sd: a constant may change its law by 30 % RMS; beyond that the linearisation does not hold."""
 
 HARMONICS = 12
 """Whole numbers up to this are how often per turn, not constants that were fitted."""
@@ -29,7 +29,7 @@ HARMONICS = 12
 
 @dataclass(frozen=True)
 class InnerChange:
-    """A constant inside a law, and what a unit change of it does."""
+    """A constant of a law, and the effect of a unit change of it."""
 
     constant: Constant
     effect: Effect

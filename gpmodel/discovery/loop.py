@@ -121,7 +121,7 @@ def _climbed(loop: State, standard_fit: Calibration, calibration: Calibration) -
                 loop.journal.keep(loop.findings, loop.rounds)
             return calibration, f"stopped after {search.stop_after:g} s; there may be more to find"
         loop.journal.keep(loop.findings, loop.rounds)
-    return calibration, "nothing else stands out of chance"
+    return calibration, "no further effect is significant"
 
 
 def _measured_once(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> tuple[Poses, IntArray, IntArray]:
@@ -202,7 +202,7 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
 
 
 def _one_a_place(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """Of what has no name the first at each place: the others there say the same in other words, or are found next."""
+    """The first unnamed candidate at each place; others there are equivalent, or are found in the next round."""
     out: dict[object, Candidate] = {}
     for candidate in candidates:
         place = candidate.place

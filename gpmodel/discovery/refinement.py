@@ -23,10 +23,10 @@ LOOKS = 2
 """Fits between which constants are moved: what the others have taken up is settled after the first."""
 
 EVALUATIONS = 80
-"""Of the residual for each constant of a candidate; the simplex settles in half of them."""
+"""Evaluations of the residual for each constant of a candidate; the simplex settles in half of them."""
 
 SETTLED = 1e-4
-"""Of a squared deviation of the noise, by which the corners of a simplex still differ where it ends."""
+"""Difference of the cost between the corners of a simplex where it ends, in variances of the noise."""
 
 ROUNDING = 0.005
 """Nats that a constant written with fewer digits may cost: a tenth of its deviation."""

@@ -61,7 +61,7 @@ class Search:
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:
-        """Of one run; a small one in an opening round where named effects are offered."""
+        """Budget of one run; a small one in an opening round where named effects are offered."""
         population, generations = self.population, self.generations
         if opening:
             population = min(population, self.opening_population)

@@ -29,7 +29,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """The same targets with other residual values (M + B,) in place of the real ones."""
+    """The targets with other residual values (M + B,)."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 

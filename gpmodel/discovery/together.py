@@ -1,4 +1,4 @@
-"""Which of many findings stand beside one another: all that fail are left out, and taken back where they stand then."""
+"""Backward elimination of findings that fail a test, then re-inclusion of those that pass beside the rest."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -13,12 +13,12 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def standing_together(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """The last verdict on each candidate, and the calibration with those that stand.
+    """Eliminate and readmit: the last verdict on each candidate, and the calibration with the accepted ones.
 
     judge: verdicts on candidates beside all the others that a calibration has. fit: calibrates with candidates, from a
-    fit to go on from. All that fail are left out at once, until none does. What failed beside much that stands no
-    longer may stand beside what is left: the strongest of those comes back, one after the other; then all are judged
-    once more (the floating search of Pudil et al. 1994). What chance does as well never comes back.
+    fit to go on from. All that fail are left out at once, until none does. What failed beside much that is out
+    by then may pass beside the rest: the strongest of those comes back, one after the other; then all are judged
+    once more (the floating search of Pudil et al. 1994). What fails the test of significance never comes back.
     """
     inside, outside = dict(offered), dict[str, Candidate]()
     judged: dict[str, Hypothesis] = {}

@@ -1,6 +1,6 @@
-"""A random walk of the instrument, than which every law of the rows has to say more.
+"""A law in time must beat a random-walk drift of the instrument.
 
-Of noise that wanders, steps, ramps and approaches explain much, and the walk itself more, whether it is offered or not.
+Steps, ramps and exponentials explain much of noise that wanders; a walk explains more, whether it is offered or not.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ from gpmodel.table.units import is_time
 
 
 def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
-    """Nats by which a law of the rows or of the time saves more than a walk of the instrument does of a residual
-    without either; None of any other candidate, and of loose curves, which a walk is one of."""
+    """Gain of a law of the rows or of the time beyond that of a random walk, nats, on a residual without either; None
+    for any other candidate, and for curves, of which a walk is one."""
     states = residual.poses.states
     clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
     if candidate.kind == "curve" or clocks.isdisjoint(candidate.inputs):
@@ -27,7 +27,7 @@ def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
 
 
 def _nats(residual: Residual, walk: Candidate) -> float:
-    """What a walk of the most likely size saves, its deviations in proportion to its priors."""
+    """Gain of a walk at its most likely variance, nats, its standard deviations in proportion to its priors."""
     u, size = directions(residual, walk, residual.projected(walk.effects)[0])
     size = size[:, 0] / np.linalg.norm([e.prior for e in walk.effects])
     sigma2 = residual.energy / residual.freedom

@@ -8,42 +8,51 @@ from gpmodel import wording
 
 @dataclass(frozen=True)
 class Criteria:
-    """Limits that a candidate has to pass before it becomes a finding, and how its chance is measured.
+    """The limits that a candidate has to pass before it becomes a finding, and how they are measured.
 
-    significance: largest chance of its score on shuffled residuals, and of what laws evolved without some poses gain on
-    these. minimum_nats: description length saved beyond its own cost, nats; selection under pure noise reaches 4.2 at
-    most, five is a Bayes factor of 150 ("very strong", Kass and Raftery 1995). minimum_cv_t: gain in cross-validation
-    in standard deviations of its mean, pose by pose: half of minimum_sigmas, since an effect of t deviations lowers the
-    sum of squared errors by t² σ² and noise moves that by 2 t σ², so it shows t/2 at most; over random folds, and over
-    stretches of rows where these are in order or read. clear_cv_t: the same of an expression that nobody named, over
-    having it at all, over a named effect and over any part of it, the usual two-sided 5 %: the more ways there are, the
-    more of them predict a little better. minimum_sigmas: largest coefficient in its standard deviations. minimum_share:
-    unique share of its column, below which 97 % of it is explained by the model already. scored_share: columns of a
-    smaller unique share are not scored at all, their coefficient would be rounding.
+    Tests of one candidate:
+    significance: largest p-value on permuted residuals, and of what laws evolved without some poses gain on these.
+    minimum_nats: least gain in description length, nats; pure noise reaches 4.2, five is a Bayes factor of 150, "very
+        strong" (Kass and Raftery 1995).
+    minimum_cv_t: least cross-validated gain, in standard errors of its mean; half of minimum_sigmas, as an effect of t
+        standard errors lowers the squared error by t² σ² and noise moves that by 2 t σ². Over random folds, and over
+        stretches of rows where these are in order or read.
+    clear_cv_t: the same for an unnamed expression, over none, over a named effect and over any part of it, standard
+        errors: the two-sided 5 %, as the more ways there are, the more of them predict a little better.
+    minimum_sigmas: least size of the largest coefficient, in its standard errors.
+    minimum_share: least unique share of its column; below it the model explains 97 % already.
+    scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
+    fewest_poses, fewest_share: least poses, and share of them, that each part of an unnamed expression acts at; a term
+        that acts at fewer is fitted to a few outlying poses.
+    largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
 
-    likeness: correlation of projected columns above which two candidates are one finding at several possible places.
-    head_start: nats by which an expression nobody named has to be better than a named effect, the price of reading it.
-    naming_margin: nats that the catalogue's word may cost against the expression it names. tie: nats within which the
-    expression with fewest operators speaks for its like. fewest_poses, fewest_share: the poses, and the share of
-    them, that every part of an unnamed expression must speak for: fewer is a spike at the worst poses.
-    largest_between: how many times larger than at the measured poses a basis may be between them; more is a pole.
+    Naming:
+    likeness: correlation of projected columns above which two candidates are one finding at several places.
+    head_start: nats by which an unnamed expression has to beat a named effect, the price of reading it.
+    naming_margin: nats that a name of the catalogue may cost against the expression it replaces.
+    tie: nats within which the expression with fewest operators represents its like.
+    standard_errors: cross-validated loss that a law may have against the curve it replaces, standard errors of the
+        paired difference: the one-standard-error rule (Breiman et al. 1984, 3.4.3).
 
-    While groups are chosen, each has to save minimum_nats. part_nats: what each place of a group at several places has
-    to save, its share of that, since the kind is paid for already. swap_nats: by which a group has to be better to take
-    another's place, more than is settled of either; one that is cheaper to name, and no larger, takes it where it is no
-    worse. rival_nats: within which another in its place is told as a rival, a factor of twenty in likelihood (Jeffreys
-    1961: "strong"). one_pose_share: of what a group gains that one pose may bring; more than half is an outlier the
-    group has bent itself to.
+    Selection of groups:
+    part_nats: least gain of each place of a group at several, nats; the kind is paid for already.
+    swap_nats: nats needed to replace a group by another; a cheaper one that is no larger needs none.
+    rival_nats: nats within which another in its place is a rival, a likelihood ratio of twenty ("strong", Jeffreys
+        1961).
+    one_pose_share: largest share of a group's gain that one pose brings; with more the group is bent to an outlier.
 
-    fewest_bundles: groups of poses below which too few orders of whole groups differ to tell chance, and only repeats
-    of a pose are kept together. blocks: stretches of rows, and regions of space, in which poses are
-    allowed to depend on one another; ten leave each long enough to hold what drifts through a session.
-    confirmation: one-sided chance, on the held-out poses, that what was found predicts no better than the standard
-    model; above it the standard model is shipped.
-
-    outlier_sigmas: robust standard deviations beyond which a pose's residual is winsorised; beyond six a Gaussian has
-    one pose in 5e8. folds: of cross-validation, the usual ten (Kohavi 1995). shuffles: permutations of the residual
-    the catalogue is scored on. input_significance: of an input in the histogram, after correction for their number.
+    Poses:
+    fewest_bundles: least groups of poses that are permuted whole; below it too few orders differ to tell a p-value,
+        and only repeats of a pose are kept together.
+    blocks: stretches of rows, and regions of space, within which poses may depend on one another; ten leave each long
+        enough to hold what drifts through a session.
+    outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
+        pose in 5e8.
+    folds: of cross-validation, the usual ten (Kohavi 1995).
+    shuffles: permutations of the residual that the catalogue is scored on.
+    confirmation: largest one-sided p-value, on the held-out poses, that the findings predict no better than the
+        standard model; above it the standard model is shipped.
+    input_significance: largest p-value of an input in the histogram, corrected for their number.
     """
 
     significance: float = 0.01
@@ -105,7 +114,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """The tests of one candidate, in the order they are told; accepted where all of them passed."""
+    """The tests of one candidate in order; it is accepted where all of them pass."""
 
     tests: tuple[Test, ...]
 

@@ -1,4 +1,4 @@
-"""Cross-validation: how well a model with candidate effects predicts poses that did not fit it."""
+"""Cross-validation of a model with candidate effects, all of it refitted without each fold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Predicted:
 
 
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
-    """Predictions with these effects in the model, all of it refitted without each fold.
+    """Errors of prediction with these effects in the model, fold by fold, from one factorisation.
 
     With X (M + B, E) the effects' columns and r what the system leaves of both, x and r_f in the rows of a fold, and A
     = I - H of these rows, H what the system fits: the columns without the fold have the products XᵀX - xᵀA⁻¹x and
@@ -51,13 +51,13 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
 
 
 def paired_t(gain: Array) -> float:
-    """The mean of a gain (N,) in standard deviations of that mean; 0 where all are equal."""
+    """Mean of a gain (N,) over its standard error; 0 where all are equal."""
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
-    """The paired t by which one prediction is better than another, unit by unit of independent poses.
+    """Paired t of the gain of one prediction over another, over independent units of poses.
 
     Both errors count up to median + sigmas · 1.4826 MAD of those before: where a curve has few poses, one of them
     missed by far neither proves nor disproves.
@@ -67,6 +67,6 @@ def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """The paired t by which effects predict better than others, unit by unit of independent poses."""
+    """Paired t of the cross-validated gain of some effects over others, over independent units of poses."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)

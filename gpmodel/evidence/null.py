@@ -1,4 +1,4 @@
-"""The null: the residual in another order of its independent poses, which is what chance looks like."""
+"""The null distribution: the residual permuted over independent poses."""
 
 import numpy as np
 

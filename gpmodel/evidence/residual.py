@@ -113,7 +113,7 @@ class Residual:
         return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
 
     def without(self, effects: Sequence[Effect]) -> "Residual":
-        """The same with the part of some of its model's effects given back, as if they were not in it."""
+        """The residual with some effects of its model taken out."""
         given = [e.name for e in effects]
         kept = np.concatenate([np.ones(self.problem.placement, dtype=bool), ~np.isin(self.names, given)])
         believed = np.any(self.system[self.measured :] != 0, axis=0)
@@ -133,7 +133,7 @@ class Residual:
 
     @cached_property
     def in_stretches(self) -> "Residual":
-        """The same with folds that are stretches of rows, as many: what neighbours share is then in no other fold."""
+        """The residual with as many folds that are stretches of rows, so that neighbours are in one fold."""
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]

@@ -1,4 +1,4 @@
-"""What a candidate saves: one projection and a description length, on the residual and on what chance makes of it."""
+"""Scores of candidates: gain in description length, by one projection each, on the residual or on permuted ones."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ NOISE_STEPS = 5
 
 @dataclass(frozen=True)
 class Score:
-    """gain: share of the residual energy removed; nats: description length saved; share: unique part of the column."""
+    """gain: share of the residual's sum of squares removed; nats: gain in description length; share: smallest unique
+    share of its columns."""
 
     gain: float
     nats: float
@@ -48,7 +49,7 @@ def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
 
 
 def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> Array:
-    """The most nats (T,) that any candidate saves on each of the residuals (M + B, T) in place of the real one."""
+    """Largest gain (T,), nats, of any candidate on each of several residuals (M + B, T): the null of `scores`."""
     best = np.full(trials.shape[1], -np.inf)
     for candidate, span, shares in _projected(residual, pool):
         if shares.max() >= residual.criteria.scored_share:
@@ -69,7 +70,7 @@ def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[
 
 
 def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
-    """The nats a candidate saves where the variance of the noise is so many times larger, by what poses share."""
+    """Gains of a candidate, nats, with the variance of the noise inflated by what poses share."""
     if not inflations:
         return []
     span, _ = residual.projected(candidate.effects)
@@ -78,7 +79,7 @@ def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[floa
 
 
 def contribution(residual: Residual, candidate: Candidate) -> Array:
-    """What a candidate explains of the residual (M + B,), as far as its priors let it."""
+    """Posterior mean of a candidate's part of the residual (M + B,)."""
     span, _ = residual.projected(candidate.effects)
     if not candidate.has_priors:
         return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])

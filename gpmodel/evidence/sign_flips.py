@@ -1,4 +1,4 @@
-"""The chance of a gain on unseen poses by turning it round, pose by pose: it needs no search on shuffled residuals."""
+"""Sign-flip test of the out-of-sample gain: a p-value without a search on permuted residuals."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from gpmodel.arrays import Array
 from gpmodel.evolution.chance import Chance
 
 FLIPS = 9999
-"""Sign patterns drawn where there are more: the smallest chance they can tell is 1e-4."""
+"""Random sign patterns; the smallest p-value is 1e-4."""
 
 SIGN_FLIPS = "sign flips of the gain on unseen poses"
 AT_ONCE = 1_000_000
@@ -14,7 +14,7 @@ AT_ONCE = 1_000_000
 
 
 def sign_flip_chance(gain: Array) -> Chance:
-    """One-sided chance of a sum of gains (U,) as large where each is as likely to be as large a loss.
+    """One-sided p-value of a sum of gains (U,) under the hypothesis that each is symmetric about zero.
 
     p = (1 + reached) / (1 + flips) over random sign patterns, which is exact at any number of values: the observed
     pattern is one of them. Where a law predicts nothing, what it gains on a pose it was not fitted to is 2 r·d - d·d

@@ -63,7 +63,7 @@ class Pieces:
         return Pieces(growth, kinds, at, build)
 
     def of_kinds(self, kinds: Sequence[int]) -> "Pieces":
-        """Those of some kinds."""
+        """Blocks of some kinds."""
         wanted = np.zeros(NONE + 1, dtype=bool)
         wanted[list(kinds)] = True
         rows = np.flatnonzero(wanted[self.kinds])

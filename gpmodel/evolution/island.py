@@ -86,12 +86,12 @@ class Island:
         return self._climbed(self.population.take(np.array([best])), int(self.scores.chosen[best]))
 
     def climbed_from_best(self) -> Iterator[Program]:
-        """The same from the program of least description length of all."""
+        """Law at the top of the hill of the program of least description length."""
         for _, population, chosen in self._best():
             yield from self._climbed(population, chosen)
 
     def guests(self) -> list[Population]:
-        """That program for other islands, whose laws may be made of the same parts; none where none was kept."""
+        """The program of least description length, for other islands; none where none was kept."""
         return [population for _, population, _ in self._best()]
 
     def _best(self) -> list[tuple[float, Population, int]]:

@@ -5,7 +5,7 @@ from typing import Protocol
 from gpmodel.evolution.search import Evolution
 
 Number = tuple[int, int]
-"""Of a run: its round, or the place of its representation, and which of the runs there it is."""
+"""Number of a run: its round, or the place of its representation, and which of the runs there it is."""
 
 
 class KeptRuns(Protocol):

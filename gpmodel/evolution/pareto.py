@@ -77,7 +77,7 @@ class Archive:
 
 
 def pareto(solutions: Sequence[Solution]) -> tuple[Solution, ...]:
-    """Those that no simpler one equals in gain, simplest first."""
+    """Pareto front: solutions that no simpler one equals in gain, simplest first."""
     found: list[Solution] = []
     for solution in sorted(solutions, key=lambda c: (c.complexity, -gain_nats(c.gain))):
         if not found or gain_nats(solution.gain) > gain_nats(found[-1].gain):

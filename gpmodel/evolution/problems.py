@@ -117,7 +117,7 @@ class CartesianProblem:
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
 
     def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
-        """The same search with the errors, measured less model, permuted over the poses."""
+        """The problem with the errors, measured less model, permuted over the poses."""
         model = self.inputs.select(COORDINATES).values
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
         return replace(self, measured=model + error)
@@ -163,7 +163,7 @@ class SlotProblem:
         return self.targets.names
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
-        """The same problem at one site with some of the inputs."""
+        """The problem at one site with some of the inputs."""
         validation = None if self.validation is None else self.validation.only(site)
         validation_inputs = None if self.validation_inputs is None else self.validation_inputs.select(names)
         inputs, targets = self.inputs.select(names), self.targets.only(site)
@@ -186,7 +186,7 @@ class SlotProblem:
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
-        """The same search with the residual permuted over the poses."""
+        """The problem with the residual permuted over the poses."""
         return replace(self, targets=self.targets.shuffled(rng), validation=None, validation_inputs=None)
 
 

@@ -24,7 +24,7 @@ UNIQUE_SHARE = 1e-4
 """A column of which less than this share lies outside the enabled columns scores nothing (default)."""
 
 ROUNDING_SHARE = 1e-8
-"""The same limit for noise-free regression, where only rounding makes columns alike."""
+"""Limit for noise-free regression, where only rounding makes columns alike."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Targets:
         return self.samples or self.poses
 
     def only(self, site: int) -> "Targets":
-        """The same problem at one site."""
+        """The problem at one site."""
         rows = slice(site, site + 1)
         return replace(
             self,
@@ -175,7 +175,7 @@ class Targets:
         return float((2.0 * (shape @ self.pull[site]) - column) / self.energy)
 
     def shuffled(self, rng: np.random.Generator) -> "Targets":
-        """The same sites with the residual permuted over the poses: what the search finds where nothing is.
+        """The sites with the residual permuted over the poses: the null of the search.
 
         White noise projected out of the enabled columns gives a pull of covariance G at a site, not D. So each
         pull is whitened by G, permuted (all sites alike), and coloured by G again: no part of it lies where

@@ -69,7 +69,7 @@ class Representation(Protocol):
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Those that every program may read and that are never fitted."""
+        """Constants that every program may read and that are never fitted."""
         ...
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:

@@ -61,7 +61,7 @@ def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) ->
 
 
 def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
-    """The same from the values (P, k m, N) of columns, scaled in place: the m outputs, then what was made of each.
+    """Scores from the values (P, k m, N) of columns, scaled in place: the m outputs, then what was made of each.
 
     A column counts the nodes of the output that it was made of; ``base`` rows of the code are fixed.
     """

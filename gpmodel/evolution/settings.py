@@ -43,7 +43,7 @@ class Settings:
         self.selection.eligible(self.budget.population)
 
     def with_budget(self, *, generations: int | None = None, threads: int | None = None) -> "Settings":
-        """The same with other generations or threads, where given."""
+        """The settings with other generations or threads, where given."""
         budget = self.budget
         if generations is not None:
             budget = replace(budget, generations=generations)

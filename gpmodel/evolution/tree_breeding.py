@@ -161,7 +161,7 @@ def depth_first_crossover(
 def structure_mutation(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
 ) -> tuple[gp.PrimitiveTree]:
-    """The same with a crossover point of its own in the father, so that sequences are reused elsewhere."""
+    """Breeding with a crossover point of its own in the father, so that sequences are reused elsewhere."""
     point = gp.random.randrange(len(mother))
     other = gp.random.randrange(len(father))
     return (_complete(mother[: point + 1], iter(father[other:]), primitives),)

@@ -39,7 +39,7 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """The same for one instance only: one effect, or the pair that is its sine and cosine.
+    """Effects of one instance only: one effect, or the pair that is its sine and cosine.
 
     Raises InputError also for a family of several instances.
     """

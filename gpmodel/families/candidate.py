@@ -42,7 +42,7 @@ class Candidate:
     inner: Inner | None = None
 
     def at(self, inner: Inner) -> "Candidate":
-        """The same with other constants inside, its unknowns free of priors."""
+        """The candidate with other constants inside, its unknowns free of priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
         return replace(self, name=inner.said, effects=effects, inner=inner)
 

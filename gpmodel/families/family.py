@@ -17,7 +17,7 @@ Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 
 
 def no_combs(mechanism: Mechanism, states: States) -> Iterable[Comb]:
-    """Of a family whose instances can all be named."""
+    """No combs: every instance of the family can be named."""
     return ()
 
 

@@ -13,7 +13,7 @@ from gpmodel.model.memory import constant_of, word
 SYMBOL = "CONSTANT"
 
 DIGITS = 6
-"""Of a constant as it is written: a millionth of it changes no basis by as much as its deviation does."""
+"""Significant digits of a constant as it is written: a millionth of it is far below its standard error."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class Inner:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """Of the constants."""
+        """Values of the constants."""
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "Inner":
-        """The same with other values of its constants."""
+        """The template with other values of its constants."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 
     def without(self, k: int) -> "Inner":
-        """The same without a constant and the effects that read it."""
+        """The template without a constant and the effects that read it."""
         symbol = self.constants[k].symbol
         left = tuple(
             replace(e, name=_less(e.name, symbol))

@@ -23,13 +23,13 @@ ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
 DEGREE = 3
-"""Of a smooth field over the volume: a bend and an s-shape along each direction."""
+"""Degree of a smooth field over the volume: a bend and an s-shape along each direction."""
 
 FINE, FINE_POSES = 5, 200
 """Half waves, along all directions together, of a field with more detail, and the poses that can carry its numbers."""
 
 WAVES = 8
-"""Of a walk along the rows: the eighth carries a 225th of the variance of the first."""
+"""Waves of a walk along the rows: the eighth carries a 225th of the variance of the first."""
 
 
 def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:

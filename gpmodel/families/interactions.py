@@ -12,7 +12,7 @@ from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
 HARMONICS = (1, 2)
-"""Of the angle in a product of two inputs: gears are eccentric (1) and elliptic (2)."""
+"""Harmonics of each angle in a product of two: gears are eccentric (1) and elliptic (2)."""
 COST = 8.0
 """Nats of a product of two inputs: e^8 = 3000, about as many as there are on an arm of six joints."""
 

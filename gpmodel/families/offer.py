@@ -18,7 +18,7 @@ as many as there are places in an arm with six joints."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
-    """The same offers. Raises InputError for one of another kind, or two of one name."""
+    """The offers as a tuple. Raises InputError for one of another kind, or two of one name."""
     kept: dict[str, Offer] = {}
     for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):

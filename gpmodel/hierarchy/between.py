@@ -51,7 +51,7 @@ class Standing:
 
 
 def between(values: Array, variances: Array) -> Shared:
-    """Of estimates (m,), m ≥ 2, and their variances (m,).
+    """Mean and spread of estimates (m,), m ≥ 2, with variances (m,).
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
     DerSimonian and Kacker 2007); its interval where Q is a quantile of χ² with m - 1 degrees of freedom (Viechtbauer

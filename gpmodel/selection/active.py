@@ -34,12 +34,12 @@ class Active:
         return self.pool.criteria
 
     def added(self, g: int, variance: float) -> "Active":
-        """The same with group g, all its effects, at a prior variance of `variance`."""
+        """The model with group g, all its effects, at a prior variance of `variance`."""
         everything = np.arange(len(self.pool.index[g]))
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: everything})
 
     def without(self, g: int) -> "Active":
-        """The same without group g."""
+        """The model without group g."""
         left = {k: v for k, v in self.variances.items() if k != g}
         return replace(self, variances=left, chosen={k: v for k, v in self.chosen.items() if k != g})
 

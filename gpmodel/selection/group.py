@@ -17,7 +17,7 @@ from gpmodel.model.states import States
 CAP = 5e-3
 """Radians or metres, as √a: no undeclared effect of a machine in service moves its place further."""
 DECLARED_CAP = 0.3
-"""Likewise, in its own unit, of an effect that is known to be there."""
+"""Largest √a of an effect that is known to be there, in its own unit."""
 FLAT = 1e-6
 """Relative variance of a basis below which it is a constant, which the geometry holds."""
 

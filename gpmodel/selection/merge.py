@@ -1,4 +1,4 @@
-"""One group in the place of several, and several in the place of one: what no exchange of one for one can do."""
+"""Moves that replace several groups by one, or one by several, where no exchange of one for one raises the evidence."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ LEEWAY = 100.0
 
 
 def merged(active: Active) -> Active:
-    """The groups found at each place against the one that does most in their stead, where that raises the evidence.
+    """Replace the groups at each place by the one that gains most without them, keep that if the evidence rises.
 
     Groups that were added one after the other can share what one shape explains by itself, each of them needed beside
     the rest; then none can be exchanged alone.
@@ -50,7 +50,7 @@ def merged(active: Active) -> Active:
 
 
 def spelled_out(active: Active) -> Active:
-    """The curves found, each against a law in its inputs and what grows beside that, where it raises the evidence.
+    """Replace each curve by a law in its inputs and regrow, keep that if the evidence rises.
 
     A law that needs another effect beside it loses to a curve that has both in it. One that saves nothing in the place
     of the curve is no trial: what would grow is what grows without it.
@@ -71,9 +71,9 @@ def spelled_out(active: Active) -> Active:
 
 
 def acquitted(active: Active) -> Active:
-    """What can stand for several effects of the robot, each against what grows of the others in its stead.
+    """Drop each catch-all group, regrow, keep that if the evidence rises.
 
-    Where that raises the evidence: an error of the instrument is as large everywhere, one scale comes before the
+    An error of the instrument is as large everywhere, one scale comes before the
     pitches of two screws and then needs a third to make up for it; and the weights of all links beyond a joint, each
     by itself, say what a tilting base and a wave of the joint's own angle do together, none of which comes first alone.
     """
@@ -87,7 +87,7 @@ def acquitted(active: Active) -> Active:
 
 
 def _broad(group: Group) -> bool:
-    """Whether it is the instrument's, or at one place with a size of its own for each of several inputs."""
+    """Whether a group is a catch-all: of the instrument, or at one place with an unknown for each of several inputs."""
     several = not group.parts and len(group.inputs) >= len(group.effects) > LAW
     return several or group.effects[0].of_the_instrument
 

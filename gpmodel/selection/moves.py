@@ -19,7 +19,7 @@ SHORT_LIST = 100
 
 
 def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
-    """Variances and noise at their most likely values: all at once in log a, halving the step where evidence falls."""
+    """The model with optimal variances and noise: all at once in log a, halving the step where the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = {g: variance for g, (_, variance) in active.worth.items()}
@@ -39,7 +39,7 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
 
 
 def pruned(active: Active) -> Active:
-    """Without what saves fewer than the least nats, the worst first, and without idle parts of what is kept."""
+    """Backward elimination of groups that gain less than the least nats, the worst first, and of idle parts."""
     while True:
         worth = {g: active.worth[g][0] - active.pool.cost[g] for g in found(active)}
         worst = min(worth, key=lambda g: worth[g], default=None)
@@ -69,13 +69,13 @@ def _without_idle_parts(active: Active) -> Active:
 
 
 def parts_left(active: Active, g: int) -> IntArray:
-    """Of each column that a group of several places still has, the number of its part."""
+    """Number of the part of each column that is left of a group at several places."""
     sizes = [len(part.effects) for part in active.pool.groups[g].parts]
     return np.asarray(np.repeat(np.arange(len(sizes)), sizes)[active.chosen[g]])
 
 
 def grown(active: Active, but: Set[int] = frozenset()) -> Active:
-    """Add the best group but some while it saves the least nats beyond its cost; re-estimate and prune after each.
+    """Forward selection: add the best group, but for some, while its net gain reaches the least nats; prune after each.
 
     Where none does at the present noise, one that does at its own comes in.
     After a full scan only its best hundred are looked at again, until none of them is worth adding.

@@ -16,7 +16,7 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 DIGITS = 5
-"""Of an evolved constant: what stands in front of the basis is fitted anew, with σ, to all of its digits."""
+"""Significant digits of an evolved constant; the coefficient in front of the basis is fitted anew, with σ."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:

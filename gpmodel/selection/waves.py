@@ -34,7 +34,7 @@ ROUNDING = 0.5
 
 MOST_DIGITS = 6
 REFINEMENTS = 30
-"""Of a frequency as it is written; then the steps of its refinement."""
+"""Significant digits of a frequency at most; steps of its refinement."""
 
 
 @dataclass(frozen=True)

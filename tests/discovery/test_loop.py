@@ -43,7 +43,7 @@ def test_nothing_is_added_where_nothing_is_undeclared(seed: int) -> None:
     answer = found("nothing", seed)
     assert answer.findings == ()
     assert [s.name for s in answer.steps] == ["registration", "standard"]
-    assert answer.stopped == "nothing else stands out of chance"
+    assert answer.stopped == "no further effect is significant"
     assert len(answer.rounds) == 1
 
 
@@ -148,7 +148,7 @@ def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeyp
     answer = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK)
     assert [f.candidate for f in answer.findings] == [f.candidate for f in quick().findings]
     assert [r.evolved for r in answer.rounds] == [(candidate,) for candidate in asked]
-    assert answer.stopped == "nothing else stands out of chance"
+    assert answer.stopped == "no further effect is significant"
 
 
 def test_limits_of_effects_and_time_are_kept_and_told() -> None:
