@@ -178,11 +178,14 @@ def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[
 
 
 def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
-    """Random poses within the limits as the fitted model sees them, in the first set-up and with the first tool."""
+    """Random poses within the limits as the fitted model sees them, in the first set-up and with the first tool.
+
+    They are taken one after the other, for a model that remembers the rows before.
+    """
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(seed))
     at = np.zeros(POOL, dtype=np.int64)
-    data = replace(poses.dataset.subset(at), q=q)
+    data = replace(poses.dataset.subset(at), q=q, in_order=True)
     fresh = prepare(model.mechanism, data)
     tips = observe(model, fresh, calibration.theta, calibration.placement).tips.instrument[:, :3, 3]
     return prepare(model.mechanism, replace(data, position=tips))

@@ -162,6 +162,17 @@ def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_
     assert (rival.constant, rival.candidate.name) not in {(r.constant, r.candidate.name) for r in left}
 
 
+def test_a_model_that_remembers_the_last_move_by_a_clock_alone_has_rivals() -> None:
+    """Poses tried for what tells two causes apart have no clock of their own."""
+    fit, poses, arm = measured_arm(0.2)
+    minutes = np.arange(len(poses), dtype=float)
+    timed = replace(poses.dataset, extras={"time": minutes}, extra_units={"time": "min"})
+    poses = prepare(arm, timed)
+    play = drive_effect("play", arm.joints[1], Expression("last_move_J2"))
+    fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), play)), poses)
+    assert 0 < len(hidden_rivals(fit, poses)) <= MOST
+
+
 def test_one_projection_a_candidate_gives_what_a_projection_a_constant_does() -> None:
     fit, poses, arm = measured_arm(0.2)
     problem = problem_at(fit, poses)
