@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,14 +15,13 @@ from experiments.blind.oracle import rms_mm
 from experiments.blind.simulator import Array
 from experiments.random_laws.findings import graded
 from experiments.random_laws.methods import Answer, Method, geometry, predicted
+from experiments.random_laws.results import Row, explained
 from experiments.random_laws.robot import Robot, make
 from experiments.random_laws.surface import surface
 from gpmodel.errors import GpModelError
 from gpmodel.model.error_model import prepare
 from gpmodel.model.states import States
 from gpmodel.table.read import read_table
-
-Row = dict[str, Any]
 
 
 def write(robot: Robot, folder: Path) -> tuple[Path, Path, Path]:
@@ -84,8 +82,3 @@ def judge(seed: int, factors: int, index: int, method: Method, folder: Path) -> 
         for share, best in (("explained", "oracle_mm"), ("of_surface", "surface_mm")):
             row[share] = explained(row["geometry_mm"], row["error_mm"], row[best])
     return row if answer.findings is None else {**row, **graded(answer.findings, robot, states)}
-
-
-def explained(geometry_mm: float, error_mm: float, best_mm: float) -> float:
-    """Share of the squared error that could go and does."""
-    return (geometry_mm**2 - error_mm**2) / (geometry_mm**2 - best_mm**2)

@@ -29,8 +29,8 @@ class Law:
     half: tuple[float, ...]
 
     def scaled(self, columns: Any) -> list[Array]:
-        """u and v (N,) from the columns of the inputs."""
-        return [(columns[n] - m) / h for n, m, h in zip(self.inputs, self.middle, self.half, strict=True)]
+        """u and v (N,) from the columns of the inputs; beyond the ranges they were drawn with they stay at the edge."""
+        return [np.clip((columns[n] - m) / h, -1.0, 1.0) for n, m, h in zip(self.inputs, self.middle, self.half, strict=True)]
 
     def __call__(self, columns: Any) -> Array:
         """(N,) values from the columns of the inputs."""

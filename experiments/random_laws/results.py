@@ -38,6 +38,11 @@ def rounded(row: Row) -> Row:
     return {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()}
 
 
+def explained(geometry_mm: float, error_mm: float, best_mm: float) -> float:
+    """Share of the squared error that could go and does."""
+    return (geometry_mm**2 - error_mm**2) / (geometry_mm**2 - best_mm**2)
+
+
 def summary(rows: Iterable[Row]) -> Row:
     """Counts over the robots of one method and one number of factors; innocents have what was added falsely."""
     everything = list(rows)

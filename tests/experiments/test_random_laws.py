@@ -15,6 +15,7 @@ from experiments.blind.robot import world_of
 from experiments.random_laws.findings import alike, graded
 from experiments.random_laws.judge import judge, oracle, write
 from experiments.random_laws.law import Law, Place, places
+from experiments.random_laws.leaderboard import board, read
 from experiments.random_laws.methods import geometry, method_named
 from experiments.random_laws.peers import denavit_hartenberg, of_the_rest
 from experiments.random_laws.results import append, saved, summary
@@ -45,6 +46,11 @@ def test_every_shape_is_finite_and_varies():
     for draw, names in ((one_variable, ("J1",)), (two_variables, ("J1", "J2"))):
         law = Law(draw(rng)[1], names, (0.0,) * len(names), (1.0,) * len(names))
         assert np.isfinite(law({"J1": line, "J2": line[::-1]})).all()
+
+
+def test_beyond_its_range_a_law_stays_at_the_edge():
+    law = Law("sqrt(1.01 - u)", ("J1",), (1.0,), (2.0,))
+    np.testing.assert_allclose(law({"J1": np.array([-9.0, -1.0, 3.0, 9.0])}) ** 2, [2.01, 2.01, 0.01, 0.01])
 
 
 @pytest.mark.parametrize(("factors", "index"), [(1, 4), (2, 18)])
@@ -124,6 +130,21 @@ def test_counts_over_robots():
     counts = summary([row(0, 1.1, explained=0.99), row(1, 1.4, explained=0.97), row(2, 9.0, explained=0.2)])
     assert (counts["within 1.25"], counts["within 1.5"], counts["explained to 95 %"]) == (1, 2, 2)
     assert summary([{**row(0, 1.0), "failed": "no"}]) == {"robots": 1, "failed": 1}
+
+
+def test_the_leaderboard_has_the_robots_that_all_methods_have_done_and_who_is_told(tmp_path):
+    errors = {"geometry_mm": 1.0, "oracle_mm": 0.1, "surface_mm": 0.2}
+    for method, indices in (("one", (0, 1)), ("other", (1, 2))):
+        for index in indices:
+            append({**row(index, 3.0, explained=0.5, **errors), "method": method}, tmp_path / "rows.jsonl")
+    text = board(read([tmp_path / "rows.jsonl"]), 1)
+    assert "1 input, 1 robots" in text
+    lines = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert [line.split(" | ")[0] for line in lines] == [
+        "| *told the law*", "| *told inputs and place*", "| one", "| other",
+    ]  # fmt: skip
+    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
+    assert board(read([tmp_path / "rows.jsonl"]), 2) == ""
 
 
 def test_a_robot_for_a_last_look_is_kept_without_what_tells_which_it_is():
