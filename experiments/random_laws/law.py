@@ -30,7 +30,8 @@ class Law:
 
     def scaled(self, columns: Any) -> list[Array]:
         """u and v (N,) from the columns of the inputs; beyond the ranges they were drawn with they stay at the edge."""
-        return [np.clip((columns[n] - m) / h, -1.0, 1.0) for n, m, h in zip(self.inputs, self.middle, self.half, strict=True)]
+        scales = zip(self.inputs, self.middle, self.half, strict=True)
+        return [np.clip((columns[name] - middle) / half, -1.0, 1.0) for name, middle, half in scales]
 
     def __call__(self, columns: Any) -> Array:
         """(N,) values from the columns of the inputs."""
