@@ -133,9 +133,9 @@ def _histogram(figure: Figure, errors: list[tuple[str, Array, str]], floor: floa
         note = f"\n{beyond} beyond the axis" if beyond else ""
         axes.text(1.0, 0.98, f"{shortened(name, 38)}\n{millimetres(rms(error))} mm RMS{note}", ha="right", va="top",
                   transform=axes.transAxes, color=AFTER if colour == AFTER else MUTED, weight="bold")  # fmt: skip
-        if floor:
+        if floor and floor < bins[-1]:
             axes.axvline(floor, color=INK, lw=1, ls=(0, (3, 3)))
-    if floor:
+    if floor and floor < bins[-1]:
         panels[-1].annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
                             textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
     panels[-1].set_xlabel("3-D error, mm")
@@ -155,7 +155,7 @@ def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: flo
         label = "steps between" if between else shortened(name, 30)
         axes.step(ordered, 100 * share, where="post", color=colour, lw=width, label=None if label in named else label)
         named.add(label)
-    if floor:
+    if floor and floor < axes.get_xlim()[1]:
         axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
     axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share of poses, %")
     axes.grid(axis="both")

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, MOST_VECTORS, MUTED, PAPER, Picture, broken, log_axis, numbers
+from gpmodel.report.picture import (
+    AFTER,
+    AXIS,
+    BEFORE,
+    MOST_VECTORS,
+    MUTED,
+    PAPER,
+    Picture,
+    broken,
+    linked,
+    log_axis,
+    numbers,
+)
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, minus, pretty_unit, short_name
@@ -20,6 +32,10 @@ MOST_PARAMETERS = 36
 """Lines of a picture of parameters that can still be read."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
 """Name, title, unit, scale and shown unit of a picture."""
+
+
+FEWEST_RANKS = 4
+"""Points from which a curve of error against rank says anything."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
@@ -36,6 +52,7 @@ def pictures(report: Report) -> Iterator[Picture]:
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip
     curve = [c for c in report.rank_curve if c.cv_rms_mm is not None]
+    curve = curve if len(curve) >= FEWEST_RANKS else []
     if len(curve) > 1:
         best = min(curve, key=lambda c: c.cv_rms_mm or 0.0)
         yield Picture(
@@ -69,9 +86,12 @@ def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
     held = np.array(shape.heldout or np.zeros(len(x)), dtype=bool)
     size, many = float(np.clip(1800 / len(x), 3, 18)), len(x) > MOST_VECTORS
     axes.axhline(0, color=AXIS, lw=0.8)
-    axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train", rasterized=many)
+    rows = np.array(shape.rows or range(len(x)))
+    train = axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train", rasterized=many)
+    linked(train, rows[~held].tolist(), many or not shape.rows)
     if held.any():
-        axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3, rasterized=many)
+        full = axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3, rasterized=many)
+        linked(full, rows[held].tolist(), many or not shape.rows)
     curve_x, curve_y = broken(numbers(shape.curve_x), numbers(shape.curve_y))
     if len(curve_x):
         axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -38,13 +38,15 @@ def pictures(report: Report) -> Iterator[Picture]:
             partial(_inputs, histogram=histogram),
         )  # fmt: skip
     rounds = [r for r in report.rounds if r.candidates]
+    chosen = frozenset(e.name for e in report.effects)
     if rounds:
         yield Picture(
             "search", "The best candidates of each round against chance", 10.2, 0.9 + 0.62 * len(rounds),
             f"Description length saved by the candidates of {len(rounds)} rounds, beside the best that shuffled "
-            f"residuals gave; accepted: {sum(any(c.accepted for c in r.candidates) for r in rounds)}.",
+            f"residuals gave; in the model: "
+            f"{sum(any(c.name in chosen for c in r.candidates) for r in rounds)}.",
             "Each dot is a distinct candidate. Chance: the best of each search on shuffled residuals.",
-            partial(_search, rounds=rounds),
+            partial(_search, rounds=rounds, chosen=chosen),
         )  # fmt: skip
 
 
@@ -91,24 +93,26 @@ def _inputs(figure: Figure, histogram: HistogramRecord) -> None:
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
 
 
-def _search(figure: Figure, rounds: Sequence[RoundRecord]) -> None:
+def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[str]) -> None:
+    """chosen: names of the effects in the model; of each round the best of them is named."""
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):
         null = numbers(entry.null_nats)
         axes.scatter(null, np.full(len(null), row + 0.17), s=16, marker="|", color=NULL, lw=1.2)
+        best = next((c for c in entry.candidates if c.name in chosen), None)
         for candidate in entry.candidates:
-            value, won = candidate.nats, candidate.accepted
+            value, won = candidate.nats, candidate.name in chosen
             if value is None:
                 continue
             axes.scatter(
                 value, row - 0.08, s=70 if won else 26, color=AFTER if won else BEFORE, lw=0, zorder=4 if won else 3
             )
-            if won:
+            if candidate is best:
                 axes.annotate(shortened(candidate.name, 60), (value, row - 0.08), (5, 5), va="bottom",
                               textcoords="offset points", ha="right", color=AFTER, weight="bold")  # fmt: skip
-        if not any(c.accepted for c in entry.candidates):
-            axes.text(1.0, row - 0.08, "nothing is significant: nothing added", ha="right", va="center", color=MUTED,
+        if best is None:
+            axes.text(1.0, row - 0.08, "nothing of these was added", ha="right", va="center", color=MUTED,
                       transform=axes.get_yaxis_transform())  # fmt: skip
     axes.set_yticks(range(len(rounds)), [f"round {r.round}" for r in rounds])
     axes.tick_params(axis="y", length=0, labelcolor=INK)

@@ -19,6 +19,7 @@ from gpmodel.report.picture import (
     MUTED,
     RULE,
     Picture,
+    linked,
     nice_length,
     numbers,
     rms,
@@ -29,8 +30,6 @@ from gpmodel.wording import millimetres, minus
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-VIEWS = (("above", 0, 1), ("side", 0, 2), ("front", 1, 2))
-"""Names of the projections, and the coordinates that each shows."""
 SHARE_OF_SPAN = 0.13
 """Length of a typical arrow as a share of the workspace: neighbours do not overlap."""
 ARROWS = 250
@@ -38,7 +37,7 @@ ARROWS = 250
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Arrows from above, from the side and from the front, one scale for the three; then the residual over the rows."""
+    """Arrows from above, then the residual over the rows."""
     yield from _arrow_pictures(report)
     residual = report.plots.residual_mm
     if "final" in residual:
@@ -71,25 +70,23 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     models = "standard model (grey) and of the final model (blue)" if report.effects else "standard model"
     colours = "Grey before, blue after. " if report.effects else ""
     shown = [(before, BEFORE), (after, AFTER)] if report.effects else [(after, AFTER)]
-    for name, i, j in VIEWS:
-        yield Picture(
-            f"arrows_{name}", f"Seen from {'the ' if name != 'above' else ''}{name}", 3.6, 3.5,
-            f"Residual of the {models} as arrows at the nominal positions: {'xyz'[i]} and {'xyz'[j]}.",
-            f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged.{some}",
-            partial(_arrows, points=points, residuals=shown, plane=(i, j), magnification=magnification, key=key),
-        )  # fmt: skip
+    yield Picture(
+        "arrows_above", "Seen from above", 4.9, 4.6,
+        f"Residual of the {models} as arrows at the nominal positions: x and y.",
+        f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged; explore.html turns it.{some}",
+        partial(_arrows, points=points, residuals=shown, magnification=magnification, key=key),
+    )  # fmt: skip
 
 
 def _arrows(
     figure: Figure,
     points: Array,
     residuals: Sequence[tuple[Array, str]],
-    plane: tuple[int, int],
     magnification: float,
     key: float,
 ) -> None:
     axes = figure.subplots()
-    i, j = plane
+    i, j = 0, 1
     span = float(np.ptp(points, axis=0).max()) or 1.0
     axes.scatter(points[:, i], points[:, j], s=3, color=AXIS, lw=0)
     for residual, colour in residuals:
@@ -129,8 +126,10 @@ def _rows(figure: Figure, report: Report, before: Array, after: Array) -> None:
         for values, colour, _ in series:
             if len(values) == len(row):
                 clipped = np.clip(values[:, axis], -reach, reach)
-                axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9, rasterized=many)
-                axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9, rasterized=many)
+                hollow = axes.scatter(row[~held], clipped[~held], s=size, fc="none", ec=colour, lw=0.9, rasterized=many)
+                full = axes.scatter(row[held], clipped[held], s=size, color=colour, lw=0.9, rasterized=many)
+                linked(hollow, row[~held].tolist(), many)
+                linked(full, row[held].tolist(), many)
         for outlier in outliers:
             axes.axvline(outlier, color=RULE, lw=3, zorder=0)
         axes.set_ylabel(f"{'xyz'[axis]}, mm")

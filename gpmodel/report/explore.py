@@ -11,6 +11,12 @@ from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 from gpmodel.wording import millimetres
 
 PAGE = "explore.html"
+CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+"""From where nothing of the axes is cut."""
+SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
+"""Small errors blue, large ones red."""
+WORST = 30
+"""Poses of the list beside the view, the worst first."""
 LONGEST = 0.12
 """The 90th percentile of the residuals before is drawn this share of the span of the poses long."""
 MOST = 3000
@@ -32,7 +38,7 @@ def html(report: Report) -> str:
     figure, magnification = figure_of(report)
     return render(
         "explore.html.j2", report=report, figure=figure, plotly=get_plotlyjs(), magnification=magnification,
-        steps=_titles(report), every=every_so_many(report),
+        steps=_titles(report), every=every_so_many(report), worst=pose_errors(report)[:WORST],
     )  # fmt: skip
 
 
@@ -59,21 +65,34 @@ def figure_of(report: Report) -> tuple[dict[str, object], float]:
     traces = [
         _arrows(points, before, magnification, titles[0], COLOURS["before"]),
         _arrows(points, after, magnification, titles[1], COLOURS["after"]),
-        _dots(points, said),
+        _dots(points, said, np.linalg.norm(after, axis=1)),
+        _mark(),
     ]
     if plots.chain_mm:
-        traces.append(_arm(numbers(plots.chain_mm[0]), plots.slots, f"arm at row {plots.rows[plots.chain_poses[0]]}"))
+        slots = _table_slots(report)
+        traces.append(_arm(numbers(plots.chain_mm[0]), slots, f"arm at row {plots.rows[plots.chain_poses[0]]}"))
     arms = {
         str(plots.rows[pose]): numbers(chain).round(1).tolist()
         for pose, chain in zip(plots.chain_poses, plots.chain_mm, strict=True)
     }
-    axis = {"showbackground": False, "zeroline": False, "ticksuffix": ""}
-    scene = {f"{a}axis": {"title": {"text": f"{a}, mm"}, **axis} for a in "xyz"} | {"aspectmode": "data"}
+    axis = {"showbackground": False, "zeroline": False, "nticks": 6}
+    scene = {f"{a}axis": {"title": {"text": f"{a}, mm"}, **axis} for a in "xyz"} | {
+        "aspectmode": "data",
+        "camera": CAMERA,
+    }
     layout = {
         "scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "showlegend": True, "uirevision": "kept",
-        "paper_bgcolor": "rgba(0,0,0,0)", "legend": {"x": 0, "y": 1, "bgcolor": "rgba(0,0,0,0)"},
+        "paper_bgcolor": "rgba(0,0,0,0)", "legend": {"x": 0, "y": 1, "bgcolor": "rgba(0,0,0,0)", "orientation": "h"},
     }  # fmt: skip
     return {"data": traces, "layout": layout, "arms": arms}, magnification
+
+
+def _table_slots(report: Report) -> tuple[str, ...]:
+    """The slots' names by the joints of the table, where there is one joint a pair of slots."""
+    slots, joints = report.plots.slots, report.mechanism.joints
+    own = list(dict.fromkeys(s.partition(".")[0] for s in slots if "." in s))
+    names = dict(zip(own, joints, strict=True)) if len(own) == len(joints) else {}
+    return tuple(names.get(s.partition(".")[0], s.partition(".")[0]) + "".join(s.partition(".")[1:]) for s in slots)
 
 
 def every_so_many(report: Report) -> int:
@@ -110,11 +129,24 @@ def _arrows(points: Array, residual: Array, magnification: float, name: str, col
     }  # fmt: skip
 
 
-def _dots(points: Array, said: list[tuple[int, str]]) -> dict[str, object]:
+def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str, object]:
+    """A dot a pose, coloured by its error after, mm; the scale ends at the 98th percentile."""
+    most = float(np.nanpercentile(error, 98)) if np.isfinite(error).any() else 1.0
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],
-        "customdata": [row for row, _ in said], "marker": {"size": 3, "color": COLOURS["before"]},
+        "customdata": [row for row, _ in said], "marker": {
+            "size": 6, "color": _plain(error), "colorscale": SCALE, "cmin": 0.0, "cmax": most or 1.0, "showscale": True,
+            "colorbar": {"title": {"text": "after, mm"}, "len": 0.5, "y": 0.3, "thickness": 12},
+        },
         **{a: _plain(points[:, i]) for i, a in enumerate("xyz")},
+    }  # fmt: skip
+
+
+def _mark() -> dict[str, object]:
+    """What surrounds the pose that was chosen; nothing at first."""
+    return {
+        "type": "scatter3d", "mode": "markers", "name": "chosen pose", "hoverinfo": "skip", "x": [], "y": [], "z": [],
+        "marker": {"size": 13, "symbol": "circle-open", "color": COLOURS["arm"]}, "showlegend": False,
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
-from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, RULE, Picture
+from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 DOTS_PER_INCH = 192
 """Twice a screen's: text stays sharp where a page is enlarged."""
+_LINK = rf'<a xlink:href="({EXPLORE}#row=(\d+))"[^>]*>'
 STYLE: dict[RcKeyType, str | float | bool] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -107,6 +108,7 @@ def inline(svg: str, name: str) -> str:
     svg = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", svg)
     svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     svg = re.sub(r"#[0-9a-f]{6}\b", lambda m: f"var(--{COLOURS[m[0]]})" if m[0] in COLOURS else m[0], svg)
+    svg = re.sub(_LINK, r'<a href="\1" tabindex="-1"><title>row \2</title>', svg)
     svg = svg.replace(" font-family: 'DejaVu Sans';", "")
     width, height = (float(v) for v in re.findall(r'(?:width|height)="([\d.]+)pt"', svg)[:2])
     head = f'<svg class="chart" viewBox="0 0 {width:g} {height:g}" width="{width / 0.75:.0f}" aria-hidden="true">'

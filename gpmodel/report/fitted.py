@@ -18,7 +18,7 @@ from gpmodel.report.schema_accuracy import BoundMm, FurtherRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
 
-CHAIN_POSES = 60
+CHAIN_POSES = 300
 """At most this many poses are drawn as a whole arm, evenly chosen along the rows."""
 
 

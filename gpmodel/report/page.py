@@ -2,18 +2,21 @@
 
 import base64
 import hashlib
-from collections.abc import Iterator, Mapping
-from functools import cache
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache, partial
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gpmodel import wording
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, words
+from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, verdict, words
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 
 PAGE = "report.html"
+NAME = 80
+"""Characters of the name of a candidate."""
 MOST_POSES = 400
 """The page lists this many poses, the worst; poses.csv has all of them."""
 CHARTS = (charts_errors, charts_space, charts_search, charts_findings)
@@ -32,6 +35,8 @@ def html(report: Report, drawings: Mapping[str, str]) -> str:
         pictures=pictures,
         drawings=drawings,
         poses=poses[:MOST_POSES],
+        digits=_digits([p.after for p in poses]),
+        behind=verdict.behind(report),
         all_poses=len(poses),
     )
 
@@ -52,7 +57,8 @@ def _environment() -> Environment:
     )
     environment.filters.update(
         millimetres=wording.millimetres, distance=wording.length, percent=wording.percent, minus=wording.minus,
-        expression=wording.expression, unit=wording.pretty_unit, sentence=sentence,
+        expression=wording.expression, unit=wording.pretty_unit, sentence=sentence, decimals=_decimals,
+        shortened=partial(wording.shortened, length=NAME),
     )  # fmt: skip
     environment.globals.update(
         words=words, measured=wording.measured, chance=wording.chance, script=script, script_hash=script_hash
@@ -63,6 +69,17 @@ def _environment() -> Environment:
 def sentence(text: str) -> str:
     """The text with a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
+
+
+def _digits(values: Sequence[float | None]) -> int:
+    """Decimals of a whole column of mm: three digits of its median."""
+    known = sorted(v for v in values if v)
+    middle = known[len(known) // 2] if known else 1.0
+    return max(3, 2 - math.floor(math.log10(middle)))
+
+
+def _decimals(value: float | None, digits: int) -> str:
+    return wording.UNKNOWN if value is None else f"{value:.{digits}f}"
 
 
 @cache

@@ -13,12 +13,14 @@ from gpmodel.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import Collection
     from matplotlib.figure import Figure
 
 INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
 """Every colour that carries data has a contrast of at least 3 with the paper, every colour of words 4.5 (WCAG 2 AA)."""
 
+EXPLORE = "explore.html"
 CLIP = 3.0
 """An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
 
@@ -86,6 +88,12 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x")
+
+
+def linked(dots: Collection, rows: Sequence[int], many: bool) -> None:
+    """Each dot leads to its row in explore.html; not where `many` are drawn as pixels."""
+    if not many:
+        dots.set_urls([f"{EXPLORE}#row={row}" for row in rows])
 
 
 def nice_length(length: float) -> float:

@@ -17,7 +17,8 @@ class SideErrors:
 
 @dataclass(frozen=True)
 class ShapeRecord:
-    """Partial residual of an effect over its first input, and the fitted curve where it reads that input alone."""
+    """Partial residual of an effect over its first input, at the poses of the `rows` of the file, and the fitted curve
+    where it reads that input alone."""
 
     effect: Count
     x_name: str = "row"
@@ -26,6 +27,7 @@ class ShapeRecord:
     x: tuple[float | None, ...] = ()
     partial: tuple[float | None, ...] = ()
     heldout: tuple[bool, ...] = ()
+    rows: tuple[int, ...] = ()
     curve_x: tuple[float | None, ...] = ()
     curve_y: tuple[float | None, ...] = ()
 

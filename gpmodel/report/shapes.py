@@ -56,6 +56,7 @@ def shape_record(
         x=finite(x[seen]),
         partial=finite(scale * partial[seen]),
         heldout=tuple(heldout[seen].tolist()),
+        rows=tuple(poses.dataset.row[seen].tolist()),
         curve_x=finite(x[order]),
         curve_y=finite(scale * own[order]),
     )

@@ -55,6 +55,28 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
     return "did not point at it: chosen by its likelihood alone"
 
 
+def story(report: Report) -> Iterator[str]:
+    """Why the histogram and the findings name different inputs, where they do."""
+    read = {name for effect in report.effects for name in effect.inputs}
+    for number, histogram in enumerate(report.histograms, 1):
+        others = [name for name in histogram.significant if name not in read]
+        chosen = [effect.name for effect in report.effects if effect.round == number]
+        if not others:
+            continue
+        names, one = wording.listed(others), len(others) == 1
+        it, stay = ("it", "is") if one else ("them", "are")
+        explain = "explains" if len(chosen) == 1 else "explain"
+        if not chosen:
+            yield f"{names} {stay} significant, but no law of {it} passed the tests: a lead, not a finding."
+            continue
+        later = {name for h in report.histograms[number:] for name in h.significant}
+        gone = "" if later & set(others) else f"; with that in the model nothing refers to {it} any more"
+        yield (
+            f"Programs found their way by {names}; of all effects together {wording.listed(chosen)} {explain} the same "
+            f"error best{gone}."
+        )
+
+
 def found(report: Report, effect: EffectRecord) -> str:
     """How an effect was found, in which round, and together with how many others."""
     how = _FOUND_BY.get(effect.found_by, effect.found_by)

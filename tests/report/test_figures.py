@@ -1,6 +1,7 @@
 """The pictures: what each draws is what the report of a real run says."""
 
 import dataclasses
+import re
 import struct
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import SideErrors
 from gpmodel.report.schema_search import HistogramRecord
 
-SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "arrows_side", "arrows_front", "rows"}
+SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "rows"}
 
 
 def drawn(report: Report, name: str) -> Any:
@@ -88,14 +89,23 @@ def test_cumulative_ends_at_all_poses_and_the_largest_error() -> None:
         assert curve.get_xdata()[-1] == pytest.approx(rung.heldout.max_mm, rel=1e-5)
 
 
-@pytest.mark.parametrize(("name", "plane"), [("above", (0, 1)), ("side", (0, 2)), ("front", (1, 2))])
-def test_arrows_start_at_the_tip_and_show_the_residual(name: str, plane: tuple[int, int]) -> None:
+def test_every_dot_says_its_row_and_leads_to_it() -> None:
     report = discovered()
-    quivers = [c for c in drawn(report, f"arrows_{name}").axes[0].collections if hasattr(c, "U")]
+    for name, count in (("rows", 6 * report.data.poses), ("shape_1", len(report.plots.shapes[0].x))):
+        svg = figures.draw(report)[name]
+        rows = re.findall(r'<a href="explore.html#row=(\d+)" tabindex="-1"><title>row (\d+)</title>', svg)
+        assert len(rows) == count
+        assert all(a == b for a, b in rows)
+        assert {int(a) for a, _ in rows} <= set(report.plots.rows)
+
+
+def test_arrows_start_at_the_tip_and_show_the_residual() -> None:
+    report = discovered()
+    quivers = [c for c in drawn(report, "arrows_above").axes[0].collections if hasattr(c, "U")]
     for quiver, step in zip(quivers, ("standard", "final"), strict=True):
         residual = np.array(report.plots.residual_mm[step])
-        assert np.allclose(quiver.get_offsets(), np.array(report.plots.points_mm)[:, plane])
-        assert np.allclose(np.column_stack([quiver.U, quiver.V]), residual[:, plane])
+        assert np.allclose(quiver.get_offsets(), np.array(report.plots.points_mm)[:, :2])
+        assert np.allclose(np.column_stack([quiver.U, quiver.V]), residual[:, :2])
 
 
 def test_poses_without_a_measurement_are_left_out_of_the_arrows_and_rows() -> None:

@@ -82,9 +82,10 @@ def test_opens_offline_and_is_accessible(case: str) -> None:
     assert all(th.get("scope") in ("col", "row", "colgroup") for th in made.all("th"))
     ids = [a["id"] for _, a in made.tags if "id" in a]
     assert len(ids) == len(set(ids))
+    rows = {f"explore.html#row={row}" for row in report.plots.rows}
     inside = {a["href"] for a in made.all("a") if a["href"].startswith("#")}
     assert inside <= {f"#{i}" for i in ids}
-    assert {a["href"] for a in made.all("a")} - inside <= {"explore.html", "poses.csv"}
+    assert {a["href"] for a in made.all("a")} - inside <= {"explore.html", "poses.csv"} | rows
     assert len(made.all("h1")) == 1
     assert made.all("html") == [{"lang": "en"}]
     assert report.verdict in made.text

@@ -1,6 +1,7 @@
 """The poses of a report: listed, as a table, and in the picture that turns."""
 
 import io
+import re
 
 import numpy as np
 import pandas as pd
@@ -35,13 +36,17 @@ def test_poses_csv_has_a_row_a_pose_and_its_components() -> None:
         np.testing.assert_allclose(length, frame[f"{name} [mm]"], rtol=1e-4, atol=1e-5)
 
 
+def row_of(pose: poses.PoseError) -> int:
+    return pose.row
+
+
 @pytest.mark.parametrize("case", ["gear", "nothing", "calibrated"])
 def test_explore_has_every_pose_its_row_and_both_residuals(case: str) -> None:
     report = REPORTS[case]()
     text = explore.html(report)
     assert len(text) < 6e6
     figure, magnification = explore.figure_of(report)
-    before, after, dots, arm = figure["data"]
+    before, after, dots, mark, arm = figure["data"]
     assert dots["customdata"] == list(report.plots.rows)
     assert all(f"row {row}" in said for row, said in zip(report.plots.rows, dots["text"], strict=True))
     for trace, name in ((before, report.before_and_after()[0]), (after, "final")):
@@ -49,3 +54,7 @@ def test_explore_has_every_pose_its_row_and_both_residuals(case: str) -> None:
         moved = (ends[:, :, 1] - ends[:, :, 0]).T / magnification
         np.testing.assert_allclose(moved, np.array(report.plots.residual_mm[name]), atol=2e-3 / magnification)
     assert arm["text"] == list(report.plots.slots)
+    assert mark["x"] == []
+    expected = [p.after for p in sorted(poses.pose_errors(report), key=row_of)]
+    np.testing.assert_allclose(dots["marker"]["color"], expected, atol=1e-3)
+    assert [int(r) for r in re.findall(r'data-row="(\d+)"', text)] == [p.row for p in poses.pose_errors(report)[:30]]
