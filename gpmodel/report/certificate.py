@@ -11,7 +11,8 @@ from gpmodel.report.accuracy import Accuracy, before_and_after
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.picture import numbers
-from gpmodel.report.schema import STANDARD, ParameterRecord, Repeatability, Report
+from gpmodel.report.schema import STANDARD, ParameterRecord, Report
+from gpmodel.report.schema_accuracy import Repeatability
 from gpmodel.report.schema_search import EffectRecord
 
 Line = tuple[str, str]

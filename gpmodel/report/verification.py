@@ -17,7 +17,8 @@ from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import names_of, versions
 from gpmodel.report.quantity import translate
-from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord, Repeatability
+from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
+from gpmodel.report.schema_accuracy import Repeatability
 from gpmodel.report.schema_search import NotNegative, Share
 
 NAME, KIND = "verify.json", "verify"

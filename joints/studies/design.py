@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
 
 from gpmodel._version import __version__
 from joints import figures
 from joints.design import JointDesign, joint_design
-from joints.figures import Figure
 from joints.film_design import design_film, displacement_at_inlet
 from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-
-from joints.figures import Figure
+from matplotlib.figure import Figure
 
 MICRO = 1e6
 N_PER_UM = 1e-6
