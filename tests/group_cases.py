@@ -8,27 +8,35 @@ from effect_cases import bare, measure
 
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
+from gpmodel.discovery.readable import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
-from gpmodel.model.error_model import ErrorModel
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, geometry_groups
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.standing import of_offers, offered
+from gpmodel.selection.standing import Offering, of_offers, offered
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"
 STANDING = (of_offers(catalogue.catalogue),)
-PAIRS = (of_offers(catalogue.catalogue, interactions=True),)
+
+
+def offering(arm: Mechanism, poses: Poses) -> Offering:
+    """All that a selection may choose of these poses."""
+    inputs = readable_inputs(poses.states, np.arange(len(poses)))[0].names
+    return Offering(STANDING, sites_of(arm), inputs)
 
 
 @cache
-def problem() -> tuple[Active, np.ndarray]:
-    """A few groups in, on twenty poses of two each; the target before whitening and projection."""
+def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
+    """A few groups in, on twenty poses, so many of one each; the target before whitening and projection."""
     data = bare(ARM, 20, 1, payload=False)
-    data = replace(data, q=np.repeat(data.q[::2], 2, axis=0))
+    data = replace(data, q=np.repeat(data.q[::repeats], repeats, axis=0))
     truth = measure(ARM, (), (), 1, dataset=data)
     arm, poses = truth.model.mechanism, truth.poses
     model = ErrorModel(arm, geometric_effects(arm))

@@ -12,6 +12,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested, worth
 from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.detail import detailed
+from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.together import standing_together
@@ -119,7 +120,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     """
     mechanism = choice.standard.model.mechanism
     cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
-    builders = (of_offers(choice.offers), of_evolved(evolved, cost)), (of_offers(choice.offers, interactions=True),)
+    builders = of_offers(choice.offers), of_evolved(evolved, cost)
     still = still_joints(mechanism, choice.train.dataset)
 
     def wanted(group: Group) -> bool:
@@ -129,10 +130,13 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
             and not all(stands_still(e.slots, still) for e in group.effects)
         )
 
-    single, pairs = (tuple(only(wanted, b) for b in some) for some in builders)
+    single = tuple(only(wanted, b) for b in builders)
+    states = choice.train.states
+    inputs = readable_inputs(states, np.arange(len(states)))[0].names
+    sites = [s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still)]
     combs = combs_of(choice.offers, mechanism, choice.train.states)
     combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
-    offering = Offering(single, pairs, combs)
+    offering = Offering(single, sites, inputs, combs)
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)
 
 

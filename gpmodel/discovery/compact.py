@@ -5,14 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.residual import Residual
-from gpmodel.evolution.laws import shortest_laws
+from gpmodel.evolution.laws import laws_at
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
+from gpmodel.formula.expression import ONE
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.programs import as_candidate, without_poles
@@ -20,9 +22,11 @@ from gpmodel.selection.programs import as_candidate, without_poles
 
 @dataclass(frozen=True)
 class LawTask:
-    """The search for a law of one curve: all that a worker needs. written: its inputs as the table has them."""
+    """The search for a law of one curve: all that a worker needs. response: (N,) what the curve does at its place and
+    what is left there, at each pose. written: its inputs as the table has them."""
 
     problem: SlotProblem
+    response: Array
     inputs: tuple[str, ...]
     seed: int
     site: Site
@@ -31,7 +35,7 @@ class LawTask:
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
     """Laws in the inputs of the curve; the same wherever it runs."""
-    return shortest_laws(task.problem, 0, task.inputs, np.random.default_rng(task.seed))
+    return laws_at(task.problem, 0, task.inputs, task.response, np.random.default_rng(task.seed))
 
 
 def compact_laws(
@@ -43,7 +47,7 @@ def compact_laws(
     left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
     its nodes and of the place: the curve's own, and of terms without a name one of all places.
     """
-    tasks = [(curve, task) for curve in curves if (task := _posed(left.without(curve.effects), curve, search, seed))]
+    tasks = [(curve, task) for curve in curves if (task := _posed(left, curve, search, seed))]
     found = dict(search.side_by_side(run_law_task, [task for _, task in tasks]))
     for number, (curve, task) in enumerate(tasks):
         residual = left.without(curve.effects)
@@ -52,8 +56,9 @@ def compact_laws(
             yield curve, residual, laws
 
 
-def _posed(residual: Residual, curve: Candidate, search: Search, seed: int) -> LawTask | None:
+def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> LawTask | None:
     """What is searched for a curve; None where it has several places or more than two inputs."""
+    residual = left.without(curve.effects)
     sites = {tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in curve.effects}
     count = len(residual.poses)
     rows = np.unique(np.linspace(0, count - 1, min(count, search.evolved_poses)).astype(int))
@@ -62,7 +67,19 @@ def _posed(residual: Residual, curve: Candidate, search: Search, seed: int) -> L
         return None
     site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-    return LawTask(problem, curve.inputs, seed, site, written)
+    return LawTask(problem, _response(left, curve, site)[rows], curve.inputs, seed, site, written)
+
+
+def _response(left: Residual, curve: Candidate, site: Site) -> Array:
+    """What a curve does at its place and what is left there, (N,): φ + sᵀr / sᵀs, s what a unit twist there does."""
+    calibration, pose = left.calibration, left.problem.pose_of_row
+    theta = dict(zip((e.name for e in calibration.model.effects), calibration.theta.tolist(), strict=True))
+    states = left.poses.states
+    shape = np.sum([theta[e.name] * e.terms[0].basis(states) for e in curve.effects], axis=0)
+    unit = left.columns([site.effect("", ONE, "")])[:, 0]
+    count = len(left.poses)
+    along = np.bincount(pose, unit * left.values[: left.measured], count)
+    return np.asarray(shape + along / np.maximum(np.bincount(pose, unit**2, count), np.finfo(float).tiny))
 
 
 def _candidates(

@@ -13,7 +13,6 @@ from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
-from gpmodel.discovery.cross_fitting import cross_fitted
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Forgetful, Journal
@@ -246,5 +245,4 @@ def _explored(
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
-    judged = judge(residual, pool_of(residual, pool, nulls), loop.search)
-    return exploration, cross_fitted(residual, judged, sites, loop.search, rng, turn)
+    return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)

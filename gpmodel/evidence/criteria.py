@@ -11,7 +11,7 @@ class Criteria:
     """The limits that a candidate has to pass before it becomes a finding, and how they are measured.
 
     Tests of one candidate:
-    significance: largest p-value on permuted residuals, and of what laws evolved without some poses gain on these.
+    significance: largest p-value on permuted residuals.
     minimum_nats: least gain in description length, nats; pure noise reaches 4.2, five is a Bayes factor of 150, "very
         strong" (Kass and Raftery 1995).
     minimum_cv_t: least cross-validated gain, in standard errors of its mean; half of minimum_sigmas, as an effect of t
@@ -99,9 +99,6 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
     "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
-    "cross-fitting": lambda t: (
-        f"chance of what laws evolved without some poses gain on these {wording.chance(t.value)}, limit {t.limit}"
-    ),
     "walk": lambda t: f"a random walk of the instrument saves {-t.value:.1f} nats more",
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",

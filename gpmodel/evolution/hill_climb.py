@@ -82,6 +82,8 @@ def _trials(
             edits = _edits(program, node, values, kinds, words)
             numbers = range(len(words.typing.kinds))
             edits = edits.of_kinds([k for k in numbers if words.typing.allows(program, words.inputs.names, {node: k})])
+            if not len(edits.growth):
+                continue
             gains = problem.set_gains(_outputs_after(program, node, values, edits.values), site)
             about = problem.nats(gains, size + edits.growth)
             for k in np.argsort(-about, kind="stable")[:CHECKED].tolist():

@@ -10,7 +10,6 @@ from gpmodel.families import angle as families_angle
 from gpmodel.families import axis as families_axis
 from gpmodel.families import curves as families_curves
 from gpmodel.families import instrument as families_instrument
-from gpmodel.families import interactions as families_interactions
 from gpmodel.families import load as families_load
 from gpmodel.families import load_curves as families_load_curves
 from gpmodel.families import masses as families_masses
@@ -72,8 +71,6 @@ _OWN: tuple[Family, ...] = (
     Family("structure_compliance", "a link, bearing or the foundation yields along one axis under the load there", "Klimchik 2014", families_load_curves.compliances, generic=True),
     Family("cross_compliance", "a joint yields under the torque of another: stiffness that is not where it is drawn", "Klimchik 2014", families_load_curves.all_torques, generic=True),
     Family("load_curve", "the joint yields along a curve of its torque: hardening, saturation, a dead band", "Ruderman et al. 2009; Harmonic Drive catalogue, torsional stiffness K1-K3", families_load_curves.load_curves, generic=True),
-    Family("interaction", "the place follows two angles at once; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_interactions.products, generic=True, interaction=True, needs_pointing=True),
-    Family("changing", "a compliance or an eccentricity changes with a column of the session, as with the temperature", "ISO 230-3; Slocum 1992, ch. 2", families_interactions.varying, generic=True, interaction=True, needs_pointing=True),
 )  # fmt: skip
 
 catalogue: tuple[Family, ...] = (*_OWN, *installed())

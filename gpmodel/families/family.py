@@ -30,10 +30,10 @@ class Family:
     combs: waves of it at more rates than can be named, which a selection of groups looks through.
     offered: the instances that a search is offered, where these are not those that can be named.
 
-    generic: it says how an error looks and names no part; only a search is offered it. interaction: of two inputs,
-    offered once nothing single is left. needs_pointing: it stands for any dependence on its inputs, and is offered
-    only where a histogram points at one of them. clamped: beyond the ranges it was fitted in it keeps its value at the
-    edge. refit_constants: constants written in its bases were chosen from many and belong to the last fit.
+    generic: it says how an error looks and names no part; only a search is offered it. needs_pointing: it stands
+    for any dependence on its inputs, and is offered only where a histogram points at one of them. clamped: beyond
+    the ranges it was fitted in it keeps its value at the edge. refit_constants: constants written in its bases were
+    chosen from many and belong to the last fit.
     """
 
     name: str
@@ -43,7 +43,6 @@ class Family:
     combs: Callable[[Mechanism, States], Iterable[Comb]] = no_combs
     offered: Builder | None = None
     generic: bool = False
-    interaction: bool = False
     needs_pointing: bool = False
     clamped: bool = False
     refit_constants: bool = False

@@ -10,7 +10,10 @@ from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRe
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
-_FOUND_BY = {"catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand"}
+_FOUND_BY = {
+    "catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand",
+    "surface": "a free function of its inputs; no shorter law predicts as well",
+}  # fmt: skip
 _SOURCES = {"repeats": "from the repeats in the table", "instrument": "from the instrument's figure"}
 
 

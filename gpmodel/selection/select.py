@@ -24,7 +24,8 @@ from gpmodel.selection.refit import Expansion, Refit, far_out, refit, whitened
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sample import predicted_states, sample_of
-from gpmodel.selection.standing import Builder, Offering, offered
+from gpmodel.selection.standing import Offering, offered
+from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
@@ -74,18 +75,18 @@ def _select(
     sample = sample_of(bundle)
     shapes = Shapes(predicted_states(calibration, poses.subset(sample)))
     base = list(geometry_groups(calibration.model.effects))
-    single = offered(offering.single, mechanism, shapes)
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
     point = Expansion(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
-    state = _State(point, calibration.sigma)
     task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
-    state = _with_levels(state, poses, bundle)
+    state = _with_levels(_State(point, calibration.sigma), poses, bundle)
+    single = [*offered(offering.single, mechanism, shapes), *_free(task, base, state, offering)]
     state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
     groups = [*base, *single]
     kept = [g for g in groups if g.standing or g.name in state.variances]
-    waves = waves_left(reestimated(_started(task, kept, state)), offering.combs) if offering.combs else []
-    groups += [*waves, *_pairs_found(task, [*kept, *waves], offering.pairs, state)]
+    groups += waves_left(reestimated(_started(task, kept, state)), offering.combs) if offering.combs else []
+    names = {g.name for g in groups}
+    groups += [g for g in _free(task, kept, state, offering) if g.name not in names]
     for _ in range(MOST_LOOKS):
         active, rivals = exchanged(pruned(reestimated(grown(_started(task, groups, state)))))
         before = state
@@ -97,14 +98,11 @@ def _select(
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
-def _pairs_found(task: _Task, beside: Sequence[Group], pairs: Sequence[Builder], state: _State) -> list[Group]:
-    """The groups of two inputs that what is left asks for, beside others that are kept or offered."""
-    couples = offered(pairs, task.mechanism, task.shapes, blocks=False)
-    if not couples:
+def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offering) -> list[Group]:
+    """The free functions that what some groups leave asks for."""
+    if not offering.inputs:
         return []
-    trial = grown(_started(task, [*beside, *couples], state))
-    found = {trial.pool.groups[g].name for g in trial.variances}
-    return [g for g in couples if g.name in found]
+    return surfaces_left(reestimated(_started(task, beside, state)), offering.sites, offering.inputs)
 
 
 def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:

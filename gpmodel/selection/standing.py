@@ -7,10 +7,10 @@ from itertools import chain
 
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.comb import Comb
-from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Term
+from gpmodel.model.sites import Site
 from gpmodel.selection.group import Group, Shapes, from_candidate, joined
 from gpmodel.selection.programs import laws, terms
 
@@ -24,14 +24,12 @@ BLOCK_COST = 1.0
 """Nats of a kind at all places: there are few kinds to choose from."""
 
 
-def of_offers(offers: Iterable[Offer], *, interactions: bool = False) -> Builder:
-    """Every instance of what is offered, of one input or, where `interactions`, of two."""
+def of_offers(offers: Iterable[Offer]) -> Builder:
+    """Every instance of what is offered."""
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for offer in offers:
-            if interactions == (isinstance(offer, Family) and offer.interaction):
-                found = instances(offer, mechanism, shapes.states, search=True)
-                yield from (from_candidate(c, shapes) for c in found)
+            yield from (from_candidate(c, shapes) for c in instances(offer, mechanism, shapes.states, search=True))
 
     return build
 
@@ -64,12 +62,13 @@ def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
 class Offering:
     """What a selection may choose of.
 
-    single: builders of groups from the start. pairs: of groups of two inputs, offered once nothing single is left.
-    combs: waves at more rates than can be named, likewise.
+    single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
+    are looked for. combs: waves at more rates than can be named, offered once nothing single is left.
     """
 
     single: Sequence[Builder]
-    pairs: Sequence[Builder] = ()
+    sites: Sequence[Site] = ()
+    inputs: Sequence[str] = ()
     combs: Sequence[Comb] = ()
 
 

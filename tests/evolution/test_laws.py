@@ -1,19 +1,24 @@
-"""The shortest law of a curve: found at noise, short, of its kinds, and nothing where nothing is."""
+"""The shortest law of a curve: found at noise, short, and nothing where nothing is."""
 
 import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.kinds import Typing
-from gpmodel.evolution.laws import MOST_NODES, shortest_laws
+from gpmodel.evolution.laws import LONGEST, laws_at
+from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
 from gpmodel.formula.parse import parse
 
 NAMES = ("J2", "J5", "torque J2", "row")
 KINDS = ("angle", "angle", "torque", "row")
-TYPING = Typing(KINDS)
 INPUTS = Inputs(NAMES, np.random.default_rng(5).uniform(-2.0, 2.0, (4, 90)), KINDS)
+
+
+def laws_of(problem: SlotProblem, names: tuple[str, ...], seed: int) -> tuple[Solution, ...]:
+    """Laws at the second place, of what each pose says of it."""
+    response = problem.targets.pull[1] / problem.targets.weight[1]
+    return laws_at(problem, 1, names, response, np.random.default_rng(seed))
 
 
 def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
@@ -33,40 +38,40 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
     [
         ("sin(2*J2 + 0.7)", 6), ("exp(-6*square(J2 - 0.6))", 7), ("tanh(3*J5)", 4), ("J2*cos(J5)", 4),
         ("sin(J2 - J5)", 4), ("max('torque J2' - 0.4, 0)", 5), ("exp(-1.5*row)", 4), ("'torque J2'*cos(J2)", 4),
-        ("J5 - max(min(J5, 0.7), -0.7)", 7), ("sin(J2)*abs(sin(J2))", 4),
+        ("J5 - max(min(J5, 0.7), -0.7)", 7), ("sin(J2)*abs(sin(J2))", 4), ("exp(-1.2*J2)*tanh(2*J5 - 1)", 11),
+        ("max(J2 - 0.3, 0)/(2.6 + J5)", 10),
     ],
 )  # fmt: skip
 def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     problem = curve(law, 0.05)
     wanted = parse(law)
-    found = shortest_laws(problem, 1, wanted.inputs, np.random.default_rng(0))
+    found = laws_of(problem, wanted.inputs, 0)
     best = max(found, key=lambda one: float(problem.nats(one.gain, one.complexity + 1)))
     assert best.complexity <= nodes
-    assert best.program.inputs == wanted.inputs
+    assert set(best.program.inputs) == set(wanted.inputs)
     shapes = [p.evaluate(INPUTS.mapping())[0] for p in (best.program, wanted)]
     assert abs(np.corrcoef(shapes)[0, 1]) > 0.99
 
 
-def test_laws_are_one_term_short_and_of_their_kinds() -> None:
-    found = shortest_laws(curve("sin(J2)*abs(J5)", 0.3), 1, ("J2", "J5"), np.random.default_rng(1))
+def test_laws_are_one_term_and_short() -> None:
+    found = laws_of(curve("sin(J2)*abs(J5)", 0.3), ("J2", "J5"), 1)
     assert found
     assert [law.complexity for law in found] == sorted({law.complexity for law in found})
     assert [law.gain for law in found] == sorted(law.gain for law in found)
     for law in found:
         assert len(law.program.outputs) == 1
-        assert law.complexity <= MOST_NODES
-        assert TYPING.allows(law.program, NAMES)
+        assert law.complexity <= LONGEST
 
 
 def test_of_noise_no_law_saves_much() -> None:
     problem = curve("J2", 50.0, 3)
-    found = shortest_laws(problem, 1, ("J2", "J5"), np.random.default_rng(0))
+    found = laws_of(problem, ("J2", "J5"), 0)
     assert max((float(problem.nats(law.gain, law.complexity + 1)) for law in found), default=0.0) < 5.0
 
 
 def test_the_arguments_alone_decide_and_unknown_inputs_are_named() -> None:
     problem = curve("tanh(3*J5)", 0.1)
-    first, again = (shortest_laws(problem, 1, ("J5",), np.random.default_rng(2)) for _ in range(2))
+    first, again = (laws_of(problem, ("J5",), 2) for _ in range(2))
     assert [str(law.program) for law in first] == [str(law.program) for law in again]
     with pytest.raises(InputError, match="unknown 'J9'"):
-        shortest_laws(problem, 1, ("J9",), np.random.default_rng(0))
+        laws_of(problem, ("J9",), 0)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
-from group_cases import ARM, PAIRS, STANDING, problem
+from group_cases import ARM, STANDING, offering, problem
 from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
@@ -23,14 +23,15 @@ from gpmodel.selection.refit import whitened
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import Offering, offered
+from gpmodel.selection.standing import offered
 
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
 
 
 def chosen(truth: Truth) -> Selection:
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    return select(calibrate(model, truth.poses), truth.poses, Offering(STANDING, PAIRS), criteria=Criteria(shuffles=19))
+    asked = offering(truth.model.mechanism, truth.poses)
+    return select(calibrate(model, truth.poses), truth.poses, asked, criteria=Criteria(shuffles=19))
 
 
 @cache
@@ -174,7 +175,7 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: str) -> None:
     arm = mechanism(name)
-    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    groups = offered(STANDING, arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
     names = [group.name for group in groups]
     assert len(set(names)) == len(names)
     assert f"warm-up of the zero within 11.9 rows, {arm.joints[0].name}" in names
@@ -214,6 +215,6 @@ def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_everything_a_search_is_offered_is_of_a_family_that_says_what_it_is_and_who_says_so(name: str) -> None:
     arm = mechanism(name)
-    groups = offered((*STANDING, *PAIRS), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    groups = offered(STANDING, arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
     assert len({g.family for g in groups}) > 10
     assert {g.family for g in groups if not explained(g.family)} == set()

@@ -1,0 +1,222 @@
+"""Free functions of one or two inputs at any place: what a model leaves there, without a shape or a name.
+
+A smooth function φ with the covariance exp(-(u - v)² / 2l²) per input, u scaled to [-1, 1] over the poses, as a sum of
+sines over a wider interval [-c, c], whose coefficients have deviations that fall as the spectrum of the covariance:
+
+    φ_j(u) = sin(ω_j (u + c)),    ω_j = π j / 2c,    spread_j = exp(-l² ω_j² / 4)
+
+and of two inputs the products. The marginal likelihood of one beside a model says whether anything there depends
+on those inputs, whatever its form. Source: Solin and Särkkä (2020), Hilbert-space Gaussian processes; Riutort-Mayol et
+al. (2023) for c = max(1.5, 3.2 l) and 1.75 c / l sines.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import Effect, axis_unit
+from gpmodel.model.memory import read_by
+from gpmodel.model.sites import Site
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import CAP, Group, Shapes, group_of
+
+LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5), (1.5, 0.6), (1.2, 1.2))
+"""Correlation lengths over half the range of each input: of one input, and of two."""
+SCREENED = 300
+"""Poses that places and inputs are compared on at most; what is taken is scored on all."""
+SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
+"""Places and inputs scored exactly after a screening; offered to the selection; of these at one place."""
+COARSE, COMPONENTS = 0.6, 5
+"""Correlation length of the screening, and principal components of its covariance that it looks at."""
+TYPICAL = 100.0
+"""Variance of the screening, over the mean variance that the data tell a coefficient with."""
+NEGLIGIBLE = 0.02
+"""Relative deviation of a coefficient below which its product of sines is left out."""
+
+
+@dataclass(frozen=True)
+class Waves:
+    """The sines of one input. values: (N, m) times their deviations. rates: rad per unit; start: where they are 0."""
+
+    name: str
+    values: Array
+    rates: Array
+    start: float
+    spreads: Array
+
+    @staticmethod
+    def of(name: str, column: Array, length: float) -> "Waves":
+        """The sines of a column (N,) for a correlation length over half its range."""
+        half, reach = 0.5 * float(np.ptp(column)), max(1.5, 3.2 * length)
+        omega = np.pi * np.arange(1, math.ceil(1.75 * reach / length) + 1) / (2.0 * reach)
+        start = float(column.min()) - (reach - 1.0) * half
+        spreads = np.exp(-((length * omega) ** 2) / 4.0)
+        rates = np.array([float(f"{w / half:.6g}") for w in omega])
+        start = float(f"{start:.6g}")
+        return Waves(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
+
+    def text(self, k: int) -> str:
+        """Sine k as an expression."""
+        return f"sin({float(self.rates[k])!r}*({self.name} - ({self.start!r})))"
+
+
+@dataclass(frozen=True)
+class FreeFunction:
+    """Sines of one input or products of those of two: index (m, 1 or 2) of each, with its relative deviation (m,)."""
+
+    waves: tuple[Waves, ...]
+    index: IntArray
+    spreads: Array
+
+    @staticmethod
+    def of(waves: tuple[Waves, ...]) -> "FreeFunction":
+        """All products whose deviation is not negligible."""
+        grid = np.array(list(np.ndindex(*(len(w.rates) for w in waves))))
+        spread = np.prod([w.spreads[grid[:, i]] for i, w in enumerate(waves)], axis=0)
+        kept = spread > NEGLIGIBLE * spread.max()
+        return FreeFunction(waves, grid[kept], spread[kept])
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(w.name for w in self.waves)
+
+    def values(self) -> Array:
+        """Its columns (N, m), scaled so that the variances over the poses add up to 1."""
+        parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.waves)]
+        out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
+        return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
+
+    def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
+        """Itself at a place."""
+        name = f"{site.name} over {' and '.join(self.inputs)}"
+        effects = []
+        for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
+            text = "*".join(w.text(k) for w, k in zip(self.waves, row, strict=True))
+            terms = site.effect("", Expression(text), "").terms
+            effects.append(Effect(f"{name}, {number}", terms, axis_unit(site.axis), "", spread))
+        return group_of(name, effects, cost, shapes, found_by="surface")
+
+
+def principal(column: Array) -> Array:
+    """The largest principal components (N, r) of the covariance of the screening over a column (N,)."""
+    u = 2.0 * (column - column.min()) / max(float(np.ptp(column)), np.finfo(float).tiny)
+    sizes, turn = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2.0 * COARSE**2)))
+    return np.asarray(turn[:, -COMPONENTS:] * np.sqrt(np.maximum(sizes[-COMPONENTS:], 0.0)))
+
+
+def multiplied(parts: Sequence[Array]) -> Array:
+    """Products (N, m) of every column of the first part with every one of the second, without negligible ones."""
+    out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
+    size = out.std(axis=0)
+    out = out[:, size > NEGLIGIBLE * size.max()]
+    return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A free function at a place: nats beyond its cost."""
+
+    nats: float
+    cost: float
+    site: Site
+    function: FreeFunction
+
+
+def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
+    """The free functions that what a model leaves asks for most, no more than a few at a place."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
+    out: dict[tuple[str, ...], _Found] = {}
+    for f in found:
+        here = sum(key[0] == f.site.name for key in out)
+        if f.nats > 0 and here < OF_ONE_PLACE and len(out) < OFFERED:
+            out.setdefault((f.site.name, *f.function.inputs), f)
+    groups = (f.function.group(f.site, f.cost, active.pool.rows.shapes) for f in out.values())
+    return [g for g in groups if g is not None]
+
+
+def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
+    """The likeliest places and inputs at every correlation length, screened by principal components."""
+    places = Places.of(active, sites)
+    states = active.pool.rows.shapes.states
+    columns = {name: states[name][places.poses] for name in inputs}
+    plain = [name for name in columns if not read_by(name)]
+    asked: list[tuple[str, ...]] = [*((name,) for name in columns), *combinations(plain, 2)]
+    coarse = {name: principal(column) for name, column in columns.items()}
+    screened = [places.screened(multiplied([coarse[n] for n in names]), active.sigma2) for names in asked]
+    likely = [divmod(k, len(sites)) for k in np.argsort(-np.array(screened), axis=None)[:SHORT_LIST].tolist()]
+    for lengths in LENGTHS:
+        there = [(asked[k], site) for k, site in likely if len(asked[k]) == len(lengths)]
+        if not there:
+            continue
+        functions = [
+            FreeFunction.of(tuple(Waves.of(n, columns[n], length) for n, length in zip(names, lengths, strict=True)))
+            for names, _ in there
+        ]
+        products = [
+            places.products(function.values(), active.sigma2, slice(site, site + 1))
+            for function, (_, site) in zip(functions, there, strict=True)
+        ]
+        size, turned = rotated(*(np.concatenate(part) for part in zip(*products, strict=True)))
+        gains, variances = best(size, turned, np.full(len(there), CAP))
+        gains = with_own_noise(gains, fitted(variances, size, turned), active.mismatch)
+        alternatives = len(sites) * sum(len(names) == len(lengths) for names in asked)
+        cost = math.log(alternatives * sum(len(some) == len(lengths) for some in LENGTHS))
+        for function, (_, site), gain in zip(functions, there, gains.tolist(), strict=True):
+            yield _Found(gain - cost - active.criteria.head_start, cost, sites[site], function)
+
+
+@dataclass(frozen=True)
+class Places:
+    """How the rows of a model meet functions of the pose at S sites: at each of P poses the sum of squares of a unit
+    twist (S, P), its products with what the model takes out (S, P, K) and with what it leaves (S, P).
+
+    Of poses that share a deviation the values of a function are taken as one.
+    """
+
+    poses: IntArray
+    energy: Array
+    sums: Array
+    pull: Array
+
+    @staticmethod
+    def of(active: Active, sites: Sequence[Site]) -> "Places":
+        """Of the poses of a model, or of some evenly along its rows where there are many."""
+        rows = active.pool.rows
+        at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
+        left = (rows.target - active.spanned @ (active.spanned.T @ rows.target))[:, None]
+        taken = np.hstack([rows.placement, active.spanned])
+        units = [sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in site.terms) for site in sites]
+        reach = [rows.whitening.whiten(np.asarray(unit))[:, None] for unit in units]
+        energy, sums, pull = (
+            np.array([rows.totals(r * (r if value is None else value))[at] for r in reach])
+            for value in (None, taken, left)
+        )
+        return Places(rows.present[at], energy[:, :, 0], sums, pull[:, :, 0])
+
+    def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
+        """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
+        size = values.shape[1]
+        first, second = np.triu_indices(size)
+        inner = np.empty((len(self.energy[some]), size, size))
+        inner[:, first, second] = self.energy[some] @ (values[:, first] * values[:, second])
+        inner[:, second, first] = inner[:, first, second]
+        cross = values.T @ self.sums[some]
+        return (inner - cross @ np.swapaxes(cross, 1, 2)) / sigma2, self.pull[some] @ values / sigma2
+
+    def screened(self, values: Array, sigma2: float) -> Array:
+        """Gain (S,) at one typical variance, nats."""
+        inner, pull = self.products(values, sigma2)
+        size = values.shape[1]
+        variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-300)
+        lower = np.linalg.cholesky(np.eye(size) + variance[:, None, None] * inner)
+        half = np.linalg.solve(lower, pull[:, :, None])[:, :, 0]
+        volume = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+        return np.asarray(0.5 * variance * np.sum(half**2, axis=1) - volume)

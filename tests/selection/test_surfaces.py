@@ -1,0 +1,73 @@
+"""Free functions of one and two inputs: their covariance, their products, and a planted law found."""
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism, sized
+from group_cases import ARM, offering, problem
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.gain import best, rotated
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.active import Active
+from gpmodel.selection.group import CAP
+from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.scan import scan
+from gpmodel.selection.select import select
+from gpmodel.selection.surfaces import FreeFunction, Places, Waves
+
+
+@pytest.mark.parametrize("length", [0.35, 0.6, 0.9, 1.5])
+def test_the_sines_have_the_covariance_of_a_gaussian_kernel(length: float) -> None:
+    u = np.linspace(-1.0, 1.0, 41)
+    values = Waves.of("J1", 3.0 * u + 1.0, length).values
+    covariance = values @ values.T
+    wanted = np.exp(-((u[:, None] - u) ** 2) / (2 * length**2))
+    assert np.abs(covariance / covariance[20, 20] - wanted).max() < 0.02
+
+
+def test_its_effects_are_its_columns_at_the_measured_poses() -> None:
+    active, _ = problem()
+    states = active.pool.rows.shapes.states
+    function = FreeFunction.of(tuple(Waves.of(n, states[n], 0.6) for n in ("J2", "J5")))
+    group = function.group(Site((("J4.moving", "Rx", 1.0),)), 3.0, active.pool.rows.shapes)
+    assert group is not None
+    values = np.array([s * e.terms[0].basis(states) for s, e in zip(group.spreads, group.effects, strict=True)]).T
+    np.testing.assert_allclose(values, function.values(), rtol=1e-6, atol=1e-9)
+
+
+def test_products_without_columns_are_those_of_the_columns() -> None:
+    active, _ = problem(1)
+    sites, states = sites_of(mechanism(ARM)), active.pool.rows.shapes.states
+    places = Places.of(active, sites)
+    for k, names in ((4, ("J2", "J3")), (17, ("J2", "torque_J5")), (30, ("J3",))):
+        function = FreeFunction.of(tuple(Waves.of(n, states[n], 0.9) for n in names))
+        group = function.group(sites[k], 0.0, active.pool.rows.shapes)
+        assert group is not None
+        pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.criteria)
+        wider = Active(pool, active.variances, active.chosen, active.sigma2)
+        products = places.products(function.values(), active.sigma2, slice(k, k + 1))
+        gained, _ = best(*rotated(*products), np.array([CAP]))
+        assert gained[0] == pytest.approx(scan(wider)[0][-1], rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize(("law", "place", "inputs"), [
+    ("max(temperature - 25, 0)*J6", ("J3.moving", "Tz"), {"J6", "temperature"}),
+    ("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"), {"J2", "J5"}),
+])  # fmt: skip
+def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
+    law: str, place: tuple[str, str], inputs: set[str]
+) -> None:
+    data = bare(ARM, 80, 3, payload=False)
+    effect = effect_at("law", *place, Expression(law))
+    truth = measure(ARM, [effect], sized(ARM, [effect], data, 0.25), 3, dataset=data)
+    arm, poses = truth.model.mechanism, truth.poses
+    standard = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
+    kept = select(standard, poses, offering(arm, poses), criteria=Criteria(shuffles=9)).kept
+    assert set(kept[0].group.inputs) == inputs
+    assert kept[0].group.place == " ".join(place)
+    assert sum(set(k.group.inputs) != inputs for k in kept) == 0
