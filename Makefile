@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test conclusions lint types wheel clean
+.PHONY: install demo test conclusions lint types wheel docs pictures clean
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -35,5 +35,11 @@ lint: $(BIN)/pytest
 types: $(BIN)/pytest
 	$(BIN)/mypy
 
+docs: $(BIN)/pytest
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
+pictures: $(BIN)/pytest
+	$(BIN)/python docs/make/pictures.py
+
 clean:
-	rm -rf $(VENV) demo-report
+	rm -rf $(VENV) demo-report site

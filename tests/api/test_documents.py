@@ -2,6 +2,7 @@
 
 import copy
 import doctest
+import re
 import shutil
 from importlib.resources import files
 from pathlib import Path
@@ -16,27 +17,51 @@ from gpmodel.discovery.search import Search
 
 ROOT = Path(__file__).parents[2]
 TOUR = nbformat.read(ROOT / "experiments" / "tour" / "tour.ipynb", as_version=4)
+EXAMPLES = ROOT / "docs" / "make" / "examples.py"
 DEMO = Path(str(files("gpmodel") / "data" / "demo.csv"))
 
 
+SHOWN = ("README.md", "docs/extending.md", "docs/tutorials/researcher.md")
+"""Documents with lines of Python, as `>>>`."""
+LINK = re.compile(r"(?:\]\(|src(?:set)?=\")([^)#\s\"]+)")
+MOST_LINES = 150
+
+
 @pytest.mark.usefixtures("brief")
-def test_the_lines_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", SHOWN)
+def test_the_lines_that_a_document_shows_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(DEMO, "table.csv")
     frame = pd.read_csv(DEMO).head(5)
-    for name in ("poses.csv", "targets.csv"):
-        frame.drop(columns=["x [mm]", "y [mm]", "z [mm]"]).to_csv(name, index=False)
-    result = doctest.testfile(str(ROOT / "README.md"), module_relative=False)
-    assert result.attempted > 10
+    for file in ("poses.csv", "targets.csv"):
+        frame.drop(columns=["x [mm]", "y [mm]", "z [mm]"]).to_csv(file, index=False)
+    result = doctest.testfile(str(ROOT / name), module_relative=False)
+    assert result.attempted > 7
     assert result.failed == 0
-    assert (tmp_path / "result" / "report.html").exists()
+    assert name != "README.md" or (tmp_path / "result" / "report.html").exists()
 
 
-def test_the_readme_names_every_command() -> None:
-    from gpmodel.cli.main import COMMANDS
+def test_no_document_with_lines_of_python_is_left_out() -> None:
+    documents = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    assert {str(d.relative_to(ROOT)) for d in documents if ">>> " in d.read_text(encoding="utf-8")} == set(SHOWN)
 
+
+@pytest.mark.usefixtures("brief")
+def test_every_public_name_has_an_example_and_all_of_them_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = EXAMPLES.read_text(encoding="utf-8")
+    assert [name for name in gp.__all__ if f"\n# {name}: " not in text] == []
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(DEMO, "table.csv")
+    exec(compile(text, "examples.py", "exec"), {"__name__": "examples"})
+    assert (tmp_path / "model.json").exists()
+
+
+def test_the_readme_is_short_and_leads_nowhere_that_is_not_there() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert [name for name in COMMANDS if f"gpmodel {name}" not in text] == []
+    assert len(text.splitlines()) <= MOST_LINES
+    targets = [t for t in LINK.findall(text) if not t.startswith("http")]
+    assert len(targets) > 10
+    assert [t for t in targets if not (ROOT / t).exists()] == []
 
 
 @pytest.mark.usefixtures("brief")

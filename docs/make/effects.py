@@ -1,0 +1,231 @@
+"""The pages of the catalogue: every family with its source, what it does to the tool, and what looks like it."""
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+import gpmodel as gp
+from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.observed import Observed
+from gpmodel.table.dataset import unmeasured
+
+POSES = 120
+MECHANISMS = ("irb6400r", str(Path(__file__).with_name("rail.toml")), "spherical-joint", "hexapod")
+"""The first of these that a family has an instance on is what its page shows."""
+ALIKE = 0.7
+"""Correlation, after all constant geometry is taken off, from which a family is named a rival."""
+SHOWN = 4
+"""Effects of a candidate, and rivals of a family, that are looked at."""
+MOST = 40
+"""Instances of a family that are looked at."""
+INK, MARK = "#8a8f98", "#3b82f6"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Poses of a mechanism as somebody would measure them, and an orthonormal basis (3 N, G) of all its constant
+    geometry."""
+
+    title: str
+    mechanism: Mechanism
+    poses: Poses
+    observed: Observed
+    geometry: Array
+
+    def columns(self, effects: Iterable[gp.Effect]) -> Array:
+        """What one unit of each effect does to the tool (3 N, E), m."""
+        seen = effect_columns(tuple(effects), ErrorModel(self.mechanism, ()), self.poses, self.observed)
+        return seen[:, :3].reshape(3 * POSES, -1)
+
+    def left(self, columns: Array) -> Array:
+        """Columns (3 N, E) without what constant geometry can take up."""
+        return columns - self.geometry @ (self.geometry.T @ columns)
+
+
+def scene(name: str) -> Scene:
+    """Random poses with a payload, a temperature, a time and directions of approach, rows in order."""
+    arm, rng = gp.load_mechanism(name), np.random.default_rng(0)
+    q = random_poses(arm, POSES, rng)
+    time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
+    extras = {"temperature": 20.0 + 4.0 * np.sin(time / 2500.0), "time": time}
+    extras |= {f"approach_{joint.name}": rng.choice([-1.0, 1.0], POSES) for joint in arm.joints}
+    extras |= {"gravity_x": 0.1 * rng.normal(size=POSES), "gravity_z": np.full(POSES, -0.99)}
+    units = {n: {"temperature": "degC", "time": "s"}.get(n, "1") for n in extras}
+    joints = [joint.name for joint in arm.joints]
+    dataset = replace(
+        unmeasured(joints, q, rng.uniform(0.0, 10.0, POSES)), extras=extras, extra_units=units, in_order=True
+    )
+    tool, register = np.eye(4), np.eye(4)
+    tool[:3, 3], register[:3, 3] = (0.1, -0.05, 0.15), (3.0, 1.0, 0.5)
+    placement, bare = Placement({"": register}, {"": tool}, {}), ErrorModel(arm, ())
+    there = observe(bare, prepare(arm, dataset), np.zeros(0), placement).tip[:, :3, 3]
+    poses = prepare(arm, replace(dataset, position=there))
+    observed = observe(bare, poses, np.zeros(0), placement)
+    made = Scene(arm.name, arm, poses, observed, np.zeros((3 * POSES, 1)))
+    one = gp.Expression("1")
+    constants = [gp.effect_at("c", slot, axis, one) for slot in arm.slots for axis in AXES]
+    basis, sizes, _ = np.linalg.svd(made.columns(constants), full_matrices=False)
+    return replace(made, geometry=basis[:, sizes > 1e-9 * sizes[0]])
+
+
+def pages() -> dict[str, str | bytes]:
+    """The overview, a page a family, and its picture."""
+    with threadpool_limits(1, user_api="blas"):
+        scenes = [scene(name) for name in MECHANISMS]
+        found = {f.name: _first(f, scenes) for f in gp.catalogue}
+        signatures = _signatures(list(gp.catalogue), scenes[0])
+    made: dict[str, str | bytes] = {"effects/index.md": _overview()}
+    for family in gp.catalogue:
+        shown = found[family.name]
+        if shown is not None:
+            made[f"effects/pictures/{family.name}.svg"] = _picture(*shown)
+        made[f"effects/{family.name}.md"] = _page(family, shown, signatures)
+    return made
+
+
+def _first(family: gp.Family, scenes: list[Scene]) -> tuple[Scene, gp.Candidate] | None:
+    """The instance that moves the tool most, on the first mechanism that has one."""
+    for place in scenes:
+        instances = [_candidate(c) for c in family.build(place.mechanism, place.poses.states)]
+        sizes = [float(np.abs(place.left(place.columns(c.effects[:SHOWN]))).max()) for c in instances[:MOST]]
+        if sizes and max(sizes) > 0.0:
+            return place, instances[int(np.argmax(sizes))]
+    return None
+
+
+def _candidate(offer: gp.Candidate | gp.Effect) -> gp.Candidate:
+    return offer if isinstance(offer, gp.Candidate) else gp.Candidate(offer.name, (offer,), offer.family, 0.0)
+
+
+def _signatures(families: list[gp.Family], place: Scene) -> dict[str, list[tuple[str, Array]]]:
+    """Family -> (instance, what of each of its effects geometry cannot take up, of length 1)."""
+    out: dict[str, list[tuple[str, Array]]] = {}
+    for family in families:
+        candidates = [_candidate(c) for c in family.build(place.mechanism, place.poses.states)][:MOST]
+        effects = [(c.name, effect) for c in candidates for effect in c.effects[:SHOWN]]
+        left = place.left(place.columns(effect for _, effect in effects)) if effects else np.zeros((3 * POSES, 0))
+        sizes = np.linalg.norm(left, axis=0)
+        out[family.name] = [
+            (name, column / size) for (name, _), column, size in zip(effects, left.T, sizes, strict=True) if size > 1e-9
+        ]
+    return out
+
+
+def _rivals(family: str, signatures: dict[str, list[tuple[str, Array]]]) -> list[tuple[str, str, str, float]]:
+    """(rival family, its instance, ours, correlation), the closest of each family first."""
+    own = signatures[family]
+    found = []
+    for other, rows in signatures.items():
+        if other == family or not own or not rows:
+            continue
+        alike = np.abs(np.stack([v for _, v in own]) @ np.stack([v for _, v in rows]).T)
+        i, j = np.unravel_index(int(np.argmax(alike)), alike.shape)
+        if alike[i, j] >= ALIKE:
+            found.append((other, rows[j][0], own[i][0], float(alike[i, j])))
+    return sorted(found, key=lambda row: -row[3])[:SHOWN]
+
+
+def _moves(place: Scene, candidate: gp.Candidate) -> Array:
+    """What one unit of each of its effects does together (N, 3), m."""
+    return place.columns(candidate.effects).sum(axis=1).reshape(POSES, 3)
+
+
+def _picture(place: Scene, candidate: gp.Candidate) -> bytes:
+    """From above and from the side, an arrow a pose; and how far it moves the tool over the first thing it reads."""
+    move, at = _moves(place, candidate), place.observed.tip[:, :3, 3]
+    size = np.linalg.norm(move, axis=1)
+    share = move / max(float(size.max()), 1e-300)
+    figure = Figure(figsize=(9.5, 3.2), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for axis, (a, b), title in zip(axes[:2], ((0, 1), (0, 2)), ("from above", "from the side"), strict=True):
+        axis.quiver(at[:, a], at[:, b], share[:, a], share[:, b], color=MARK, angles="xy", scale=8, width=0.004)
+        axis.set_aspect("equal", "datalim")
+        axis.set_title(title)
+        axis.set_xlabel("m")
+    reads = next((n for e in candidate.effects for n in e.inputs), "")
+    values = place.poses.states[reads] if reads else np.arange(float(POSES))
+    axes[2].scatter(values, size / max(float(size.max()), 1e-300), s=7, color=MARK)
+    axes[2].set_title("share of its largest move")
+    axes[2].set_xlabel(reads or "row")
+    for axis in axes:
+        axis.tick_params(colors=INK, labelsize=7)
+        axis.title.set_color(INK)
+        axis.title.set_fontsize(9)
+        axis.xaxis.label.set_color(INK)
+        for spine in axis.spines.values():
+            spine.set_color(INK)
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+    return file.getvalue()
+
+
+def _overview() -> str:
+    lines = [
+        "# Effects",
+        "",
+        f"{len(gp.catalogue)} families, each a cited mechanism or a recorded discovery. A family is written",
+        "`--effect 'NAME'` or `--effect 'NAME JOINT'`; `gpmodel effects --mechanism M` says which have an instance on",
+        "a machine of yours. These pages are made of the families themselves when the documentation is built.",
+        "",
+        "| family | what happens | source |",
+        "|---|---|---|",
+    ]
+    lines += [f"| [{f.name}]({f.name}.md) | {f.explanation} | {f.source} |" for f in gp.catalogue]
+    return "\n".join(lines) + "\n"
+
+
+def _page(
+    family: gp.Family,
+    shown: tuple[Scene, gp.Candidate] | None,
+    signatures: dict[str, list[tuple[str, Array]]],
+) -> str:
+    lines = [f"# {family.name}", "", f"{family.explanation[0].upper()}{family.explanation[1:]}.", ""]
+    lines += [f"*Source:* {family.source}.", ""]
+    if shown is None:
+        lines += ["It has no instance on the machines shown here: it needs a column that their tables do not have.", ""]
+    else:
+        lines += _instance(family, *shown)
+    lines += ["## What looks like it", ""]
+    rivals = _rivals(family.name, signatures)
+    if not signatures[family.name]:
+        lines += ["Not worked out: it has no instance on the IRB 6400R.", ""]
+    elif not rivals:
+        lines += [f"On {POSES} random poses of the IRB 6400R nothing else in the catalogue comes near.", ""]
+    else:
+        lines += ["On the same poses, with all constant geometry taken off; 1 cannot be told apart.", ""]
+        lines += ["| rival | as | beside | correlation |", "|---|---|---|---|"]
+        lines += [f"| [{o}]({o}.md) | {name} | {own} | {alike:.2f} |" for o, name, own, alike in rivals]
+    return "\n".join(lines) + "\n"
+
+
+def _instance(family: gp.Family, place: Scene, candidate: gp.Candidate) -> list[str]:
+    column = _moves(place, candidate).reshape(-1, 1)
+    kept = float(np.linalg.norm(place.left(column)) / np.linalg.norm(column))
+    reads = dict.fromkeys(n for e in candidate.effects for n in e.inputs)
+    first = candidate.effects[0]
+    terms = "; ".join(f"{t.basis} at {t.slot} {t.axis}" for t in first.terms[:SHOWN])
+    more = f" and {len(candidate.effects) - 1} more" if len(candidate.effects) > 1 else ""
+    return [
+        f"![What {candidate.name} does to the tool](pictures/{family.name}.svg)",
+        "",
+        f"*{candidate.name}* on {place.title}: an arrow is what it does to the tool at one of {POSES} random poses,",
+        "the longest of them of one length whatever its size.",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| written | `--effect '{candidate.name}'` |",
+        f"| unit | {first.unit} |",
+        f"| reads | {', '.join(reads) or 'nothing'} |",
+        f"| its first term | `{terms}`{more} |",
+        f"| seen after calibration | {100 * kept:.0f} % of it; constant geometry takes up the rest |",
+        "",
+    ]

@@ -1,0 +1,55 @@
+"""Pages of the documentation that are made of the package itself, each time it is built: none can be out of date."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+
+import commands  # noqa: E402
+import effects  # noqa: E402
+import experiments_pages  # noqa: E402
+import gallery_page  # noqa: E402
+import public_names  # noqa: E402
+
+import gpmodel as gp  # noqa: E402
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Lists the generated pages in the navigation, where mkdocs.yml has the first of their kind."""
+    lists = {
+        "reference/api.md": [f"reference/{name}.md" for name in gp.__all__],
+        "effects/index.md": [f"effects/{family.name}.md" for family in gp.catalogue],
+        "validation/index.md": [p for p in experiments_pages.pages(ROOT) if p.endswith(".md")],
+    }
+    config.nav = [_with(item, lists) for item in config.nav or ()]
+    return config
+
+
+def _with(item: object, lists: Mapping[str, list[str]]) -> object:
+    """An entry of the navigation; one that leads to the first page of a list has all of it below."""
+    if isinstance(item, dict):
+        return {title: _with(inside, lists) for title, inside in item.items()}
+    if isinstance(item, list):
+        return [_with(inside, lists) for inside in item]
+    return [item, *lists[item]] if item in lists else item
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the generated pages and pictures to those of docs/."""
+    made: list[Mapping[str, str | bytes]] = [commands.pages(), public_names.pages(), effects.pages()]
+    made += [experiments_pages.pages(ROOT), gallery_page.pages(), documents()]
+    for pages in made:
+        for path, content in pages.items():
+            files.append(File.generated(config, path, content=content))
+    return files
+
+
+def documents() -> dict[str, str]:
+    """CONTRIBUTING.md and CHANGELOG.md as pages, their links led to the pages of the site."""
+    named = {"contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
+    return {page: (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](") for page, name in named.items()}
