@@ -1,7 +1,6 @@
 """Moves that replace several groups by one, or one by several, where no exchange of one for one raises the evidence."""
 
 from collections import defaultdict
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -59,7 +58,7 @@ def spelled_out(active: Active) -> Active:
         group = active.pool.groups[g]
         if g not in active.variances or len(group.effects) <= LAW:
             continue
-        for h in _laws_in(active, group.inputs):
+        for h in _laws_in(active, group):
             fewer = pruned(reestimated(active.without(g).added(h, active.variances[g])))
             if h not in fewer.variances:
                 continue
@@ -111,12 +110,19 @@ def _with_two(active: Active, but: int) -> Active:
     return max((reestimated(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
 
 
-def _laws_in(active: Active, inputs: Sequence[str]) -> list[int]:
-    """Groups without a name, not in the model, that read nothing else."""
-    return [
-        h for h, group in enumerate(active.pool.groups)
-        if not group.family and not group.standing and h not in active.variances and set(group.inputs) <= set(inputs)
-    ]  # fmt: skip
+def _laws_in(active: Active, curve: Group) -> list[int]:
+    """Groups without a name, not in the model, that read nothing else; free functions of fewer inputs at its place."""
+    inputs = set(curve.inputs)
+
+    def may_stand(group: Group) -> bool:
+        free = group.found_by == "surface"
+        return set(group.inputs) <= inputs and not (
+            free and (group.place != curve.place or set(group.inputs) == inputs)
+        )
+
+    groups = active.pool.groups
+    unnamed = (h for h, group in enumerate(groups) if not group.family and not group.standing)
+    return [h for h in unnamed if h not in active.variances and may_stand(groups[h])]
 
 
 def _together(active: Active) -> dict[str, list[int]]:

@@ -130,7 +130,8 @@ class _Found:
 
 
 def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
-    """The free functions that what a model leaves asks for most, no more than a few at a place."""
+    """The free functions that what a model leaves asks for most, no more than a few at a place, and those of each input
+    of a pair by itself: two that add up are told from one of both."""
     with threadpool_limits(limits=1, user_api="blas"):
         found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
@@ -138,6 +139,11 @@ def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) 
         here = sum(key[0] == f.site.name for key in out)
         if f.nats > 0 and here < OF_ONE_PLACE and len(out) < OFFERED:
             out.setdefault((f.site.name, *f.function.inputs), f)
+    cost = math.log(max(len(sites) * len(inputs), 1))
+    for f in [f for f in out.values() if len(f.function.waves) > 1]:
+        for wave in f.function.waves:
+            alone = _Found(0.0, cost, f.site, FreeFunction.of((wave,)))
+            out.setdefault((f.site.name, wave.name), alone)
     groups = (f.function.group(f.site, f.cost, active.pool.rows.shapes) for f in out.values())
     return [g for g in groups if g is not None]
 
