@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from gpmodel.errors import InputError
     from gpmodel.evidence.criteria import Criteria
     from gpmodel.evolution.linear import Linear
+    from gpmodel.evolution.selection import Tournament, Truncation
     from gpmodel.evolution.tree import Tree
     from gpmodel.families.candidate import Candidate
     from gpmodel.families.catalogue import catalogue
@@ -58,7 +59,9 @@ _HOME = {
     "Search": "discovery.search",
     "States": "model.states",
     "Term": "model.effect",
+    "Tournament": "evolution.selection",
     "Tree": "evolution.tree",
+    "Truncation": "evolution.selection",
     "calibrate": "api.calibrate",
     "catalogue": "families.catalogue",
     "certificate": "api.certificate",
@@ -91,7 +94,9 @@ __all__ = [
     "Search",
     "States",
     "Term",
+    "Tournament",
     "Tree",
+    "Truncation",
     "calibrate",
     "catalogue",
     "certificate",

@@ -14,6 +14,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}
@@ -99,6 +100,13 @@ def evolved(value: object) -> tuple[Representation, ...]:
     if not chosen:
         raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
     return tuple(chosen)
+
+
+def selecting(value: object, argument: str) -> SelectionScheme:
+    """Who breeds and lives on. Raises InputError naming the argument."""
+    if isinstance(value, type) or not isinstance(value, SelectionScheme):
+        raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
+    return value
 
 
 def called(value: object, argument: str) -> Callable[..., object]:

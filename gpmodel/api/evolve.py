@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import among, called, evolved, limit, share, texts, whole
+from gpmodel.api.arguments import among, called, evolved, limit, selecting, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, split
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
@@ -27,6 +27,7 @@ from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import Plan, Run, run_all
+from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.executor import Threads, Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
@@ -76,6 +77,12 @@ class EvolutionResult:
         """One row a run: representation, number, shuffled, gain, heldout, complexity, site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
         return pd.DataFrame([{c: getattr(run, c) for c in columns} for run in self.runs], columns=columns)
+
+    def front(self) -> pd.DataFrame:
+        """One row a program that no other of its run beats in both gain and length, simplest first."""
+        columns = ["representation", "number", "complexity", "gain", "program"]
+        rows = [(run.representation, run.number, *one) for run in self.runs if not run.shuffled for one in run.front]
+        return pd.DataFrame(rows, columns=columns)
 
     def inputs(self) -> pd.DataFrame:
         """One row an input: runs that refer to it by representation, shuffled ones that do, corrected p-value."""
@@ -170,6 +177,7 @@ def evolve(
     population: int | None = None,
     generations: int | None = None,
     seconds: float | None = None,
+    selection: SelectionScheme | None = None,
     norm: Norm = "max",
     standard: Sequence[str] = ("*",),
     holdout: float = 0.3,
@@ -186,6 +194,7 @@ def evolve(
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
+    selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments.
     norm: of a compensator's errors; its x, y, z are in mm. workers: runs side by side, 0 for one a core; executor: runs
     them elsewhere; no number depends on either. journal: keeps finished runs, to go on from them to the same numbers.
     Raises InputError for an argument out of range.
@@ -196,7 +205,7 @@ def evolve(
     with extra_for("gpmodel.evolve"):
         import gpmodel.evolution.kernels.compiler  # noqa: F401
     side_by_side = executor or Threads(whole(workers, "workers"))
-    effort = _effort(population, generations, seconds)
+    effort = _effort(population, generations, seconds, selection)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
@@ -231,10 +240,11 @@ def _finished(
     return tuple(runs[number] for number in tasks)
 
 
-def _effort(population: object, generations: object, seconds: object) -> Effort:
+def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
     """What was asked of a run. Raises InputError that names the first number that is none."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),
         limit(seconds, "seconds", 0.0),
+        None if selection is None else selecting(selection, "selection"),
     )

@@ -7,26 +7,28 @@ from typing import Literal
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, label
+from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.evolution.settings import Budget, Settings, thesis_settings
 from gpmodel.evolution.tree import Tree
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
-"""Of compensators the thesis' own (section 5.2.2), and as many trees as lower the error at every seed; at a slot, where
+"""Of compensators the thesis' own (section 5.2.2), and an eighth as many trees, which take as long; at a slot, where
 one law of one input is sought, what finds it."""
 GENERATIONS = 100
-"""The thesis' own."""
+"""The thesis names none; after a hundred its populations are of one kind."""
 UNLIMITED, NO_END = 1_000_000, 1e9
 """Generations of a run that only the clock ends, and seconds of one that only its generations end."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run was asked to take, None for the defaults."""
+    """What a run was asked to take, and who breeds in it, None for the defaults."""
 
     population: int | None = None
     generations: int | None = None
     seconds: float | None = None
+    selection: SelectionScheme | None = None
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
@@ -55,5 +57,6 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
             if space == "cartesian"
             else Settings(strategy, budget=Budget(size, generations))
         )
-        chosen[name] = replace(settings, budget=replace(settings.budget, seconds=seconds, threads=1))
+        budget = replace(settings.budget, seconds=seconds, threads=1)
+        chosen[name] = replace(settings, budget=budget, selection=effort.selection or settings.selection)
     return chosen

@@ -1,5 +1,6 @@
 """`gpmodel evolve`: compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,10 +29,14 @@ from gpmodel.cli.request import Request, Typed
 from gpmodel.errors import InputError
 from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.representation import Representation, label
+from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers, scheduled
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
 from gpmodel.records.journal_files import JournalFiles
+
+VARIED = ("operators", "crossover", "mutation", "length", "depth")
+"""Choices of a representation that have an option of their own."""
 
 
 @click.command()
@@ -45,6 +50,17 @@ from gpmodel.records.journal_files import JournalFiles
 @click.option("--seconds", type=Number(above=0.0), default=None, help="Time a run, at most.")
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Of each representation.")
 @click.option("--operators", default=None, help="thesis, smooth, slot, physics, or names.")
+@click.option("--truncation", type=Number(above=0.0), default=None, help="Share of the best that breeds: 0.05.")
+@click.option("--tournament", type=click.IntRange(1), default=None, help="Or the best of so many drawn, each time.")
+@click.option(
+    "--crossover",
+    type=click.FloatRange(0.0, 0.999),
+    default=None,
+    help="Rate an element; trees: share.",
+)
+@click.option("--mutation", type=click.FloatRange(0.0, 0.999), default=None, help="Rate an element of a sequence.")
+@click.option("--length", type=int, default=None, help="Elements of a sequence.")
+@click.option("--depth", type=int, default=None, help="Of a tree, at most.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
 @standard_option
 @holdout_option
@@ -92,21 +108,37 @@ def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: 
     """Run what was asked."""
     options, mechanism = dict(request.options), request.choice.load()
     dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"))
-    names, operators = options.pop("representation"), options.pop("operators")
+    names, truncation, tournament = (options.pop(name) for name in ("representation", "truncation", "tournament"))
+    varied = {name: options.pop(name) for name in VARIED}
+    strategies = strategies_named(names, options["space"], {k: v for k, v in varied.items() if v is not None})
     return run(
-        mechanism, dataset, strategies=strategies_named(names, options["space"], operators), **options,
+        mechanism, dataset, strategies=strategies, selection=selection_of(truncation, tournament), **options,
         executor=executor, journal=journal, progress=say, command=command_line(),
     )  # fmt: skip
 
 
+def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
+    """What the two options ask for, None where neither does. Raises InputError where both do."""
+    if truncation is not None and tournament is not None:
+        raise InputError("--tournament as well, expected one of the two", "truncation")
+    if truncation is not None:
+        return Truncation(truncation)
+    return None if tournament is None else Tournament(tournament)
+
+
 def strategies_named(
-    names: str, space: Literal["cartesian", "slot"], operators: str | None
+    names: str, space: Literal["cartesian", "slot"], varied: Mapping[str, Any]
 ) -> tuple[Representation, ...]:
-    """The representations of `linear,tree`, with other operators where given. Raises InputError for another name."""
+    """The representations of `linear,tree`, with other choices where given. Raises InputError for another name, and
+    for a choice that none of them has."""
     known = {label(strategy): strategy for strategy in default_strategies(space)}
     chosen: list[Representation] = []
     for name in (part.strip() for part in names.split(",")):
         if name not in known:
             raise InputError(f"{name!r}, expected {' or '.join(known)}", "representation")
-        chosen.append(known[name] if operators is None else replace(known[name], operators=operators))
+        own = {choice: value for choice, value in varied.items() if hasattr(known[name], choice)}
+        chosen.append(replace(known[name], **own))
+    for choice in varied:
+        if not any(hasattr(strategy, choice) for strategy in chosen):
+            raise InputError(f"{names} has none", choice)
     return tuple(chosen)

@@ -81,12 +81,14 @@ class Plan:
             heldout(best.program) if heldout and not shuffled else best.validation, best.complexity,
             strength_of(found, problem), found.evaluations, found.seconds,
             {quantity: column.tolist() for quantity, column in found.history.items()},
+            tuple((s.complexity, s.gain, str(s.program)) for s in found.front),
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Run:
-    """One finished run, as text and numbers. ``heldout`` is the gain on poses it never saw, None without."""
+    """One finished run, as text and numbers. ``heldout`` is the gain on poses it never saw, None without; ``front`` the
+    complexity, gain and text of each program that no other beats in both, simplest first."""
 
     representation: str
     number: int
@@ -100,6 +102,7 @@ class Run:
     evaluations: int
     seconds: float
     history: dict[str, list[float]]
+    front: tuple[tuple[int, float, str], ...] = ()
 
     def record(self) -> RunRecord:
         """What the histogram of referenced inputs counts of it."""

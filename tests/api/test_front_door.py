@@ -103,6 +103,7 @@ def test_the_public_names_are_those_a_user_writes() -> None:
     """What the README and the tour write, and what an outside mechanism, family or effect is made of."""
     ten_lines = {"load_mechanism", "read_table", "calibrate", "discover", "load_model", "evolve", "simulate", "check"}
     choices = {"choose_poses", "catalogue", "Search", "Criteria", "Linear", "Tree", "InputError", "Model", "Dataset"}
+    choices |= {"Truncation", "Tournament"}
     own = {"fleet", "Effect", "Term", "Expression", "effect_at", "Candidate", "Family", "Mechanism", "Joint", "States"}
     results = {"regress", "verify", "certificate"}
     assert set(gp.__all__) == ten_lines | choices | own | results

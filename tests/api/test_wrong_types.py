@@ -67,7 +67,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
         {
             "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY, "space": ANY,
             "norm": ANY, "strategies": (*NO_TEXTS[1:], FRAME, (gp.Linear(), gp.Linear())), "runs": ANY,
-            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "workers": ANY,
+            "population": ANY[1:], "generations": ANY[1:], "seconds": NO_NUMBER, "workers": ANY, "selection": ANY[1:],
             "progress": ANY,
         },
     ),

@@ -96,6 +96,9 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
         (["--representation", "forest"], "expected linear or tree"),
         (["--operators", "thesis,sinus"], "unknown 'sinus'"),
         (["--population", "20"], "too small to select"),
+        (["--truncation", "0.1", "--tournament", "3"], "truncation: --tournament as well, expected one of the two"),
+        (["--representation", "tree", "--length", "80"], "length: tree has none"),
+        (["--depth", "0"], "depth: 0, expected 1 to 40"),
     ],
 )
 def test_bad_options_are_one_clear_line(options: list[str], message: str, table: Path) -> None:
@@ -113,3 +116,27 @@ def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
     assert 10 <= Tree.thesis().depth <= 15
     assert tree.representation == Tree.thesis()
     assert settings_for("slot", default_strategies("slot"), Effort(seconds=2.0))["linear"].budget.generations > 10**5
+
+
+def test_selection_rates_length_and_depth_are_asked_for_by_option(table: Path, tmp_path: Path) -> None:
+    """Step 3 of the thesis' six: the settings of evolution are varied."""
+    varied = ["--tournament", 3, "--crossover", 0.1, "--mutation", 0.02, "--length", 60, "--depth", 7]
+    run(table, *QUICK, *varied, "--out", tmp_path, "--quiet")
+    linear, tree = json.loads((tmp_path / "evolve.json").read_text())["request"]["settings"]
+    assert "Tournament(size=3" in linear
+    assert "Tournament(size=3" in tree
+    assert "length=60" in linear
+    assert "mutation=0.02" in linear
+    assert "crossover=0.1" in linear
+    assert "depth=7" in tree
+    assert "crossover=0.1" in tree
+
+
+def test_the_front_of_every_run_is_kept(table: Path, tmp_path: Path) -> None:
+    run(table, *QUICK, "--out", tmp_path, "--quiet")
+    for one in json.loads((tmp_path / "evolve.json").read_text())["runs"]:
+        sizes, gains, texts = zip(*one["front"], strict=True)
+        assert sorted(set(sizes)) == list(sizes)
+        assert sorted(set(gains)) == list(gains)
+        assert one["program"] in texts
+        assert one["gain"] == max(gains)
