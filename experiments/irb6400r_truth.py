@@ -6,6 +6,7 @@ The thesis prints none of these sizes. Those below are chosen so that a standard
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,8 +46,12 @@ class Case:
     stiffness: dict[str, float]
 
 
-def measured_robot(seed: int = 0, poses: int = POSES, training: int = TRAINING) -> Case:
+def measured_robot(
+    seed: int = 0, poses: int = POSES, training: int = TRAINING, springs: Mapping[str, float] = STIFFNESS
+) -> Case:
     """Robot number `seed`: seed 0 has the nominal stiffnesses, every other one its own (standard deviation 15 %).
+
+    springs: what bends, by the catalogue's names, Nm/rad.
 
     Pose choice, geometry, phases of the eccentricities, instrument place, split and noise differ with every seed.
     """
@@ -59,7 +64,7 @@ def measured_robot(seed: int = 0, poses: int = POSES, training: int = TRAINING) 
     effects: list[Effect] = list(geometric_effects(mechanism))
     theta = list(GEOMETRY * rng.normal(size=len(effects)))
     stiffness = {}
-    for name, value in STIFFNESS.items():
+    for name, value in springs.items():
         stiffness[name] = value * float(np.exp(SPREAD_OF_STIFFNESS * rng.normal() * (seed > 0)))
         effects += catalogue.build(name, mechanism, prepared.states)
         theta.append(1.0 / stiffness[name])

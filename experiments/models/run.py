@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.chapter5 import HAND_MADE, effects_of, options, rounded, save
-from experiments.irb6400r_truth import measured_robot
+from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
@@ -30,8 +30,9 @@ PLANTED = {
 the moment is the same below it and above."""
 
 
-def one_robot(seed: int, runs: int) -> dict[str, Any]:
-    case = measured_robot(seed)
+def one_robot(seed: int, runs: int, case: Case | None = None) -> dict[str, Any]:
+    """The errors of every step on a robot, number `seed` where no other is given, and what the loop finds."""
+    case = case or measured_robot(seed)
     named = [(n, catalogue.build(text, case.mechanism, case.poses.states)) for n, text in HAND_MADE]
     rungs = climb(
         case.mechanism, growing(effects_of(case), named), case.poses.subset(case.train), case.poses.subset(case.heldout)
