@@ -1,0 +1,76 @@
+"""The experiments' pages say what the results files beside them hold."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2] / "experiments"
+PAGE = (ROOT / "README.md").read_text(encoding="utf-8")
+JOINT_PAGE = (ROOT / "spherical_joint" / "README.md").read_text(encoding="utf-8")
+DESIGN_PAGE = (ROOT / "joint_design" / "README.md").read_text(encoding="utf-8")
+
+
+@cache
+def results(file: str) -> dict[str, Any]:
+    return dict(json.loads((ROOT / file).read_text(encoding="utf-8")))
+
+
+def section(page: str, head: str) -> str:
+    return page.split(head)[1].split("\n#")[0]
+
+
+@pytest.mark.parametrize(
+    ("file", "head"),
+    [("models/results.json", "### Fig 5.11"), ("models/harder.json", "### A harder arm")],
+    ids=["thesis", "harder"],
+)
+def test_the_medians_of_the_models_are_those_of_the_file(file: str, head: str) -> None:
+    text = section(PAGE, head)
+    assert results(file)["command"] in text
+    for step, (mean, largest, held, held_largest) in results(file)["median_mm"].items():
+        assert f"| {step} | {mean:.2f} / {largest:.2f} | {held:.2f} / {held_largest:.2f} |" in text
+
+
+def test_what_holds_on_how_many_robots_is_that_of_the_file() -> None:
+    text = section(PAGE, "### Fig 5.11")
+    for said, held in results("models/results.json")["conclusions"].items():
+        assert f"| {said} | {held} |" in text or said.startswith("the loop names")
+    harder = results("models/harder.json")
+    text = section(PAGE, "### A harder arm")
+    assert f"nothing else on {harder['all seven named and nothing else']} robots" in text
+    without = sum("J2" not in robot["named"] for robot in harder["robots"])
+    assert f"On {without} the spring of J2 is not named" in text
+    means = [robot["mm"]["the loop's own"][2] for robot in harder["robots"]]
+    assert f"{min(means):.3f} to {max(means):.3f} mm on each" in text.replace("\n", " ")
+
+
+def test_no_number_is_of_a_run_that_was_not_kept() -> None:
+    assert "not committed" not in PAGE
+
+
+ROWS = {"nothing": "nothing", "lobes": "12 µm cos 3J2", "sin2J1": "8 µm sin 2J1", "growth": "1.2 µm/K (t - 20)"}
+
+
+@pytest.mark.parametrize("kind", ROWS)
+def test_the_rigs_are_those_of_the_file(kind: str) -> None:
+    told = results("spherical_joint/rigs.json")
+    on, off = (told[ball]["found"][kind] for ball in ("ball on the yaw axis", "ball off the axis"))
+    assert max(on["largest refit"], off["largest refit"]) < 1.005
+    cells = [f"{rigs['right']} of {rigs['of']} | {rigs.get('told', '-')}" for rigs in (on, off)]
+    assert f"| {ROWS[kind]} | {cells[0]} | {cells[1]} |" in JOINT_PAGE
+
+
+def test_the_coverage_of_the_placement_is_that_of_the_file() -> None:
+    for ball in ("ball on the yaw axis", "ball off the axis"):
+        covered = results("spherical_joint/rigs.json")[ball]["coverage"]
+        assert f"rigs {100 * covered['95 % of all']:.1f} % are within" in JOINT_PAGE.replace("\n", " ")
+        assert all(0.93 <= share["1.96"] <= 0.985 for share in covered["within"].values())
+
+
+def test_the_film_without_clearance_is_that_of_the_file() -> None:
+    inlet = results("joint_design/results.json")["sphere_against_flat"]["sphere_inlet_at_50_um_without_clearance_atm"]
+    assert re.search(rf"no clearance at all still {inlet:.1f}\b", DESIGN_PAGE)
