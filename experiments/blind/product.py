@@ -78,9 +78,10 @@ def _program(*arguments: object) -> None:
 
 
 def _predict(folder: Path, name: str, options: tuple[str, ...]) -> np.ndarray:
-    """(N, 3) mm: the table `gpmodel predict` leaves."""
+    """(N, 3) mm: the table `gpmodel predict` leaves, of what the instrument would read, its errors included."""
     out = folder / "predicted" / name
-    _program("predict", folder / "out" / "model.json", folder / f"{name}.csv", "--out", out, *options)
+    model, poses = folder / "out" / "model.json", folder / f"{name}.csv"
+    _program("predict", model, poses, "--as-measured", "--out", out, *options)
     return _positions(out if out.is_file() else min(out.glob("*.csv")))
 
 

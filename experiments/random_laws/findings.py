@@ -14,6 +14,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.states import States
 from gpmodel.report.schema_search import EffectRecord
 
+CLOCKS = ("row", "time")
 ALIKE = 0.95
 """Inputs whose columns correlate by more are one input; places that move the tool so much alike are one place."""
 
@@ -46,18 +47,22 @@ def same_place(finding: EffectRecord, robot: Robot) -> bool:
 
 def graded(findings: tuple[EffectRecord, ...], robot: Robot, states: States) -> dict[str, Any]:
     """inputs_right: every true input is read; inputs_needless: others that are; place_right: of one finding at least;
-    false: findings that read no true input, on an innocent robot all of them."""
+    false: findings that read no true input, on an innocent robot all but those that follow a tracker that walks."""
     found = [f for f in findings if f.kept]
-    true = robot.law.inputs if robot.law else ()
+    true = robot.law.inputs if robot.law else CLOCKS if robot.machine.case.walk_mm else ()
     read = sorted({name for f in found for name in f.inputs})
     right = {name: [t for t in true if stands_for(name, t, states)] for name in read}
-    return {
-        "inputs_right": all(any(t in r for r in right.values()) for t in true),
-        "inputs_needless": sum(not r for r in right.values()),
-        "place_right": any(same_place(f, robot) for f in found),
+    out = {
         "false": sum(not any(right[name] for name in f.inputs) for f in found),
         "found": [said(f) for f in found],
     }
+    if robot.law:
+        out |= {
+            "inputs_right": all(any(t in r for r in right.values()) for t in true),
+            "inputs_needless": sum(not r for r in right.values()),
+            "place_right": any(same_place(f, robot) for f in found),
+        }
+    return out
 
 
 def said(finding: EffectRecord) -> dict[str, Any]:

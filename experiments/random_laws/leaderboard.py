@@ -12,7 +12,7 @@ from typing import Any
 from experiments.random_laws.results import IDENTITY, Row, explained, saved, summary
 
 COLUMNS = (
-    "within 1.25", "within 1.5", "median ratio", "worst ratio", "explained to 95 %", "median explained",
+    "failed", "within 1.25", "within 1.5", "median ratio", "worst ratio", "explained to 95 %", "median explained",
     "median seconds",
 )  # fmt: skip
 Rows = dict[tuple[Any, ...], Row]

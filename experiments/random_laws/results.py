@@ -67,15 +67,16 @@ def summary(rows: Iterable[Row]) -> Row:
     if all("found" in row for row in done):
         found = [f for row in done for f in row["found"]]
         unnamed = [f for f in found if not f["named"]]
-        out |= {name.replace("_", " "): sum(row[name] for row in done) for name in ("inputs_right", "place_right")}
         out |= {
-            "with needless inputs": sum(row["inputs_needless"] > 0 for row in done),
             "robots with nothing": sum(not row["found"] for row in done),
             "robots with false": sum(row["false"] > 0 for row in done),
             "findings": len(found),
             "without a name": len(unnamed),
             "of these short": sum(f["inputs"] <= SHORT_INPUTS and f["nodes"] <= SHORT_NODES for f in unnamed),
         }
+    if all("inputs_right" in row for row in done):
+        out |= {name.replace("_", " "): sum(row[name] for row in done) for name in ("inputs_right", "place_right")}
+        out["with needless inputs"] = sum(row["inputs_needless"] > 0 for row in done)
     return rounded(out)
 
 

@@ -108,7 +108,15 @@ def test_findings_are_graded_by_inputs_and_place(tmp_path):
         1,
     )
     assert graded((), robot, states)["inputs_right"] is False
-    assert graded((finding("J2.moving Rz", ("J5",)),), make(0, 0, 0), states)["false"] == 1
+
+
+def test_on_an_innocent_robot_all_is_false_but_what_follows_a_tracker_that_walks(tmp_path):
+    for index, false in ((0, 2), (list(INNOCENT).index("walking tracker"), 1)):
+        robot = make(0, 0, index)
+        _, states = oracle(robot, write(robot, tmp_path / str(index)))
+        row = graded((finding("base Tx", ("row",)), finding("J2.moving Rz", ("J2",))), robot, states)
+        assert row["false"] == false
+        assert "inputs_right" not in row
 
 
 def row(index, ratio, **more):
@@ -143,7 +151,7 @@ def test_the_leaderboard_has_the_robots_that_all_methods_have_done_and_who_is_to
     assert [line.split(" | ")[0] for line in lines] == [
         "| *told the law*", "| *told inputs and place*", "| one", "| other",
     ]  # fmt: skip
-    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
+    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
     assert board(read([tmp_path / "rows.jsonl"]), 2) == ""
 
 
