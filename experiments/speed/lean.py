@@ -60,7 +60,7 @@ def main() -> None:
         subprocess.run([*pip, "download", "--dest", f"{place}/wheels", *dependencies], check=True)
         for part in ("gpmodel", "robots", "joints"):
             shutil.copytree(ROOT / part, Path(place) / "source" / part, ignore=shutil.ignore_patterns("__pycache__"))
-        for part in ("pyproject.toml", "README.md", "LICENSE"):
+        for part in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
             shutil.copy(ROOT / part, Path(place) / "source")
         subprocess.run([*pip, "install", f"{place}/source"], check=True)
         packages = Path(place) / "env" / "lib" / f"python3.{sys.version_info[1]}" / "site-packages"

@@ -103,7 +103,7 @@ def _figures(design: JointDesign) -> dict[str, Figure]:
 
 
 def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure]) -> str:
-    loader = PackageLoader("joints")
+    loader = PackageLoader(__name__.partition(".")[0])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     limits = [
         {
