@@ -74,6 +74,12 @@ sequences = gp.Linear()
 # Tree: expression trees
 trees = gp.Tree()
 
+# Tournament: parents are the best of a few drawn at random
+drawn = gp.Search(selection=gp.Tournament())
+
+# Truncation: parents are drawn from the best share
+best = gp.Search(selection=gp.Truncation())
+
 # evolve: compensators and the histogram of the inputs they refer to
 evolved = gp.evolve(arm, table, strategies=[sequences], runs=1, population=64, generations=3)
 print(evolved.summary())
