@@ -29,7 +29,7 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.report.origin import versions
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import GENERIC, Offering, of_offers
+from gpmodel.selection.standing import Offering, of_offers
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import hold_out
 from joints import spherical_joint
@@ -101,7 +101,7 @@ def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
     train, heldout = hold_out(poses.dataset, HELD_OUT, np.random.default_rng(1))
     found = discover(JOINT, poses, train, heldout, search=Search(runs=0, workers=1), seed=1)
     standard = found.steps[1].calibration
-    chosen = select(standard, poses.subset(train), Offering((of_offers(catalogue.catalogue), *GENERIC)), seed=1)
+    chosen = select(standard, poses.subset(train), Offering((of_offers(catalogue.catalogue),)), seed=1)
     reads = KINDS[kind].reads
     read = [{i for e in f.candidate.effects for i in e.inputs} for f in found.findings]
     return {
