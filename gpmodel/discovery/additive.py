@@ -15,7 +15,7 @@ from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.together import standing_together
+from gpmodel.discovery.together import eliminate_and_readmit
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
@@ -191,7 +191,7 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
         found = dict(Threads(choice.search.workers)(verdict, tuple(asked)))
         return {name: found[number] for number, name in enumerate(asked)}
 
-    judged, calibration = standing_together(candidates, calibration, verdicts, choice.fit)
+    judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, choice.fit)
     return Additive(tuple(judged.values()), calibration, last.chosen.by_chance)
 
 

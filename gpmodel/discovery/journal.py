@@ -19,7 +19,7 @@ class Journal(KeptRuns, Protocol):
         ...
 
 
-class Forgetful(NothingKept):
+class NullJournal(NothingKept):
     """A journal that keeps nothing."""
 
     def begin(self) -> tuple[list[Finding], list[Round]]:

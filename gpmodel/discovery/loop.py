@@ -15,7 +15,7 @@ from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.final_fit import final_fit
-from gpmodel.discovery.journal import Forgetful, Journal
+from gpmodel.discovery.journal import Journal, NullJournal
 from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
 from gpmodel.discovery.search import Search
@@ -65,11 +65,11 @@ def discover(
     different candidates of one name.
     """
     started = time.monotonic()
-    search, journal = search or Search(), journal or Forgetful()
+    search, journal = search or Search(), journal or NullJournal()
     say = Teller(progress)
-    poses, train, heldout = _measured_once(poses, train, heldout, say)
+    poses, train, heldout = _drop_duplicate_rows(poses, train, heldout, say)
     given = len(poses)
-    poses, train, heldout = _of_known_places(poses, train, heldout)
+    poses, train, heldout = _drop_unseen_setups(poses, train, heldout)
     offers = distinct(candidates)
     instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched
     findings, rounds = journal.begin()
@@ -84,7 +84,7 @@ def discover(
     base = loop.fit(ErrorModel(mechanism, ()))
     standard_fit = loop.fit(loop.model(()))
     calibration = loop.fit(loop.model(loop.found), standard_fit) if loop.findings else standard_fit
-    calibration, stopped = _climbed(loop, standard_fit, calibration)
+    calibration, stopped = _run_rounds(loop, standard_fit, calibration)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
     doubt = None
@@ -100,7 +100,7 @@ def discover(
     )  # fmt: skip
 
 
-def _climbed(loop: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:
+def _run_rounds(loop: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:
     """Rounds until nothing new is seen or a limit of the search is met, and why they ended.
 
     Where the time is up before the first round is done, it is done without GP.
@@ -123,7 +123,9 @@ def _climbed(loop: State, standard_fit: Calibration, calibration: Calibration) -
     return calibration, "no further effect is significant"
 
 
-def _measured_once(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> tuple[Poses, IntArray, IntArray]:
+def _drop_duplicate_rows(
+    poses: Poses, train: IntArray, heldout: IntArray, say: Teller
+) -> tuple[Poses, IntArray, IntArray]:
     """The poses without rows that copy another, which would count twice, and the rows again."""
     copied = copies(poses.dataset)
     if not copied.any():
@@ -138,7 +140,7 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntA
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
 
-def _of_known_places(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
+def _drop_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
     """The poses without the held-out ones of set-ups and tools that no training pose is of, and the rows again."""
     data = poses.dataset
     known = heldout[known_rows(data.subset(train), data.subset(heldout))]

@@ -10,7 +10,7 @@ Fit = Callable[[Sequence[Candidate], Calibration], Calibration]
 Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 
 
-def standing_together(
+def eliminate_and_readmit(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
     """Eliminate and readmit: the last verdict on each candidate, and the calibration with the accepted ones.

@@ -8,7 +8,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best
 from gpmodel.families.comb import Comb
 from gpmodel.selection.active import Active
-from gpmodel.selection.scan import beside, reduced
+from gpmodel.selection.scan import conditional_gram, whitened_cross
 from gpmodel.selection.waves import most_by_chance
 
 MOST_NUMBERS = 100_000
@@ -25,11 +25,11 @@ def best_by_chance(
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     pulls = pool.atoms.cross(trials)
-    table, _ = reduced(active)
+    table, _ = whitened_cross(active)
     rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
     place, found = np.arange(len(pool.effects)), most_by_chance(active, combs, trials)
     for c in pool.classes:
-        inner, _ = beside(active, c, table, np.zeros(table.shape[1]), place)
+        inner, _ = conditional_gram(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)
         reach = table[c.index] * c.spreads[:, :, None]
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):

@@ -7,8 +7,15 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.selection.active import Active
-from gpmodel.selection.merge import acquitted, merged, spelled_out
-from gpmodel.selection.moves import SETTLED, found, grown, pruned, reestimated, split
+from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
+from gpmodel.selection.moves import (
+    SETTLED,
+    backward_eliminated,
+    found,
+    split,
+    stepwise,
+    with_optimal_variances,
+)
 from gpmodel.selection.scan import Replacements
 
 MOST_SWAPS = 4
@@ -38,13 +45,13 @@ def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, .
 
 
 def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]]]:
-    """Each kept group against every other in its place, and grown again, until neither helps; the rivals of each.
+    """Exchange kept groups and select forward again until neither helps; the rivals of each group.
 
     Groups of several places are said by name where they can be, and several groups at one place by one.
     """
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
-        active = merged(split(acquitted(spelled_out(merged(active)))))
+        active = merged(split(replace_catch_alls(curves_to_laws(merged(active)))))
         rivals, changed, replacements = {}, False, Replacements(active)
         for g in found(active):
             if g not in active.variances:
@@ -52,12 +59,12 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
             rivals[g], variances = instead_of(replacements, g)
             h = _successor(active, g, rivals[g])
             if h is not None:
-                trial = pruned(reestimated(active.without(g).added(h, float(variances[h])), 4))
+                trial = backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
                 if trial.evidence > active.evidence + SETTLED:
                     active, changed, replacements = trial, True, Replacements(trial)
         if not changed:
             break
-        active = pruned(reestimated(grown(active)))
+        active = stepwise(active)
     return active, {g: rivals.get(g, ()) for g in found(active)}
 
 

@@ -6,7 +6,14 @@ import numpy as np
 
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group
-from gpmodel.selection.moves import SETTLED, found, grown, parts_left, pruned, reestimated
+from gpmodel.selection.moves import (
+    SETTLED,
+    backward_eliminated,
+    forward_selected,
+    found,
+    parts_left,
+    with_optimal_variances,
+)
 from gpmodel.selection.scan import scan
 
 LAW = 2
@@ -41,14 +48,14 @@ def merged(active: Active) -> Active:
         for h in np.argsort(-saved)[:TRIED]:
             if saved[h] < active.evidence - fewer.evidence - LEEWAY:
                 break
-            trial = pruned(reestimated(fewer.added(int(h), float(variances[h]))))
+            trial = backward_eliminated(with_optimal_variances(fewer.added(int(h), float(variances[h]))))
             if trial.evidence > active.evidence + SETTLED:
                 active = trial
                 break
     return active
 
 
-def spelled_out(active: Active) -> Active:
+def curves_to_laws(active: Active) -> Active:
     """Replace each curve by a law in its inputs and regrow, keep that if the evidence rises.
 
     A law that needs another effect beside it loses to a curve that has both in it. One that saves nothing in the place
@@ -59,17 +66,17 @@ def spelled_out(active: Active) -> Active:
         if g not in active.variances or len(group.effects) <= LAW:
             continue
         for h in _laws_in(active, group):
-            fewer = pruned(reestimated(active.without(g).added(h, active.variances[g])))
+            fewer = backward_eliminated(with_optimal_variances(active.without(g).added(h, active.variances[g])))
             if h not in fewer.variances:
                 continue
-            trial = grown(fewer, but={g})
+            trial = forward_selected(fewer, but={g})
             if trial.evidence > active.evidence + SETTLED:
                 active = trial
                 break
     return active
 
 
-def acquitted(active: Active) -> Active:
+def replace_catch_alls(active: Active) -> Active:
     """Drop each catch-all group, regrow, keep that if the evidence rises.
 
     An error of the instrument is as large everywhere, one scale comes before the
@@ -78,8 +85,8 @@ def acquitted(active: Active) -> Active:
     """
     for g in found(active):
         if g in active.variances and _broad(active.pool.groups[g]):
-            fewer = pruned(reestimated(active.without(g)))
-            trial = max((grown(s, but={g}) for s in (fewer, _with_two(fewer, g))), key=lambda a: a.evidence)
+            fewer = backward_eliminated(with_optimal_variances(active.without(g)))
+            trial = max((forward_selected(s, but={g}) for s in (fewer, _with_two(fewer, g))), key=lambda a: a.evidence)
             if trial.evidence > active.evidence + SETTLED:
                 active = trial
     return active
@@ -107,7 +114,7 @@ def _with_two(active: Active, but: int) -> Active:
         for other in np.argsort(-saved)[: min(TRIED, int(np.isfinite(saved).sum()))].tolist():
             pairs[tuple(sorted((h, other)))] = saved[other], one.added(other, float(sizes[other]))
     likely = sorted(pairs.values(), key=lambda pair: -pair[0])[: PAIRED // TRIED]
-    return max((reestimated(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
+    return max((with_optimal_variances(pair) for _, pair in likely), key=lambda trial: trial.evidence, default=active)
 
 
 def _laws_in(active: Active, curve: Group) -> list[int]:

@@ -18,7 +18,7 @@ SHORT_LIST = 100
 """Groups that are looked at again after a full scan, until none of them is worth adding."""
 
 
-def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
+def with_optimal_variances(active: Active, sweeps: int = SWEEPS) -> Active:
     """The model with optimal variances and noise: all at once in log a, halving the step where the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
@@ -38,14 +38,14 @@ def reestimated(active: Active, sweeps: int = SWEEPS) -> Active:
     return active
 
 
-def pruned(active: Active) -> Active:
+def backward_eliminated(active: Active) -> Active:
     """Backward elimination of groups that gain less than the least nats, the worst first, and of idle parts."""
     while True:
         worth = {g: active.worth[g][0] - active.pool.cost[g] for g in found(active)}
         worst = min(worth, key=lambda g: worth[g], default=None)
         if worst is None or worth[worst] >= active.criteria.minimum_nats:
             return _without_idle_parts(active)
-        active = reestimated(active.without(worst), 3)
+        active = with_optimal_variances(active.without(worst), 3)
 
 
 def _without_idle_parts(active: Active) -> Active:
@@ -74,13 +74,13 @@ def parts_left(active: Active, g: int) -> IntArray:
     return np.asarray(np.repeat(np.arange(len(sizes)), sizes)[active.chosen[g]])
 
 
-def grown(active: Active, but: Set[int] = frozenset()) -> Active:
+def forward_selected(active: Active, but: Set[int] = frozenset()) -> Active:
     """Forward selection: add the best group, but for some, while its net gain reaches the least nats; prune after each.
 
     Where none does at the present noise, one that does at its own comes in.
     After a full scan only its best hundred are looked at again, until none of them is worth adding.
     """
-    active = reestimated(active)
+    active = with_optimal_variances(active)
     refused = set(but)
     among: IntArray | None = None
     for _ in range(MOST_MOVES):
@@ -98,12 +98,17 @@ def grown(active: Active, but: Set[int] = frozenset()) -> Active:
         if among is None:
             among = np.argsort(-gains)[:SHORT_LIST]
         before = active.evidence
-        trial = pruned(reestimated(active.added(g, float(variances[g])), 4))
+        trial = backward_eliminated(with_optimal_variances(active.added(g, float(variances[g])), 4))
         if trial.evidence > before and g in trial.variances and not rests_on_one_pose(active, trial):
             active = trial
         else:
             refused.add(g)
     return active
+
+
+def stepwise(active: Active) -> Active:
+    """Stepwise selection: forward, then backward at the optimal variances."""
+    return backward_eliminated(with_optimal_variances(forward_selected(active)))
 
 
 def split(active: Active) -> Active:
@@ -117,7 +122,7 @@ def split(active: Active) -> Active:
         trial = active.without(g)
         for part in np.unique(of_column):
             trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
-        trial = reestimated(trial)
+        trial = with_optimal_variances(trial)
         new = [h for h in trial.variances if h not in active.variances]
         if all(trial.worth[h][0] - trial.pool.cost[h] >= active.criteria.minimum_nats for h in new):
             active = trial

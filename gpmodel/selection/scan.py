@@ -1,4 +1,4 @@
-"""The worth of every group beside a model, or in place of one of it, at once."""
+"""Gains of all groups at once, conditional on a model, or each in the place of one of its groups."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,22 +24,23 @@ def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, A
     gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
     fit = np.zeros(len(pool.groups))
     rows = None if among is None else np.unique(np.concatenate([pool.index[g] for g in among]))
-    table, right = reduced(active, rows)
+    table, right = whitened_cross(active, rows)
     place = np.arange(len(pool.effects))
     if rows is not None:
         place[rows] = np.arange(len(rows))
     for c in pool.classes:
         at = np.arange(len(c.ids)) if among is None else np.flatnonzero(np.isin(c.ids, among))
         if len(at):
-            s, q = rotated(*beside(active, c.part(at), table, right, place))
+            s, q = rotated(*conditional_gram(active, c.part(at), table, right, place))
             ids = c.ids[at]
             gains[ids], variances[ids] = best(s, q, pool.cap[ids])
             fit[ids] = fitted(variances[ids], s, q)
     return gains, variances, fit
 
 
-def reduced(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
-    """T = XᵀA L⁻ᵀ (E, K) for every distinct column, or some of them, and t = L⁻¹Aᵀy (K,)."""
+def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
+    """Whitened cross products T = XᵀA L⁻ᵀ (E, K) of the model's columns with every distinct one,
+    or some of them, and t = L⁻¹Aᵀy (K,)."""
     parts = []
     for g, a in active.variances.items():
         crossed = active.pool.crossed(g) if rows is None else active.pool.crossed(g)[rows]
@@ -49,8 +50,9 @@ def reduced(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]
     return table, active.inverse @ active.pull
 
 
-def beside(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
-    """S (G, K, K) and XᵀC⁻¹y (G, K) of a class; place: row of the table of each distinct effect."""
+def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
+    """Gram matrices S (G, K, K) and XᵀC⁻¹y (G, K) of a class, conditional on the model; place: row of
+    the table of each distinct effect."""
     inner, pull = c.inner / active.sigma2, c.pull / active.sigma2
     for part in _chunks(c, table.shape[1]):
         t = table[place[c.index[part]]] * c.spreads[part][:, :, None]
@@ -66,13 +68,13 @@ class Replacements:
     active: Active
 
     @cached_property
-    def _reduced(self) -> tuple[Array, Array]:
-        return reduced(self.active)
+    def _whitened(self) -> tuple[Array, Array]:
+        return whitened_cross(self.active)
 
     @cached_property
     def _beside(self) -> list[tuple[Array, Array]]:
         place = np.arange(len(self.active.pool.effects))
-        return [beside(self.active, c, *self._reduced, place) for c in self.active.pool.classes]
+        return [conditional_gram(self.active, c, *self._whitened, place) for c in self.active.pool.classes]
 
     def of(self, g: int, least: float) -> tuple[Array, Array]:
         """Gain (G,) and best variance (G,) of every group in place of g; -∞ where it must be under `least`.
@@ -81,7 +83,7 @@ class Replacements:
         ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, which is cheaper.
         """
         active, pool = self.active, self.active.pool
-        table, right = self._reduced
+        table, right = self._whitened
         own = active.blocks[g]
         block = active.inverse[own.start :, own]
         root = linalg.cholesky(block.T @ block, lower=True, check_finite=False)

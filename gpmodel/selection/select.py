@@ -18,7 +18,7 @@ from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.exchange import exchanged
 from gpmodel.selection.group import Group, Shapes, geometry_groups
-from gpmodel.selection.moves import grown, pruned, reestimated
+from gpmodel.selection.moves import stepwise, with_optimal_variances
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.refit import Expansion, Refit, far_out, refit, whitened
 from gpmodel.selection.result import Selection, summarised
@@ -81,14 +81,14 @@ def _select(
     task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
     state = _with_levels(_State(point, calibration.sigma), poses, bundle)
     single = [*offered(offering.single, mechanism, shapes), *_free(task, base, state, offering)]
-    state, fit = _refitted(pruned(reestimated(grown(_started(task, [*base, *single], state)))), task, state)
+    state, fit = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
     kept = [g for g in groups if g.standing or g.name in state.variances]
-    groups += waves_left(reestimated(_started(task, kept, state)), offering.combs) if offering.combs else []
+    groups += waves_left(with_optimal_variances(_started(task, kept, state)), offering.combs) if offering.combs else []
     names = {g.name for g in groups}
     groups += [g for g in _free(task, kept, state, offering) if g.name not in names]
     for _ in range(MOST_LOOKS):
-        active, rivals = exchanged(pruned(reestimated(grown(_started(task, groups, state)))))
+        active, rivals = exchanged(stepwise(_started(task, groups, state)))
         before = state
         state, fit = _refitted(active, task, before)
         if _same(before, state):
@@ -102,7 +102,7 @@ def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offerin
     """The free functions that what some groups leave asks for."""
     if not offering.inputs:
         return []
-    return surfaces_left(reestimated(_started(task, beside, state)), offering.sites, offering.inputs)
+    return surfaces_left(with_optimal_variances(_started(task, beside, state)), offering.sites, offering.inputs)
 
 
 def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:

@@ -20,7 +20,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP, Group, Shapes, from_candidate
-from gpmodel.selection.moves import reestimated
+from gpmodel.selection.moves import with_optimal_variances
 from gpmodel.selection.pool import GroupPool
 
 AT_ONCE = 500_000
@@ -135,7 +135,7 @@ def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
         found.append(group)
         pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
-        active, fresh = reestimated(wider.added(len(pool.groups) - 1, 1e-10)), set()
+        active, fresh = with_optimal_variances(wider.added(len(pool.groups) - 1, 1e-10)), set()
     return found
 
 

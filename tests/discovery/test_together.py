@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from gpmodel.discovery.together import standing_together
+from gpmodel.discovery.together import eliminate_and_readmit
 from gpmodel.evidence.criteria import Test, Verdict
 
 NATS = {"a": 90.0, "b": 50.0, "c": 20.0, "d": 10.0}
@@ -49,7 +49,7 @@ def fit(candidates: Sequence[str], start: frozenset[str]) -> frozenset[str]:
 def test_those_that_stand_beside_one_another(rule: dict[str, str], chance: dict[str, bool], standing: str) -> None:
     whole = {name: frozenset(others) for name, others in rule.items()}
     offered = cast(Any, {name: name for name in NATS})
-    verdicts, calibration = standing_together(
+    verdicts, calibration = eliminate_and_readmit(
         offered, cast(Any, frozenset(NATS)), judged(whole, chance), cast(Any, fit)
     )
     assert set(cast(Any, calibration)) == set(standing)

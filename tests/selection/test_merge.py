@@ -21,8 +21,8 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection import merge
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
-from gpmodel.selection.merge import acquitted, merged, spelled_out
-from gpmodel.selection.moves import found, grown, pruned, reestimated
+from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
+from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
 from gpmodel.selection.rows import Rows
@@ -64,7 +64,7 @@ def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_wha
     several = ["joint compliance, J3", f"error curve of the angle, {joints}", "hardening stiffness, J3"]
     for name in several:
         active = active.added(number[name], 1e-7)
-    active = pruned(reestimated(active))
+    active = backward_eliminated(with_optimal_variances(active))
     assert {number[name] for name in several} <= set(active.variances)
     one = merged(active)
     assert set(one.variances) - set(active.variances) == {number["true"]}
@@ -124,12 +124,12 @@ def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
     )
     (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (line, law, curve) if group is not None])
-    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
     assert set(curved.variances) - set(active.variances) == {number[curve.name]}
-    spelled = spelled_out(curved)
+    spelled = curves_to_laws(curved)
     assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
     assert spelled.evidence > curved.evidence
-    assert spelled_out(spelled) is spelled
+    assert curves_to_laws(spelled) is spelled
 
 
 def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curve(
@@ -141,10 +141,10 @@ def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curv
     law = group_of("law", [effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)"))], 3.0, shapes)
     (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (law, curve) if group is not None])
-    curved = pruned(reestimated(active.added(number[curve.name], 1e-7)))
+    curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
     assert number[curve.name] in curved.variances
-    monkeypatch.setattr(merge, "grown", lambda *_, **__: pytest.fail("grown beside a law that is left out"))
-    assert spelled_out(curved) is curved
+    monkeypatch.setattr(merge, "forward_selected", lambda *_, **__: pytest.fail("selected beside a law that is out"))
+    assert curves_to_laws(curved) is curved
 
 
 def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
@@ -173,9 +173,9 @@ def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_ea
         group("one", 3.0, "sin(J2)"), group("other", 3.0, "sin(3*J5)"),
     ]  # fmt: skip
     active, number = started(truth, groups)
-    broad = reestimated(active.added(number["broad"], 1e-7))
-    greedy = grown(active, but={number["broad"]})
+    broad = with_optimal_variances(active.added(number["broad"], 1e-7))
+    greedy = forward_selected(active, but={number["broad"]})
     assert {greedy.pool.groups[g].name for g in found(greedy)} == {"nearly"}
-    apart = acquitted(broad)
+    apart = replace_catch_alls(broad)
     assert {apart.pool.groups[g].name for g in found(apart)} == {"one", "other"}
     assert apart.evidence > max(broad.evidence, greedy.evidence)
