@@ -73,3 +73,11 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text} is no finite number")
     return value
+
+
+def toml_text(content: Mapping[str, object], path: str = "") -> str:
+    """TOML of tables in tables, whose values are texts, numbers and lists of these."""
+    own = [f"{key} = {json.dumps(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
+    lines = [f"[{path}]", *own, ""] if path and own else own
+    parts = [toml_text(v, f"{path}.{k}" if path else k) for k, v in content.items() if isinstance(v, Mapping)]
+    return "\n".join(lines) + "".join(f"\n{part}" if lines else part for part in parts) + ("\n" if own else "")

@@ -14,11 +14,13 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Joint
+from gpmodel.table.units import identifier
 from robots.links import Link, zero_vector
 from robots.motion import axis_motion
 from robots.statics import DOWN, gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
 from robots.urdf_file import has_geometry
+from robots.urdf_tree import read_tree
 
 if TYPE_CHECKING:
     from robots.collision import Shape
@@ -61,6 +63,19 @@ class SerialChain:
     def bodies(self) -> dict[str, tuple[float, Array]]:
         """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m."""
         return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
+
+    @cached_property
+    def link_slots(self) -> dict[str, str]:
+        """Link -> the slot of the last motion before it, empty where it stands still; none where it was read from no
+        URDF."""
+        if self.source is None:
+            return {}
+        tree, own = read_tree(self.source), [link.name for link in self.links]
+        out = {}
+        for link in tree.frames:
+            before = [name for j in tree.route(link) if (name := identifier(j.name)) in own]
+            out[link] = f"{before[-1]}.moving" if before else ""
+        return out
 
     def _joint(self, column: int) -> Joint:
         weights = self.coupling[:, column]

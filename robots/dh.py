@@ -44,12 +44,12 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.table.toml_table import TomlTable
 from gpmodel.texts import read_toml
 from robots.chain import SerialChain
 from robots.links import Link
 from robots.motion import along, placement
 from robots.statics import DOWN
-from robots.toml_table import TomlTable
 
 
 def of_another_kind(path: Path) -> bool:

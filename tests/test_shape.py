@@ -133,7 +133,7 @@ FROM_TEXT = {
     "joints/description.py",
     "joints/settings.py",
     "joints/sphere_charts.py",
-    "robots/toml_table.py",
+    "table/toml_table.py",
 }
 """Where text of JSON or TOML becomes values; nowhere else is anything of any type."""
 

@@ -20,6 +20,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.payload import find_lever, hang_payload
+from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.judge import refuse
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined, effects_named
@@ -178,6 +179,7 @@ def checked_poses(
     check_table(dataset)
     poses = prepare(mechanism, dataset)
     refuse(mechanism, poses, standard)
+    poses = weighed(mechanism, poses)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses
 

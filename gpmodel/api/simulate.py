@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, naming, quantity, shown, texts, whole
+from gpmodel.api.arguments import file_path, naming, number, quantity, shown, texts, whole
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -18,11 +18,13 @@ from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.mechanism.workspace import random_poses
+from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, TO_SI, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import convert, known_unit, split_header
 from gpmodel.table.write import frame_of, table_text
+from gpmodel.texts import toml_text
 
 Values = str | Sequence[float] | Array
 
@@ -45,12 +47,15 @@ class SimulationResult:
     def save(self, file: str | Path, **more: object) -> Path:
         """Write the table as .csv and the truth beside it as .truth.json, whose path is returned.
 
+        What a camera and a board are is written beside them as .cameras.toml and .board.toml.
         more: kept with the truth, as JSON, and ignored when it is read.
 
         Raises InputError when they cannot be written.
         """
         path = file_path(file, "file")
         write_text(path, table_text(self.to_dataframe()))
+        for name, content in self.table.described.items():
+            write_text(path.with_suffix(f".{name}.toml"), toml_text(content))
         self.truth.save(path.with_suffix(".truth.json"), **more)
         return path.with_suffix(".truth.json")
 
@@ -66,7 +71,8 @@ def simulate(
     effects: Sequence[str] = (),
     *,
     poses: int | TableLike = 90,
-    noise: str | float = "0.03 mm",
+    noise: str | float | None = None,
+    instrument: str = "tracker",
     geometry_sigma: str | float = 0.0,
     inputs: Mapping[str, Values] | None = None,
     seed: int = 0,
@@ -74,12 +80,14 @@ def simulate(
     """Poses measured on a mechanism with known errors, by an instrument at a random place with a random tool point.
 
     effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value". poses: how many random ones within the
-    limits, or a table of joint values. noise: standard deviation of each of x, y, z, text with a unit.
-    geometry_sigma: of every constant error, m, and rad at 1 m. inputs: further columns by header with its unit,
-    "temperature [degC]": "20:30" (uniform), "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
+    limits, or a table of joint values. instrument: "tracker", or one that reads no points, "camera", "hand camera",
+    "planes", "spheres", "points", "bar" or "inclinometer". noise: standard deviation of one reading, of a tracker each
+    of x, y, z: text with a unit, 0.03 mm, 0.1 px or 0.002 deg where None. geometry_sigma: of every constant
+    error, m, and rad at 1 m. inputs: further columns by header with its unit, "temperature [degC]": "20:30" (uniform),
+    "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
     or the mechanism's payload, hangs at the tool point. Raises InputError for what cannot be read.
     """
-    spread = quantity(noise, "length", "noise")
+    spread = _noise(noise, instrument)
     sigma = quantity(geometry_sigma, "length", "geometry_sigma")
     rng = np.random.default_rng(whole(seed, "seed"))
     arm = mechanism_of(mechanism)
@@ -96,15 +104,33 @@ def simulate(
     tool_point = random_tool_point(rng)
     if payload is not None and isinstance(arm, LoadedMechanism) and arm.choice.payload_com is None:
         arm = arm.carrying_at(tool_point)
+    scene = None
+    if instrument != "tracker":
+        if given is not None:
+            raise InputError(f"{instrument} takes poses of its own; expected how many", "poses")
+        scene = scene_of(instrument, arm, random_poses(arm, POOL * count, rng), count, tool_point, rng)
+    q = scene.q if scene else random_poses(arm, count, rng) if given is None else given.q
     with naming("effects"):
         made = measure(
-            arm, random_poses(arm, count, rng) if given is None else given.q, planted, rng,
+            arm, q, planted, rng, scene=scene,
             noise=spread, geometry_sigma=sigma, payload=payload,
             inputs={n: v for n, _, v in columns if n != "payload"},
             input_units={n: u for n, u, _ in columns if n != "payload"},
             tool_point=tool_point,
         )  # fmt: skip
     return SimulationResult(made.dataset, Model(_truth(made)))
+
+
+def _noise(noise: str | float | None, instrument: str) -> float:
+    """In the unit of the instrument's readings, SI. Raises InputError for an instrument that is unknown."""
+    if instrument not in INSTRUMENTS:
+        raise InputError(f"'{instrument}' is unknown, expected one of {', '.join(INSTRUMENTS)}", "instrument")
+    unit, usual = NOISE.get(instrument, ("mm", 0.03))
+    given = noise if noise is not None else f"{usual} {unit}"
+    if unit == "mm":
+        return quantity(given, "length", "noise")
+    value = convert(given, unit, "noise") * TO_SI[unit] if isinstance(given, str) else given
+    return number(value, "noise", 0.0)
 
 
 def _truth(made: Simulation) -> SavedModel:

@@ -1,22 +1,28 @@
 """Measured tables, from files or data frames."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
-from gpmodel.api.arguments import shown
+from gpmodel.api.arguments import file_path, shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.described import KINDS
+from gpmodel.model.instruments import with_observations
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.write import frame_of
+from gpmodel.texts import read_toml
 
 TableLike = Dataset | pd.DataFrame | str | Path
+Described = Mapping[str, object] | str | Path | None
+"""What a TOML file says, or where it is."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +35,38 @@ class Cells:
     sha256: str
 
 
-def read_table(table: TableLike, mechanism: MechanismLike, *, in_order: bool = False) -> Dataset:
+def read_table(
+    table: TableLike, mechanism: MechanismLike, *, in_order: bool = False, cameras: Described = None,
+    board: Described = None, surfaces: Described = None,
+) -> Dataset:  # fmt: skip
     """Measured poses of `mechanism` (or of its name or file) from a .csv or .xlsx file, or a data frame alike.
 
     Units are in the headers, in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism is
     carried in every row. in_order: the rows are in the order of measurement, so that effects may depend on the poses
-    before; a column of times that never falls says so as well.
+    before; a column of times that never falls says so as well. cameras, board, surfaces: what instruments that read no
+    points look at, as TOML files or what these would hold.
     Raises InputError: file missing or empty, a column without or with an unknown unit, joints missing or in surplus,
     text among numbers, nothing measured, a payload column beside the mechanism's payload.
     """
-    dataset = dataset_of(table, mechanism_of(mechanism), need_measurement=True)
+    arm = mechanism_of(mechanism)
+    dataset = dataset_of(table, arm, need_measurement=True, described=described(cameras, board, surfaces))
     return replace(dataset, in_order=True) if in_order else dataset
 
 
-def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table") -> Dataset:
+def described(cameras: Described, board: Described, surfaces: Described) -> dict[str, Mapping[str, object]]:
+    """What is given of them, files read. Raises InputError for a file that cannot be."""
+    given = dict(zip(KINDS, (cameras, board, surfaces), strict=True))
+    return {
+        name: value if isinstance(value, Mapping) else read_toml(file_path(value, name), f"a description of {name}")
+        for name, value in given.items()
+        if value is not None
+    }
+
+
+def dataset_of(
+    source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table",
+    described: Mapping[str, Mapping[str, object]] | None = None,
+) -> Dataset:  # fmt: skip
     """The same; poses that nobody measured as well where `need_measurement` is False.
 
     argument: that errors name. Raises InputError as `read_table`, or where it was read for other joints.
@@ -55,9 +79,12 @@ def dataset_of(source: TableLike, mechanism: Mechanism, *, need_measurement: boo
                 f"{source.source} was read for joints {', '.join(source.joints)}; expected {', '.join(named)}", argument
             )
         carried = payload is not None and not source.payload_given
-        return with_payload(source, payload) if carried else source
+        source = with_payload(source, payload) if carried else source
+        return with_observations(source, mechanism, described) if described else source
     cells = cells_of(source, argument)
     dataset = dataset_from(cells.text, cells.path, mechanism, need_measurement=need_measurement, sha256=cells.sha256)
+    if need_measurement:
+        dataset = with_observations(dataset, mechanism, described)
     return with_payload(dataset, payload)
 
 

@@ -12,7 +12,7 @@ from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.observed import Observed
-from gpmodel.model.states import States
+from gpmodel.model.states import States, tip_slots
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
@@ -48,7 +48,8 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
     root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
     bare = replace(dataset, distances={}, observations=())
     if nominal:
-        poses = Poses(bare, saved.mechanism.transforms(bare.q), States({"row": bare.row.astype(float)}, {"row": "1"}))
+        states = States({"row": bare.row.astype(float)}, {"row": "1"})
+        poses = Poses(bare, saved.mechanism.transforms(bare.q), states, tip_slots(saved.mechanism, bare))
         return poses, observe(ErrorModel(saved.mechanism, ()), poses, np.zeros(0), root)
     poses = prepare(saved.mechanism, bare)
     return poses, observe(saved.model, poses, saved.theta, root)

@@ -12,7 +12,6 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, measured_minus, observe, pose_error, prepare
-from gpmodel.model.observation import Tips, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
@@ -92,7 +91,7 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
 
 
 def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
-    """With the registration by Kabsch of the predicted points, and what observations find of themselves from there."""
+    """With the registration by Kabsch of the predicted points; what observations find of themselves starts from it."""
     root = tips(saved, dataset, nominal=False)[1].tip
     measured = np.isfinite(dataset.position).all(axis=1)
     registration = dict(saved.placement.registration)
@@ -103,6 +102,4 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
             raise InputError(f"{where}: {rows.sum()} poses with x, y and z; registration needs at least 3")
         turn, shift = se3.fit_rotation(root[rows, :3, 3], dataset.position[rows])
         registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
-    there = np.stack([registration[name] for name in dataset.label("setup").tolist()]) @ root
-    own = {kind.name: kind.start(Tips(root, there)) for kind in observations(dataset) if kind.own}
-    return replace(saved, placement=Placement(registration, saved.placement.tool, own))
+    return replace(saved, placement=Placement(registration, saved.placement.tool, {}))

@@ -10,6 +10,10 @@ from gpmodel.application.model_schema import MeasuredPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.inclination import Inclination
+from gpmodel.model.instruments import with_observations
+from gpmodel.model.pixel import Pixels
+from gpmodel.model.touches import Touches
 from gpmodel.table.dataset import Dataset
 
 
@@ -28,7 +32,9 @@ class Measured:
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
     """As JSON, SI; None where there is no table or it holds readings that tables have no columns for."""
-    if measured is None or measured.dataset.observations:
+    if measured is None or not all(
+        isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
+    ):
         return None
     data = measured.dataset
     return {
@@ -46,6 +52,8 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
         "extra_units": dict(data.extra_units),
         "columns": data.columns,
         "in_order": data.in_order,
+        "readings": dict(data.readings),
+        "described": dict(data.described),
     }
 
 
@@ -73,8 +81,10 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
         columns=record.columns,
         joints_approximate=not all(joint.measured for joint in joints),
         in_order=record.in_order,
+        readings={name: _numbers(values) for name, values in record.readings.items()},
+        described=record.described,
     )
-    return Measured(dataset, np.array(record.heldout, dtype=np.int64))
+    return Measured(with_observations(dataset, mechanism), np.array(record.heldout, dtype=np.int64))
 
 
 def _numbers(values: Sequence[object]) -> Array:

@@ -24,6 +24,8 @@ MOST_TERMS = 64
 """Places that one effect acts at; those of all masses act at every joint of a chain."""
 MOST_COLUMNS = 500
 """Columns of a table, as spreadsheets of a session have them, and labels of one kind."""
+MOST_UNKNOWNS = 5000
+"""Of registration, tools and what observations find of themselves: five for every bar that was laid."""
 MOST_ROWS = 1_000_000
 """Poses of a table, a hundred times those of the largest measured."""
 LARGEST_NUMBER = 1e13
@@ -107,6 +109,8 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     extra_units: Columns
     columns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
     in_order: bool
+    readings: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
+    described: dict[Label, dict[str, object]] = {}
 
     def __post_init__(self) -> None:
         given: dict[str, Sequence[object] | None] = {
@@ -118,6 +122,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
         given |= {f"distances_m[{name!r}]": values for name, values in self.distances_m.items()}
         given |= {f"labels[{name!r}]": values for name, values in self.labels.items()}
         given |= {f"extras[{name!r}]": values for name, values in self.extras.items()}
+        given |= {f"readings[{name!r}]": values for name, values in self.readings.items()}
         for name, values in given.items():
             if values is not None and len(values) != len(self.row):
                 raise ValueError(f"expected {len(self.row)} values, one a row - at `$.measured.{name}`")
@@ -132,13 +137,13 @@ class ModelPart(msgspec.Struct, frozen=True):
     schema: int
     mechanism: MechanismPart
     effects: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
-    covariance: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=MOST_EFFECTS + MOST_COLUMNS)]
-    unknowns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
+    covariance: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=MOST_EFFECTS + MOST_UNKNOWNS)]
+    unknowns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_UNKNOWNS)]
     centre_m: Point
     ranges: Annotated[dict[Word, tuple[Finite, Finite]], msgspec.Meta(max_length=MOST_COLUMNS)]
     registration: Transforms
     tool: Transforms
-    anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_COLUMNS)]
+    anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_UNKNOWNS)]
     lever_m: Deviation
     sigma_m: Deviation
     pose: bool

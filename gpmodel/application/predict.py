@@ -35,6 +35,8 @@ def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
         columns |= {f"r{a} [deg]": turns[:, i] for i, a in enumerate("xyz")}
     register = np.stack([saved.placement.registration[s] for s in fitting.label("setup").tolist()])
     for name, anchor in saved.placement.anchors.items():
+        if not name.startswith("distance_"):
+            continue
         there = register[:, :3, :3] @ anchor + register[:, :3, 3]
         columns[f"{name} [mm]"] = 1e3 * np.linalg.norm(tip[:, :3, 3] - there, axis=1)
     if (free := free_joints(saved.mechanism)) and np.isfinite(fitting.position).any():

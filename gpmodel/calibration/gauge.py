@@ -6,6 +6,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.size import LIMIT as SIZE_LIMIT
+from gpmodel.calibration.size import share_of_size, size_hidden
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -39,19 +41,23 @@ def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 
-def preference(mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = ()) -> IntArray:
+def preference(
+    mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = (), growth: Array | None = None
+) -> IntArray:
     """Indices (E,) of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
 
     Within each kind in the order given. Those beside a joint that stands still are left out: the part that it carries
-    is one with the part before it, which has the same parameters.
+    is one with the part before it, which has the same parameters. growth: (E,) share of size of each, where no reading
+    shows size: the lengths that are most of it come last.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
     kinds = []
     for i, effect in enumerate(effects):
         places = {(t.slot, t.axis) for t in effect.terms}
         if not stands_still(effect.slots, still):
-            kinds.append((0 if places <= zeros else 1 if effect.unit == "m" else 2, i))
-    return np.array([i for _, i in sorted(kinds)], dtype=np.int64)
+            kind = 0 if places <= zeros else 1 if effect.unit == "m" else 2
+            kinds.append((kind, growth[i] if growth is not None and kind == 1 else 0.0, i))
+    return np.array([i for *_, i in sorted(kinds)], dtype=np.int64)
 
 
 def choose(
@@ -71,7 +77,9 @@ def choose(
     at, fixed = np.flatnonzero(constant), problem.placement
     columns = problem.columns[:, fixed:]
     still = still_joints(model.mechanism, problem.poses.dataset)
-    order = preference(model.mechanism, tuple(model.effects[i] for i in at), still)
+    hidden = size_hidden(problem)
+    growth = share_of_size(model, problem)[at] if hidden else None
+    order = preference(model.mechanism, tuple(model.effects[i] for i in at), still, growth)
     ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:], order)
     curve: tuple[ident.RankChoice, ...] = ()
     limit = condition_limit or LARGEST_LIMIT
@@ -82,10 +90,13 @@ def choose(
                 f"{problem.poses.dataset.source}: the poses fitted are all of one group; expected at least 2 groups, "
                 "to choose the condition limit between, or a condition limit"
             )
-        system = np.hstack([problem.columns[:, :fixed], columns[:, at]])
+        local = _of_one_fold(problem.columns[:, :fixed], fold)
+        system = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, at]])
         target = problem.residual + columns[:, at] @ theta[at]
-        curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed)
-        limit = _largest_good(curve)
+        taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
+        system, target = ident.remove(taken, system), ident.remove(taken, target)
+        curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed - int(local.sum()))
+        limit = min(_largest_good(curve), SIZE_LIMIT if hidden else np.inf)
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     varying = np.flatnonzero(~constant & ~prior)
@@ -94,6 +105,13 @@ def choose(
     kept |= prior
     _enough(problem, int((kept & ~prior).sum()))
     return kept, limit, curve
+
+
+def _of_one_fold(columns: Array, fold: IntArray) -> Mask:
+    """The columns (P,) that only rows of one fold have, as of a point that only they touched: no other fold could find
+    them, so that they are taken out of it."""
+    there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
+    return np.asarray(there.sum(axis=0) == 1)
 
 
 def _largest_good(curve: tuple[ident.RankChoice, ...]) -> float:

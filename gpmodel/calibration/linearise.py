@@ -117,8 +117,7 @@ def linearise(
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
     residual = measured_minus(observed, poses.dataset)
-    weights = np.isfinite(residual) * use[:, None].astype(float)
-    weights[:, observed.turns] *= rotation_weight
+    weights = np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
     blocks, names = _placement_columns(poses, observed, placement)
     if free_joints(model.mechanism):
         blocks.append(effect_columns(model.effects, model, poses, observed))
@@ -209,7 +208,7 @@ def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -
     for kind in observed.kinds:
         if kind.own:
             blocks.append(observed.own_sensitivity(kind))
-            names += [f"{kind.name} {own}" for own in kind.own]
+            names += [f"{key} {own}" for key, each in kind.own.items() for own in each]
     return blocks, names
 
 
@@ -239,7 +238,7 @@ def placement_after(poses: Poses, observed: Observed, placement: Placement, step
         tool[name] = frame @ se3.exp(twist)
         i += axes
     for kind in observed.kinds:
-        if kind.own:
-            anchors[kind.name] = anchors[kind.name] + step[i : i + len(kind.own)]
-            i += len(kind.own)
+        for key, names in kind.own.items():
+            anchors[key] = kind.moved(key, observed.own[key], step[i : i + len(names)])
+            i += len(names)
     return Placement(registration, tool, anchors)

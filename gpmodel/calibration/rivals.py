@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.fitted_columns import FittedColumns
 from gpmodel.calibration.result import Calibration
 from gpmodel.families import catalogue
@@ -185,7 +185,7 @@ def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(seed))
     at = np.zeros(POOL, dtype=np.int64)
-    data = replace(poses.dataset.subset(at), q=q, in_order=True)
+    data = replace(poses.dataset.subset(at), q=q, observations=(), in_order=True)
     fresh = prepare(model.mechanism, data)
     tips = observe(model, fresh, calibration.theta, calibration.placement).tips.instrument[:, :3, 3]
     return prepare(model.mechanism, replace(data, position=tips))
@@ -207,8 +207,18 @@ def _telling(
             np.column_stack([there.difference(k, found[i][1], found[i][2]) for i in mine]) for there in (here, fresh)
         )
         others = here.apart.by_others(here.number(k), here.over_all_rows(differ))
-        for i, column in zip(mine, (rows - fresh.columns[:, fresh.held] @ others).T, strict=True):
+        both, shared = _shared(here, fresh)
+        for i, column in zip(mine, (rows - fresh.columns[:, fresh.held][:, shared] @ others[both]).T, strict=True):
             squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=POOL)
             chosen = np.argsort(squares)[::-1][:SHOWN]
             out[i] = poses.dataset.q[chosen], np.sqrt(squares[chosen])
     return out
+
+
+def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
+    """Indices of the fitted columns that both have: what a table found of its own is read nowhere else."""
+    names = [c.problem.placement_names for c in (here, fresh)]
+    pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]
+    pairs += [(here.first + k, fresh.first + k) for k in range(int(here.calibration.kept.sum()))]
+    both, shared = np.array(pairs).T
+    return both, shared

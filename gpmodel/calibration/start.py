@@ -26,7 +26,8 @@ def start_placement(poses: Poses) -> Placement:
     fewer than 3 measured poses, or an observation too little for its own.
     """
     data = poses.dataset
-    frames = se3.chain(poses.transforms)[-1]
+    slots = se3.chain(poses.transforms)
+    frames = slots[poses.tip_slot, np.arange(len(poses))]
     setups, setup = data.codes("setup")
     tools, tool = data.codes("tool")
     measured: Mask = np.isfinite(data.position).all(axis=1)  # type: ignore[assignment]
@@ -51,8 +52,9 @@ def start_placement(poses: Poses) -> Placement:
     if data.has_rotation:
         tool_frames = _turn_tools(poses, frames, registration, tool_frames)
     root = frames @ np.stack([tool_frames[name] for name in data.label("tool").tolist()])
-    predicted = Tips(root, np.stack([registration[name] for name in data.label("setup").tolist()]) @ root)
-    own = {kind.name: kind.start(predicted) for kind in observations(data) if kind.own}
+    register = np.stack([registration[name] for name in data.label("setup").tolist()])
+    predicted = Tips(root, register @ root, slots)
+    own = {key: value for kind in observations(data) for key, value in kind.start(predicted).items()}
     return Placement(registration, tool_frames, own)
 
 

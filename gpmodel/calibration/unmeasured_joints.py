@@ -136,8 +136,7 @@ def solve_joints(
     for _ in range(MAX_ITERATIONS):
         observed = observe(model, current, theta, placement)
         residual = measured_minus(observed, current.dataset)
-        weight = np.isfinite(residual).astype(float)
-        weight[:, observed.turns] *= ROTATION_WEIGHT
+        weight = np.isfinite(residual).astype(float) * observed.scales(ROTATION_WEIGHT)
         columns = joint_columns(model.mechanism, observed) * weight[:, :, None] * sigma
         u, s, vt = np.linalg.svd(columns, full_matrices=False)
         good = s > TRUNCATION * np.maximum(s[:, :1], 1e-300)
@@ -152,7 +151,7 @@ def solve_joints(
         if shapes_move:
             current = prepare(model.mechanism, data, current.states)
         else:
-            current = Poses(data, model.mechanism.transforms(q), current.states)
+            current = Poses(data, model.mechanism.transforms(q), current.states, current.tip_slot)
         if np.abs(step).max(initial=0.0) < STEP_TOLERANCE:
             break
     return current if shapes_move else prepare(model.mechanism, current.dataset, current.states)

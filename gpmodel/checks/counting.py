@@ -9,9 +9,9 @@ from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.observation import Tips, observations
+from gpmodel.model.observation import observations
 from gpmodel.numerics import rank as ident
-from gpmodel.table.dataset import Dataset, unmeasured
+from gpmodel.table.dataset import READ, Dataset, unmeasured
 
 SAME_POSE = 1e-6
 """Radians, metres or kilograms up to which rows are one pose to count: rounding of what was written."""
@@ -23,17 +23,14 @@ def distinct_poses(data: Dataset) -> tuple[IntArray, IntArray]:
     """First row of each distinct pose, and each row's index into them."""
     loads = np.column_stack([data.q, data.payload])
     keys = [np.round(loads / SAME_POSE).astype(np.int64)]
-    keys += [data.codes(c)[1][:, None] for c in ("setup", "tool")]
+    keys += [data.codes(c)[1][:, None] for c in ("setup", "tool", *READ)]
     _, first, inverse = np.unique(np.hstack(keys), axis=0, return_index=True, return_inverse=True)
     return first.astype(np.int64), inverse.reshape(-1).astype(np.int64)
 
 
 def measured_values(data: Dataset) -> int:
     """How many numbers were measured."""
-    frames = np.tile(np.eye(4), (len(data), 1, 1))
-    kinds = observations(data)
-    left = (kind.residual(Tips(frames, frames), np.ones(len(kind.own))) for kind in kinds)
-    return sum(int(np.isfinite(values).sum()) for values in left)
+    return sum(int(kind.readings.sum()) for kind in observations(data))
 
 
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
@@ -53,5 +50,5 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
     setups, tools = len(data.codes("setup")[0]), len(data.codes("tool")[0])
     absolute = bool(np.isfinite(data.position).any() or data.has_rotation)
     more = 6 * (setups - 1) * absolute + (6 if data.has_rotation else 3) * (tools - 1)
-    own = sum(len(kind.own) for kind in observations(data)[2 + len(data.distances) :])
+    own = sum(len(names) for kind in observations(data)[2 + len(data.distances) :] for names in kind.own.values())
     return int(ident.orthonormal(placed).shape[1] + len(kept) + more + own)

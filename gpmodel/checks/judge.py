@@ -9,6 +9,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
+from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import notes
@@ -64,7 +65,7 @@ def check_dataset(
     if errors:
         return errors
     rows = evenly(len(data))
-    poses = prepare(mechanism, data.subset(rows) if many else data)
+    poses = weighed(mechanism, prepare(mechanism, data.subset(rows) if many else data))
     if unlike := [Remark("error", text) for text in _unlike_distances(mechanism, poses)]:
         return unlike
     if many:

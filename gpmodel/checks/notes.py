@@ -5,9 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.unseen import unseen
 from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
+from gpmodel.model.observation import observations
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
 
@@ -32,11 +34,13 @@ def notes(
     poses, values = int(bundles(data).max()) + 1, measured_values(data)
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
     yield _loads(mechanism, data)
+    yield from unseen(observations(data))
     if data.ignored:
         yield f"columns of text that are not used: {', '.join(data.ignored)}"
     if data.empty_rows:
         yield f"{data.empty_rows} rows without a single cell are left out"
-    cut = np.isfinite(data.position).any() & ~np.isfinite(data.position).all(axis=1)
+    else_read = np.any([np.zeros(len(data)), *(o.readings.any(axis=1) for o in observations(data)[2:])], axis=0)
+    cut = np.isfinite(data.position).any() & ~np.isfinite(data.position).all(axis=1) & ~else_read
     if cut.any():
         rows = ", ".join(map(str, data.row[cut][:8].tolist()))
         yield f"{int(cut.sum())} rows lack some of x, y, z: {rows}{' ...' if cut.sum() > 8 else ''}"

@@ -22,6 +22,8 @@ SERIAL_SIGMAS = 4.0
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
     """One sentence where residuals jump or drift along the rows, else where each row resembles the one before."""
     residual = _lengths(fit, poses)
+    if poses.dataset.observations:
+        poses, residual = _view_by_view(poses, residual)
     jump = _jump(residual, poses)
     if jump is not None:
         yield jump
@@ -30,11 +32,22 @@ def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _lengths(fit: Calibration, poses: Poses) -> Array:
-    """Residuals (N, m) of the length components, m; NaN where unmeasured or an outlier."""
+    """Residuals (N, m) of all but rotations, m; NaN where unmeasured or an outlier."""
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    out = measured_minus(observed, poses.dataset)[:, ~observed.turns]
+    out = (measured_minus(observed, poses.dataset) * observed.scales(1.0))[:, ~observed.turns]
     out[fit.outliers] = np.nan
     return out[:, np.isfinite(out).any(axis=0)]
+
+
+def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
+    """Rows that follow one another in one pose as one, their residuals averaged: corners of one view say one thing."""
+    run = np.cumsum(np.append(0, (np.diff(poses.dataset.q, axis=0) != 0).any(axis=1)))
+    known = np.isfinite(residual)
+    sums, counts = np.zeros((2, run[-1] + 1, residual.shape[1]))
+    np.add.at(sums, run, np.where(known, residual, 0.0))
+    np.add.at(counts, run, known)
+    first = np.unique(run, return_index=True)[1]
+    return poses.subset(first), np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _jump(residual: Array, poses: Poses) -> str | None:

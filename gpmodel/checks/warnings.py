@@ -127,7 +127,8 @@ def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 def _repeats(data: Dataset) -> Iterator[str]:
     _, pose = distinct_poses(data)
-    measured = np.column_stack([data.position, data.rotation, *data.distances.values()])
+    read = (*data.distances.values(), *data.readings.values())
+    measured = np.column_stack([data.position, data.rotation, *read])
     copies: list[str] = []
     for index in np.flatnonzero(np.bincount(pose) > 1):
         rows = np.flatnonzero(pose == index)

@@ -15,6 +15,7 @@ from gpmodel.cli.options import (
     out_folder_option,
     quiet_option,
     seed_option,
+    sights_options,
     standard_option,
     table_argument,
 )
@@ -28,6 +29,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option(
     "--fleet", type=click.Path(path_type=Path), metavar="FLEET", help="fleet.json of its type: what is known."
 )
+@sights_options
 @standard_option
 @click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
 @holdout_option
@@ -38,6 +40,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 def calibrate(
     table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None, standard: tuple[str, ...],
     condition_limit: float | None, holdout: float, in_order: bool, seed: int, folder: Path | None, quiet: bool,
+    **sights: str | None,
 ) -> None:  # fmt: skip
     """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
 
@@ -46,7 +49,7 @@ def calibrate(
     """
     if folder is not None:
         check_writable()
-    dataset = read_table(table, mechanism, in_order=in_order)
+    dataset = read_table(table, mechanism, in_order=in_order, **sights)
     result = fit(
         mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
         fleet=fleet, command=command_line(),

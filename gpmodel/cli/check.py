@@ -5,24 +5,37 @@ from pathlib import Path
 import click
 
 from gpmodel.api.check import check as judge
+from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.options import mechanism_options, out_folder_option, quiet_option, standard_option, table_argument
+from gpmodel.cli.options import (
+    mechanism_options,
+    out_folder_option,
+    quiet_option,
+    sights_options,
+    standard_option,
+    table_argument,
+)
 from gpmodel.mechanism.source import LoadedMechanism
 
 
 @click.command()
 @table_argument
 @mechanism_options()
+@sights_options
 @standard_option
 @out_folder_option
 @quiet_option
-def check(table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], folder: Path | None, quiet: bool) -> None:
+def check(
+    table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], folder: Path | None, quiet: bool,
+    **sights: str | None,
+) -> None:  # fmt: skip
     """Judge TABLE: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
     Ends with status 2 where nothing should be fitted to the table. With --out: check.json.
     """
     with progress_line(quiet) as say:
-        judged = judge(mechanism, table, standard=standard, progress=say, command=command_line())
+        data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table
+        judged = judge(mechanism, data, standard=standard, progress=say, command=command_line())
     judged.refuse()
     if not quiet:
         click.echo(judged.summary())

@@ -13,6 +13,7 @@ from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.options import (
+    SIGHTS,
     Number,
     holdout_option,
     in_order_option,
@@ -21,6 +22,7 @@ from gpmodel.cli.options import (
     resume_option,
     scheduler_option,
     seed_option,
+    sights_options,
     workers_option,
 )
 from gpmodel.cli.request import Request, Typed
@@ -48,6 +50,7 @@ WATCHED = 0.5
               help="How hard to look: GP runs of each representation in a round; 0: catalogue alone.")  # fmt: skip
 @click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
+@sights_options
 @holdout_option
 @in_order_option
 @click.option("--noise", default=None, metavar="LENGTH", help="Standard deviation of one coordinate, as in 0.03mm.")
@@ -122,7 +125,7 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
     options, mechanism = request.options, request.choice.load()
     return look(
         mechanism,
-        read_table(request.table, mechanism, in_order=options["in_order"]),
+        read_table(request.table, mechanism, in_order=options["in_order"], **{k: options[k] for k in SIGHTS}),
         holdout=options["holdout"],
         seed=options["seed"],
         search=search_of(request, executor),

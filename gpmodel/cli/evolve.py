@@ -13,6 +13,7 @@ from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
+    SIGHTS,
     Number,
     holdout_option,
     in_order_option,
@@ -22,6 +23,7 @@ from gpmodel.cli.options import (
     resume_option,
     scheduler_option,
     seed_option,
+    sights_options,
     standard_option,
     workers_option,
 )
@@ -62,6 +64,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.option("--length", type=int, default=None, help="Elements of a sequence.")
 @click.option("--depth", type=int, default=None, help="Of a tree, at most.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
+@sights_options
 @standard_option
 @holdout_option
 @in_order_option
@@ -107,7 +110,8 @@ def settings() -> object:
 def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
     """Run what was asked."""
     options, mechanism = dict(request.options), request.choice.load()
-    dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"))
+    sights = {name: options.pop(name) for name in SIGHTS}
+    dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"), **sights)
     names, truncation, tournament = (options.pop(name) for name in ("representation", "truncation", "tournament"))
     varied = {name: options.pop(name) for name in VARIED}
     strategies = strategies_named(names, options["space"], {k: v for k, v in varied.items() if v is not None})

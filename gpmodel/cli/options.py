@@ -79,6 +79,21 @@ in_order_option = click.option(
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
 )
+SIGHTS = {
+    "cameras": "What cameras are and what carries them.",
+    "board": "The markers of boards, and what carries these.",
+    "surfaces": "Planes, spheres and lines of a known artefact.",
+}
+"""TOML files beside a table of pixels or touches."""
+
+
+def sights_options(command: Command) -> Command:
+    """Adds --cameras, --board and --surfaces."""
+    for name, text in reversed(SIGHTS.items()):
+        command = click.option(f"--{name}", default=None, metavar="FILE", help=f"TOML: {text}")(command)
+    return command
+
+
 table_argument = click.argument("table", type=click.Path(path_type=Path))
 
 

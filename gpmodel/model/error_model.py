@@ -7,11 +7,12 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import assembled, branched, lineage
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import Effect
-from gpmodel.model.observation import Tips, observations
+from gpmodel.model.observation import Observation, Own, Tips, observations
 from gpmodel.model.observed import Observed
-from gpmodel.model.states import States, states_of
+from gpmodel.model.states import States, states_of, tip_slots
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
@@ -22,7 +23,7 @@ class Placement:
 
     registration: setup -> transform (4, 4) of the mechanism's root in the instrument's frame.
     tool: tool -> transform (4, 4) of the measured frame in the flange; only its point without rotations.
-    anchors: observation -> its own unknowns (k,): of a distance, its anchor (3,) in the mechanism's root frame, m.
+    anchors: own unknowns (k,) of observations, by key: of a distance, its anchor (3,) in the mechanism's root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -32,23 +33,26 @@ class Placement:
 
 @dataclass(frozen=True)
 class Poses:
-    """A dataset made ready for one mechanism: nominal relative transforms (S, N, 4, 4) and states."""
+    """A dataset made ready for one mechanism: nominal relative transforms (S, N, 4, 4), states, and the slot (N,) that
+    carries the tip of each row."""
 
     dataset: Dataset
     transforms: Array
     states: States
+    tip_slot: IntArray
 
     def __len__(self) -> int:
         return len(self.dataset)
 
     def subset(self, rows: IntArray) -> "Poses":
         """The same at some rows only."""
-        return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows))
+        return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows), self.tip_slot[rows])
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
     """Nominal transforms and states of every pose, computed once. same: see `states_of`."""
-    return Poses(dataset, mechanism.transforms(dataset.q), states_of(mechanism, dataset, same))
+    states = states_of(mechanism, dataset, same)
+    return Poses(dataset, mechanism.transforms(dataset.q), states, tip_slots(mechanism, dataset))
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,8 @@ class ErrorModel:
         """The same after error twists (N, 6) that are known, by the index of their slot."""
         if loops := closed(self.mechanism):
             return loops.assembled(poses.dataset.q, twists)
+        if tree := branched(self.mechanism):
+            return assembled(tree, poses.transforms, {slot: se3.exp(twist) for slot, twist in twists.items()})
         relative = poses.transforms.copy()
         for slot, twist in twists.items():
             relative[slot] = relative[slot] @ se3.exp(twist)
@@ -115,29 +121,39 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     theta: (E,) values of model.effects, SI. placement: a registration for every set-up of the poses and a point for
     every tool; KeyError where one is missing.
     """
-    data = poses.dataset
+    data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
     frames = model.frames_after(poses, twists)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])
     register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
-    tip, kinds = frames[-1] @ tool, observations(data)
+    tip, kinds = frames[tip_slot, np.arange(len(poses))] @ tool, observations(data)
     by_instrument = model.instrument_twist(poses, theta, (register @ tip)[:, :3, 3])
     own = np.broadcast_to(np.eye(4), register.shape)
     if by_instrument is not None:
         twists, own = {**twists, len(frames): by_instrument}, se3.exp(by_instrument)
         register = own @ register
-    seen = np.concatenate([register[None] @ frames, own[None]])
-    loops = closed(model.mechanism)
-    return Observed(Tips(tip, register @ tip), seen, twists, kinds, placement.anchors, loops.carried if loops else None)
+    seen, loops = np.concatenate([register[None] @ frames, own[None]]), closed(model.mechanism)
+    tips = Tips(tip, register @ tip, frames)
+    return Observed(
+        tips, seen, twists, kinds, _completed(placement.anchors, kinds, tips), lineage(model.mechanism), tip_slot,
+        loops.carried if loops else None,
+    )  # fmt: skip
+
+
+def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
+    """What is known of the observations' own unknowns, and what is not, as these poses themselves say it: a point that
+    only held-out poses touched is found from them."""
+    new = [kind for kind in kinds if not known.keys() >= kind.own.keys()]
+    return {**{key: value for kind in new for key, value in kind.start(tips).items()}, **known} if new else known
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
-    """Measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then m; NaN where unmeasured."""
-    kinds = observations(dataset)
-    return np.hstack([kind.residual(observed.tips, observed.unknowns(kind)) for kind in kinds])
+    """Measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then each kind's unit; NaN where
+    unmeasured."""
+    return np.hstack([kind.residual(observed.tips, observed.own) for kind in observations(dataset)])
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Length (N,) of each pose's measured-minus-predicted vector over its length components, m."""
-    lengths = measured_minus(observed, dataset)[:, ~observed.turns]
+    """Length (N,) of each pose's measured-minus-predicted vector over all but its rotations, m."""
+    lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.sqrt(np.nansum(lengths**2, axis=1))

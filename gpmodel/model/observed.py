@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.model.observation import Distance, Observation, Tips
 from gpmodel.numerics import se3
 
@@ -16,8 +17,9 @@ class Observed:
 
     tips: predicted. frames: (S + 1, N, 4, 4) of the slots, then of the instrument itself, in the instrument's frame,
     each after its error twist.
-    twists: slot's index -> its error twist (N, 6), m and rad. kinds: what is read. own: name -> (k,) unknowns.
+    twists: slot's index -> its error twist (N, 6), m and rad. kinds: what is read. own: key -> (k,) unknowns.
     carried: what a twist of a slot moves the tool's by, of a mechanism with closed loops; None of a chain.
+    lineage: (S, S) whether a twist at one slot moves the frame of the other. tip_slot: (N,) slot that carries the tip.
     """
 
     tips: Tips
@@ -25,6 +27,8 @@ class Observed:
     twists: Mapping[int, Array]
     kinds: tuple[Observation, ...]
     own: Mapping[str, Array]
+    lineage: Mask
+    tip_slot: IntArray
     carried: Callable[[Array, int], Array] | None = None
     _known: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -41,17 +45,18 @@ class Observed:
     @property
     def distances(self) -> Array:
         """Predicted distances (N, D), m."""
-        found = [kind.predict(self.tips, self.unknowns(kind)) for kind in self.kinds if isinstance(kind, Distance)]
+        found = [kind.predict(self.tips, self.own) for kind in self.kinds if isinstance(kind, Distance)]
         return np.hstack(found) if found else np.zeros((len(self.tip), 0))
 
     @property
     def turns(self) -> Mask:
-        """Which components (m,) are angles."""
-        return np.repeat([kind.unit == "rad" for kind in self.kinds], [kind.components for kind in self.kinds])
+        """Which components (m,) are rotations, whose weight the fit finds."""
+        return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
-    def unknowns(self, kind: Observation) -> Array:
-        """Own unknowns (k,) of an observation."""
-        return self.own[kind.name] if kind.own else np.zeros(0)
+    def scales(self, rotation_weight: float) -> Array:
+        """Metres (m,) that one unit of each component counts as."""
+        each = [rotation_weight if kind.metres is None else kind.metres for kind in self.kinds]
+        return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:
         """Which components are of an observation."""
@@ -78,13 +83,31 @@ class Observed:
         instrument = len(self.frames) - 1
         looped = self.carried is not None and slot < instrument
         at = self.frames[instrument - 1 if looped else slot]
-        turn = at[:, :3, :3]
-        motion = _motion(turn, -se3.hat(self.tip[:, :3, 3] - at[:, :3, 3]) @ turn, turn)
+        within = np.eye(6)
         if self.carried is not None and looped:
-            motion = motion @ self.carried(self.frames[:instrument], slot)
+            within = self.carried(self.frames[:instrument], slot)
         if slot in self.twists:
-            motion = motion @ se3.right_jacobian(self.twists[slot])
-        return self._moved(motion, absolute=slot == instrument)
+            within = within @ se3.right_jacobian(self.twists[slot])
+        motion = _by_twist(at, self.tip)
+        if slot == instrument:
+            return self._moved(motion @ within, absolute=True)
+        motion *= self.lineage[slot, self.tip_slot][:, None, None]
+        out = self._moved(motion @ within)
+        for rows, carrier, change in self._by_slots:
+            if self.lineage[slot, carrier] and not looped:
+                out[:, rows] += change @ _by_twist(at, self.frames[carrier]) @ within
+        return out
+
+    @cached_property
+    def _by_slots(self) -> list[tuple[slice, int, Array]]:
+        """Components, the slot whose frame moves them, and their change (N, m, 6) in the instrument's axes."""
+        axes = np.zeros((len(self.tip), 6, 6))
+        axes[:, :3, :3] = axes[:, 3:, 3:] = np.swapaxes(self.tips.turn, 1, 2)
+        return [
+            (self.rows(kind), slot, change @ axes)
+            for kind in self.kinds
+            for slot, change in kind.by_slots(self.tips, self.own).items()
+        ]
 
     def tool_sensitivity(self) -> Array:
         """The same per unit twist of the tool frame: (N, m, 6)."""
@@ -97,17 +120,23 @@ class Observed:
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """The same per unit of an observation's own unknowns: (N, m, k)."""
-        out = np.zeros((len(self.tip), self.components, len(kind.own)))
-        out[:, self.rows(kind)] = kind.by_own(self.tips, self.unknowns(kind))
+        """The same per unit step of an observation's own unknowns: (N, m, k)."""
+        out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
+        out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out
 
     def _moved(self, motion: Array, absolute: bool = False) -> Array:
         """Change (N, m, 6) by a motion of the tip; absolute: of what is read in the instrument's frame alone."""
-        parts = [kind.by_tip(self.tips, self.unknowns(kind)) @ motion for kind in self.kinds]
+        parts = [kind.by_tip(self.tips, self.own) @ motion for kind in self.kinds]
         if absolute:
             parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]
         return np.concatenate(parts, axis=1)
+
+
+def _by_twist(at: Array, frame: Array) -> Array:
+    """Motion (N, 6, 6) of frames (N, 4, 4), origin (m) and turn (rad), by unit twists in the axes of others."""
+    turn = at[:, :3, :3]
+    return _motion(turn, -se3.hat(frame[:, :3, 3] - at[:, :3, 3]) @ turn, turn)
 
 
 def _motion(moves: Array, swings: Array, turns: Array) -> Array:

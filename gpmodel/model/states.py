@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
 from gpmodel.model.instrument import Seen, seen_columns
@@ -140,6 +141,22 @@ def load_unit(name: str) -> str:
     return "N" if name.startswith("force_") else "Nm"
 
 
+def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
+    """Index (N,) of the slot that carries what each row reads: of several chains that of its label `tip`.
+
+    Raises InputError for a tip the mechanism does not have.
+    """
+    slots, tree = list(mechanism.slots), branched(mechanism)
+    if tree is None:
+        return np.full(len(dataset), len(slots) - 1)
+    tips = {"": next(iter(tree.tips.values())), **tree.tips}
+    for row, name in zip(dataset.row, dataset.label("tip").tolist(), strict=True):
+        if name not in tips:
+            expected = ", ".join(tree.tips)
+            raise InputError(f"{dataset.source}, column 'tip', row {row}: '{name}' is no tip; expected {expected}")
+    return np.array([slots.index(tips[name]) for name in dataset.label("tip").tolist()], dtype=np.int64)
+
+
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
     """Every column a basis may read for the poses of `dataset`.
 
@@ -159,7 +176,8 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
 
     for i, joint in enumerate(mechanism.joints):
         put(joint.name, dataset.q[:, i], "rad" if joint.kind == "revolute" else "m")
-    tip = chain(mechanism.transforms(dataset.q))[-1][:, :3, 3]
+    frames = chain(mechanism.transforms(dataset.q))
+    tip = frames[tip_slots(mechanism, dataset), np.arange(len(dataset)), :3, 3]
     for name, values in zip("xyz", tip.T, strict=True):
         put(name, values, "m")
     loads = mechanism.loads(dataset.q, dataset.payload)

@@ -14,6 +14,7 @@ from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
+from gpmodel.planning.scenes import Real, Scene, read_in
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import convert
 
@@ -69,12 +70,14 @@ def simulate(
     inputs: Mapping[str, Array] | None = None,
     input_units: Mapping[str, str] | None = None,
     tool_point: Array | None = None,
+    scene: Scene | None = None,
 ) -> Simulation:
     """Measure `mechanism` at q (N, n) with an instrument at a random place and a random tool point.
 
     effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
     deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
-    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None.
+    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None. scene: of an
+    instrument that reads no points, whose noise is in the unit of its readings.
     Raises InputError for an effect that cannot be read or is not finite.
     """
     bare = unmeasured([j.name for j in mechanism.joints], q, payload)
@@ -94,6 +97,9 @@ def simulate(
         theta.append(values)
     model = ErrorModel(mechanism, tuple(chosen))
     values = np.concatenate(theta)
+    if scene is not None:
+        seen, placement = read_in(scene, Real(model, values, placement), empty, noise, rng)
+        return Simulation(seen, model, values, placement, noise)
     tip = observe(model, poses, values, placement).tip[:, :3, 3]
     position = tip + rng.normal(0.0, noise, tip.shape) if noise else tip
     return Simulation(replace(empty, position=position), model, values, placement, noise)

@@ -3,17 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
-from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
+from gpmodel.calibration.unseen import unseen
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.observation import observations
+from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
 from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import Kind, MechanismRecord, MimicRecord, Report, StepRecord
+from gpmodel.report.schema_poses import ReadingRecord
 
 
 @dataclass(frozen=True)
@@ -58,9 +65,41 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         further=fitted.further(final, poses),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
+        readings=reading_records(ladder),
+        unseen=tuple(unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )
+
+
+OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px", 1.0)}
+"""How readings are written, and how many there are in one of SI."""
+
+
+def reading_records(ladder: Ladder) -> tuple[ReadingRecord, ...]:
+    """What the first and the last step leave of each kind of reading; none of a table of points alone."""
+    poses = ladder.poses
+    if not poses.dataset.observations:
+        return ()
+    held = np.setdiff1d(np.arange(len(poses)), ladder.train)
+    judged = poses.subset(held if len(held) else ladder.train)
+    left = [_left(step.calibration, judged) for step in (ladder.steps[0], ladder.steps[-1])]
+    out = []
+    for kind in observations(poses.dataset):
+        if rows := int(kind.readings.any(axis=1).sum()):
+            unit, factor = OWN_UNIT[kind.unit]
+            before, after = (factor * by[kind.name] if kind.name in by else None for by in left)
+            out.append(ReadingRecord(kind.name, unit, rows, before, after))
+    return tuple(out)
+
+
+def _left(fit: Calibration, poses: Poses) -> dict[str, float]:
+    """RMS of a component by kind, in its own unit; readings that stand far out are left away, as in the fit."""
+    error = errors_on(fit, poses)
+    poses = poses.subset(np.flatnonzero(error <= outlier_limit(error)))
+    observed = observe(fit.model, poses, fit.theta, fit.placement)
+    left = {kind.name: kind.residual(observed.tips, observed.own) for kind in observed.kinds}
+    return {n: root_mean_square(v[np.isfinite(v)]) for n, v in left.items() if np.isfinite(v).any()}
 
 
 def _step(step: Step) -> StepRecord:

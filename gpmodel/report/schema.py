@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gpmodel.report.schema_accuracy import FurtherRecord, Positioning, Repeatability
-from gpmodel.report.schema_poses import PlotRecord
+from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 from gpmodel.report.schema_search import (
     Correlation,
     Count,
@@ -152,8 +152,8 @@ class Report:
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
     the standard model could equally be, and the poses that would tell; mimics: the same by name. further: what is to be
-    expected on further poses. sigma_mm: of one
-    component. model_sha256: seal of the model.json that belongs to it.
+    expected on further poses. readings: each kind beside points in its own unit; unseen: what they cannot show.
+    sigma_mm: of one component. model_sha256: seal of the model.json that belongs to it.
     """
 
     command: str = ""
@@ -186,6 +186,8 @@ class Report:
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     mimics: tuple[MimicRecord, ...] = ()
+    readings: tuple[ReadingRecord, ...] = ()
+    unseen: tuple[str, ...] = ()
     exports: tuple[ExportRecord, ...] = ()
     plots: PlotRecord = field(default_factory=PlotRecord)
     verdict: str = ""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from gpmodel.report.schema_search import Count
+from gpmodel.report.schema_search import Count, NotNegative
 
 Vectors = tuple[tuple[float | None, ...], ...]
 
@@ -50,3 +50,15 @@ class PlotRecord:
     slots: tuple[str, ...] = ()
     chain_poses: tuple[Count, ...] = ()
     chain_mm: tuple[Vectors, ...] = ()
+
+
+@dataclass(frozen=True)
+class ReadingRecord:
+    """Readings of one kind: how many rows, and the RMS in their own unit of what registration and the last step leave
+    of them, held out where any are."""
+
+    name: str
+    unit: str
+    rows: Count
+    before: NotNegative | None = None
+    after: NotNegative | None = None

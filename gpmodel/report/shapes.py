@@ -23,8 +23,8 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Own contribution plus what the final model leaves along its column, pose by pose; None where it is not enabled.
 
-    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual, measured
-    rotations weighted as in the fit.
+    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual, all
+    weighted as in the fit.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -33,7 +33,7 @@ def shape_record(
     observed = observe(final.model, poses, final.theta, final.placement)
     difference = measured_minus(observed, poses.dataset)
     measured, residual = np.isfinite(difference), np.nan_to_num(difference)
-    weights = measured * np.where(observed.turns, final.rotation_weight, 1.0)
+    weights = measured * observed.scales(final.rotation_weight)
     term = candidate.place
     sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
     column = sensitivity[:, :, AXES.index(term.axis)] * term.weight

@@ -18,6 +18,7 @@ def summary(report: Report) -> str:
     blocks = (
         ("Verdict", [_wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
+        ("Readings, each in its own unit, RMS", list(_readings(report))),
         ("Noise floor", [_wrapped(words.noise_floor(report))]),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Significant inputs", list(_inputs(report))),
@@ -50,6 +51,12 @@ def _ladder(report: Report) -> Iterator[str]:
 
 def _cells(errors: ErrorsMm) -> tuple[str, ...]:
     return tuple(wording.millimetres(v) for v in (errors.mean_mm, errors.rms_mm, errors.max_mm))
+
+
+def _readings(report: Report) -> Iterator[str]:
+    for kind in report.readings:
+        change = " → ".join(wording.UNKNOWN if v is None else f"{v:.3g}" for v in (kind.before, kind.after))
+        yield f"    {kind.name:<{NAME}}{change} {kind.unit}, {kind.rows} rows"
 
 
 def _effects(report: Report) -> Iterator[str]:
@@ -124,7 +131,7 @@ def _doubts(report: Report) -> Iterator[str]:
         more = len(report.unobservable) - MOST_LISTED
         listed = ", ".join(report.unobservable[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         yield _wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
-    yield from (_wrapped(text) for text in report.hidden)
+    yield from (_wrapped(text) for text in (*report.unseen, *report.hidden))
     if report.status:
         limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"
         yield _wrapped(f"{report.status}: {report.reason}{limit}")

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import READ, TOUCHED, Dataset
 
 SAME_JOINT = 5e-4
 """Joint values, rad or m, up to which two rows are one pose: the last digits of a controller's display (0.01 deg)
@@ -30,6 +30,9 @@ FAR_POINT = 0.05
 FEWEST_POSES = 20
 """Poses below which a gap between their distances is chance."""
 
+FEW_TOUCHES = 12
+"""Touches of one surface, point or bar that say where it is only together; of more any half does."""
+
 SAMPLE = 50
 """Poses that are looked at first, so that thousands without clusters are not compared with each other."""
 
@@ -37,11 +40,12 @@ SAMPLE = 50
 def bundles(dataset: Dataset) -> IntArray:
     """Bundle code (N,) of every row, 0 to B - 1: rows of one code share more than the model, so no split parts them.
 
-    Together are rows with the same `group`, with the same `repeat`, and rows whose joint values all agree within
-    SAME_JOINT or lie in one cluster, whatever the set-up or payload. Codes are in the order of the joint values: the
-    order of the rows does not matter.
+    Together are rows with the same `group`, with the same `repeat`, that touched one point, bar or a surface that was
+    touched FEW_TOUCHES times at most, and rows whose joint values all agree within SAME_JOINT or lie in one cluster,
+    whatever the set-up or payload. Codes are in the order of the joint values: the order of the rows does not matter.
     """
     links = [_same_label(dataset, column) for column in ("group", "repeat")]
+    links += [_same_label(dataset, column, FEW_TOUCHES) for column in TOUCHED if column in dataset.labels]
     links += [_same_joints(dataset.q), _clusters(dataset.q)]
     n = len(dataset)
     rows = np.concatenate([np.arange(n)] * len(links))
@@ -50,18 +54,22 @@ def bundles(dataset: Dataset) -> IntArray:
     return _renumbered(together, np.lexsort(np.round(np.column_stack([dataset.q, dataset.payload]), 9).T[::-1]))
 
 
-def replicates(dataset: Dataset) -> IntArray:
-    """Code (N,) of every row: rows of one code were measured at the same pose, payload, set-up and tool.
+def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
+    """Code (N,) of every row: rows of one code read the same at the same pose, payload, set-up and tool; or whatever
+    they read.
 
     A `repeat` label decides where there is one; elsewhere joint values within SAME_JOINT, unless they are
     approximate. Rows that copy the measurement of another are not counted as measured again: they are alone.
     """
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
-    again = np.flatnonzero(copies(dataset))
-    same[again] = again
+    if not whatever:
+        again = np.flatnonzero(copies(dataset))
+        same[again] = again
     codes = np.where(labels != "", _same_label(dataset, "repeat"), same)
-    keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool"))])
+    keys = np.column_stack(
+        [codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool", *(() if whatever else READ)))]
+    )
     loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
     return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
@@ -74,7 +82,7 @@ def sharing(dataset: Dataset) -> IntArray:
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
         return replicates(dataset)
-    keys = np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool"))])
+    keys = np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool", *READ))])
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
@@ -124,11 +132,12 @@ def check_repeats(dataset: Dataset) -> None:
         )
 
 
-def _same_label(dataset: Dataset, column: str) -> IntArray:
-    """First row (N,) with the same text in a column; rows without text are alone."""
+def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
+    """First row (N,) with the same text in a column; rows without text, or with one of more rows than `most`, are
+    alone."""
     labels = dataset.label(column)
-    _, first, code = np.unique(labels, return_index=True, return_inverse=True)
-    return np.where(labels == "", np.arange(len(labels)), first[code]).astype(np.int64)
+    _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
+    return np.where((labels == "") | (count[code] > most), np.arange(len(labels)), first[code]).astype(np.int64)
 
 
 def _same_joints(q: Array) -> IntArray:
@@ -183,7 +192,8 @@ def _clusters(q: Array) -> IntArray:
 
 def copies(dataset: Dataset) -> Mask:
     """Rows (N,) whose joint values and measurement are, to the last digit, those of an earlier row."""
-    measured = np.column_stack([dataset.position, dataset.rotation, *dataset.distances.values()])
+    read = (*dataset.distances.values(), *dataset.readings.values())
+    measured = np.column_stack([dataset.position, dataset.rotation, *read])
     said = np.nan_to_num(np.column_stack([dataset.q, measured]), nan=np.inf)
     first = np.unique(said, axis=0, return_index=True)[1]
     return ~np.isin(np.arange(len(dataset)), first) & np.isfinite(measured).any(axis=1)

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 
-LABELS = ("group", "repeat", "setup", "tool")
+TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
+"""Labels of what the tool point touched."""
+
+READ = (*TOUCHED, "camera", "marker", "link", "tip")
+"""Labels that say what a row reads: rows that differ in one are no repeats."""
+
+LABELS = ("group", "repeat", "setup", "tool", *READ)
+
+READINGS = {"u": "px", "v": "px", "length": "m", "inclination_x": "rad", "inclination_y": "rad"}
+"""Columns of instruments that read no point, and their units here."""
 
 
 class Readings(Protocol):
@@ -28,7 +37,8 @@ class Dataset:
 
     q: (N, n) joint values, rad or m, in the mechanism's order. position: (N, 3) in the instrument's frame, m,
     NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
-    observations: what was read besides.
+    readings: columns (N,) of READINGS. described: what files say of cameras, boards and surfaces, by "cameras", "board"
+    and "surfaces". observations: what was read besides points, poses and distances.
     labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
     in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
@@ -44,6 +54,8 @@ class Dataset:
     row: IntArray
     payload: Array
     distances: Mapping[str, Array] = field(default_factory=dict)
+    readings: Mapping[str, Array] = field(default_factory=dict)
+    described: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     observations: tuple[Readings, ...] = ()
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     extras: Mapping[str, Array] = field(default_factory=dict)
@@ -61,7 +73,7 @@ class Dataset:
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):
             getattr(self, name).setflags(write=False)
-        for name in ("distances", "labels", "extras", "extra_units", "extra_names"):
+        for name in ("distances", "readings", "described", "labels", "extras", "extra_units", "extra_names"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def __len__(self) -> int:
@@ -94,6 +106,7 @@ class Dataset:
             row=self.row[take],
             payload=self.payload[take],
             distances={k: v[take] for k, v in self.distances.items()},
+            readings={k: v[take] for k, v in self.readings.items()},
             observations=tuple(o.subset(take) for o in self.observations),
             labels={k: v[take] for k, v in self.labels.items()},
             extras={k: v[take] for k, v in self.extras.items()},

@@ -14,7 +14,7 @@ from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.bundles import check_repeats
 from gpmodel.table.cells import numbers, read_frame
-from gpmodel.table.dataset import LABELS, Dataset, with_payload
+from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset, with_payload
 from gpmodel.table.units import factor, identifier, known_unit, split_header
 
 FARTHEST = 1e5
@@ -53,7 +53,7 @@ def dataset_from(
         if name not in used:
             cells.take(name, unit, column, f"{path.name}, column '{name}'")
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
-    _check_measurement(path, cells.position, cells.rotation, cells.distances, need_measurement)
+    _check_measurement(path, cells, need_measurement)
     _check_near(path, cells)
     dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
@@ -63,6 +63,7 @@ def dataset_from(
         rotation=cells.rotation,
         payload=cells.payload,
         distances=cells.distances,
+        readings=cells.readings,
         labels=cells.labels,
         extras=cells.extras,
         extra_names=cells.extra_names,
@@ -88,6 +89,7 @@ class _Cells:
     payload: Array
     payload_given: bool = False
     distances: dict[str, Array] = field(default_factory=dict)
+    readings: dict[str, Array] = field(default_factory=dict)
     labels: dict[str, NDArray[np.str_]] = field(default_factory=dict)
     extras: dict[str, Array] = field(default_factory=dict)
     extra_units: dict[str, str] = field(default_factory=dict)
@@ -104,6 +106,9 @@ class _Cells:
             self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * _factor(unit, "angle", where)
         elif name.startswith("distance_"):
             self.distances[name] = _not_negative(numbers(column, where) * _factor(unit, "length", where), where)
+        elif name in READINGS and _is_reading(name, unit):
+            dimension = {"m": "length", "rad": "angle"}.get(READINGS[name])
+            self.readings[name] = numbers(column, where) * (_factor(unit, dimension, where) if dimension else 1.0)
         elif name == "payload":
             self.payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
             self.payload_given = True
@@ -195,6 +200,11 @@ def _factor(unit: str | None, dimension: str, where: str) -> float:
     return factor(unit, dimension, where)
 
 
+def _is_reading(name: str, unit: str | None) -> bool:
+    """Whether a column of that name is one of an instrument; `u [V]` is an input like any other."""
+    return unit is None or READINGS[name] != "px" or unit in ("px", "pixel", "pixels")
+
+
 def _has_numbers(column: pd.Series) -> bool:
     return bool(pd.to_numeric(column, errors="coerce").notna().any())
 
@@ -206,9 +216,11 @@ def _complete(values: Array, where: str) -> Array:
     return values
 
 
-def _check_measurement(path: Path, position: Array, rotation: Array, distances: dict[str, Array], need: bool) -> None:
-    measured = bool(np.isfinite(position).any() or np.isfinite(rotation).any())
-    measured = measured or any(bool(np.isfinite(d).any()) for d in distances.values())
+def _check_measurement(path: Path, cells: _Cells, need: bool) -> None:
+    position, rotation = cells.position, cells.rotation
+    numbers = (position, rotation, *cells.distances.values(), *cells.readings.values())
+    measured = any(bool(np.isfinite(values).any()) for values in numbers)
+    measured = measured or any((cells.labels[name] != "").any() for name in TOUCHED if name in cells.labels)
     if need and not measured:
         raise InputError(f"{path.name}: nothing measured; expected columns 'x [mm],y [mm],z [mm]' or 'distance_A [mm]'")
     partial = np.isfinite(rotation).any(axis=1) & ~np.isfinite(rotation).all(axis=1)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import READINGS, Dataset
 from gpmodel.table.units import split_header
 
 _DIGITS = {"deg": 9, "rad": 11}
@@ -33,6 +33,9 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
             columns[f"r{axis} [deg]"] = _cells(np.degrees(dataset.rotation[:, i]), 9)
     for name, values in dataset.distances.items():
         columns[f"{name} [mm]"] = _cells(1e3 * values, 6)
+    for name, values in dataset.readings.items():
+        unit, factor = {"px": ("px", 1.0), "m": ("mm", 1e3), "rad": ("deg", np.degrees(1.0))}[READINGS[name]]
+        columns[f"{name} [{unit}]"] = _cells(factor * values, 6)
     return pd.DataFrame(columns)
 
 

@@ -7,7 +7,7 @@ import pytest
 from effect_cases import NOISE, Truth, bare, mechanism, random_placement, sized
 from loop_cases import QUICK
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.result import errors_on
@@ -17,46 +17,52 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.observation import Tips
+from gpmodel.model.observation import AtTheTip, Own, Tips
 from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"
 
 
 @dataclass(frozen=True)
-class Height:
+class Height(AtTheTip):
     """The tip's height over a plane fixed to the root, z = a x + b y + c: values (N,), m, along the root's z axis."""
 
     name: str
     values: Array
     unit: str = field(default="m", init=False)
+    metres: float = field(default=1.0, init=False)
     components: int = field(default=1, init=False)
     absolute: bool = field(default=False, init=False)
     oriented: bool = field(default=False, init=False)
-    own: tuple[str, ...] = field(default=("slope x", "slope y", "offset"), init=False)
+
+    @property
+    def own(self) -> dict[str, tuple[str, ...]]:
+        return {self.name: ("slope x", "slope y", "offset")}
+
+    @property
+    def readings(self) -> Mask:
+        return np.isfinite(self.values)[:, None]
 
     def subset(self, rows: IntArray) -> "Height":
         return Height(self.name, self.values[rows])
 
-    def predict(self, tips: Tips, own: Array) -> Array:
-        return (tips.root[:, 2, 3] - tips.root[:, :2, 3] @ own[:2] - own[2])[:, None]
+    def residual(self, tips: Tips, own: Own) -> Array:
+        plane = own[self.name]
+        return (self.values - tips.root[:, 2, 3] + tips.root[:, :2, 3] @ plane[:2] + plane[2])[:, None]
 
-    def residual(self, tips: Tips, own: Array) -> Array:
-        return self.values[:, None] - self.predict(tips, own)
-
-    def by_tip(self, tips: Tips, own: Array) -> Array:
-        normal = np.array([-own[0], -own[1], 1.0])
+    def by_tip(self, tips: Tips, own: Own) -> Array:
+        normal = np.array([-own[self.name][0], -own[self.name][1], 1.0])
         return np.concatenate([tips.turn @ normal, np.zeros((len(self.values), 3))], axis=1)[:, None, :]
 
-    def by_own(self, tips: Tips, own: Array) -> Array:
+    def by_own(self, tips: Tips, own: Own) -> Array:
         return -np.column_stack([tips.root[:, :2, 3], np.ones(len(self.values))])[:, None, :]
 
-    def start(self, tips: Tips) -> Array:
+    def start(self, tips: Tips) -> Own:
         seen = np.isfinite(self.values)
         if seen.sum() < 3:
             raise InputError(f"{self.name}: {int(seen.sum())} heights; its plane needs at least 3")
-        columns = -self.by_own(tips, np.zeros(3))[seen, 0]
-        return np.linalg.lstsq(columns, tips.root[seen, 2, 3] - self.values[seen], rcond=None)[0]
+        columns = -self.by_own(tips, {})[seen, 0]
+        return {self.name: np.linalg.lstsq(columns, tips.root[seen, 2, 3] - self.values[seen], rcond=None)[0]}
 
 
 def probed(effects: tuple[Effect, ...], millimetres: float, count: int, noise: float = NOISE) -> Truth:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_length
 from gpmodel.table.units import factor
@@ -87,6 +88,23 @@ class TomlTable:
         if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
             raise InputError(f"{self.where}: {key} is {value!r}, expected one finite number")
         return float(value)
+
+    def numbers(self, key: str, size: int) -> Array | None:
+        """A list of finite numbers without unit; None where the key is missing."""
+        value = self.take(key, None)
+        if value is None:
+            return None
+        good = isinstance(value, list) and len(value) == size
+        if not good or not all(isinstance(x, int | float) and math.isfinite(x) for x in value):
+            raise InputError(f"{self.where}: {key} is {value!r}, expected a list of {size} finite numbers")
+        return np.array(value, dtype=np.float64)
+
+    def needed(self, key: str, size: int) -> Array:
+        """The same where it must be there."""
+        values = self.numbers(key, size)
+        if values is None:
+            raise InputError(f"{self.where}: expected {key}, a list of {size} finite numbers")
+        return values
 
     def done(self) -> None:
         """Checks that no key was left over."""

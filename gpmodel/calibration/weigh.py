@@ -1,0 +1,58 @@
+"""What a pixel or a degree counts as beside a metre: the ratio of the spreads that a first fit leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.inclination import Inclination
+from gpmodel.model.observation import Observation, observations
+from gpmodel.model.observed import Observed
+from gpmodel.model.pixel import Pixels
+from gpmodel.numerics.outliers import MAD_SIGMAS
+from gpmodel.table.dataset import Readings
+
+FITS = 2
+"""The second with the weights that the first says."""
+
+
+def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
+    """The same poses, their pixels and inclinations counted in metres by their own noise.
+
+    Beside lengths, in proportion to the spreads of the residuals of the standard model, so that each reading weighs by
+    its own; alone, a pixel is what it covers at the distance of the board, and a radian a metre at a lever of one.
+    """
+    dataset = poses.dataset
+    if not any(isinstance(kind, Pixels | Inclination) for kind in dataset.observations):
+        return poses
+    model = ErrorModel(mechanism, geometric_effects(mechanism))
+    for _ in range(FITS):
+        fit = calibrate(model, poses)
+        observed = observe(fit.model, poses, fit.theta, fit.placement)
+        spreads = {kind.name: _spread(kind, observed) for kind in observations(poses.dataset) if kind.readings.any()}
+        lengths = [spreads[k.name] for k in observed.kinds if k.unit == "m" and k.name in spreads]
+        counted = tuple(_counted(kind, spreads, lengths, observed) for kind in poses.dataset.observations)
+        poses = replace(poses, dataset=replace(poses.dataset, observations=counted))
+    return poses
+
+
+def _counted(kind: Readings, spreads: dict[str, float], lengths: list[float], observed: Observed) -> Readings:
+    if not isinstance(kind, Pixels | Inclination):
+        return kind
+    covers = next((k.depth(observed.tips, observed.own) for k in observed.kinds if isinstance(k, Pixels)), None)
+    if not lengths and isinstance(kind, Pixels) and covers is not None:
+        return replace(kind, metres=covers)
+    if not lengths and covers is not None:
+        lengths = [covers * spreads["pixel"]]
+    return replace(kind, metres=min(lengths) / spreads[kind.name]) if lengths else kind
+
+
+def _spread(kind: Observation, observed: Observed) -> float:
+    """Robust standard deviation of what is left of one kind, in its own unit, for the unknowns it took."""
+    left = kind.residual(observed.tips, observed.own)
+    left = left[np.isfinite(left)]
+    own = sum(len(names) for names in kind.own.values())
+    return float(MAD_SIGMAS * np.median(np.abs(left)) * np.sqrt(len(left) / max(len(left) - own, 1))) or 1e-12

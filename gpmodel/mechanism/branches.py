@@ -1,0 +1,56 @@
+"""Mechanisms of several chains: two arms on one torso, each with a tip of its own."""
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from gpmodel.mechanism.protocol import Array, Mask, Mechanism, Wrapping
+from gpmodel.numerics import se3
+
+
+@runtime_checkable
+class Branched(Protocol):
+    """A mechanism whose slots are those of several chains, one after the other. `transforms` leads from each slot to
+    the next in that list; an error moves only what its own chain carries."""
+
+    @property
+    def parents(self) -> tuple[int, ...]:
+        """The slot before each on its own chain, by index; -1 for the first, which all share."""
+        ...
+
+    @property
+    def tips(self) -> Mapping[str, str]:
+        """Measured link -> the slot that carries it; the first is the one a row reads that names none."""
+        ...
+
+
+def branched(mechanism: Mechanism) -> Branched | None:
+    """The mechanism, or what it was loaded from, where it has several chains; None of a single one."""
+    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
+    return bare if isinstance(bare, Branched) else None
+
+
+def lineage(mechanism: Mechanism) -> Mask:
+    """Whether an error at one slot moves the frame of another (S, S): it or one before it on the same chain."""
+    tree, count = branched(mechanism), len(mechanism.slots)
+    if tree is None:
+        return np.triu(np.ones((count, count), dtype=bool))
+    out = np.eye(count, dtype=bool)
+    for slot, parent in enumerate(tree.parents):
+        if parent >= 0:
+            out[:, slot] |= out[:, parent]
+    return out
+
+
+def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) -> Array:
+    """Frames (S, N, 4, 4) in the root, m, each after its own error (N, 4, 4), by the index of its slot.
+
+    transforms: (S, N, 4, 4) from each slot to the next in the list.
+    """
+    nominal = se3.chain(transforms)
+    out = np.empty_like(nominal)
+    for slot, parent in enumerate(tree.parents):
+        frame = nominal[slot] if parent < 0 else out[parent] @ np.linalg.solve(nominal[parent], nominal[slot])
+        out[slot] = frame @ errors[slot] if slot in errors else frame
+    return out

@@ -1,0 +1,121 @@
+"""Where a camera and a board are, in closed form: homographies, poses of the views, hand-eye.
+
+Sources: Zhang (2000), a lens from homographies; Shah (2013), A B = C T by Kronecker products.
+"""
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+
+REWEIGHTED = 10
+"""Fits of a homography, each with less weight on what stands far out of the one before."""
+TURNING = 1e-3
+"""Of the largest singular value, the second smallest: less, and the views turn about one axis alone."""
+FEWEST_VIEWS = 3
+"""Between them two turns, about two axes: fewer leave a hand-eye transform open."""
+
+
+def homography(flat: Array, seen: Array) -> Array:
+    """H (3, 3) with [x, y, 1] ~ H [X, Y, 1], of flat (C, 2), m, and seen (C, 2), reweighted against wrong corners."""
+    ones = np.ones(len(flat))
+    (board, a), (image, b) = _normalised(flat), _normalised(seen)
+    source, weight = np.column_stack([board, ones]), ones.copy()
+    for _ in range(REWEIGHTED):
+        rows = np.zeros((2 * len(flat), 9))
+        rows[::2, :3], rows[::2, 6:] = source, -image[:, :1] * source
+        rows[1::2, 3:6], rows[1::2, 6:] = source, -image[:, 1:] * source
+        h = np.linalg.svd(rows * np.repeat(weight, 2)[:, None])[2][-1].reshape(3, 3)
+        mapped = source @ h.T
+        off = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - image, axis=1)
+        weight = 1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2)
+    out = np.linalg.solve(b, h @ a)
+    return out / np.linalg.norm(out)
+
+
+def _normalised(points: Array) -> tuple[Array, Array]:
+    """Points (C, 2) about zero, of size one, and the map (3, 3) that made them so."""
+    middle, size = points.mean(axis=0), points.std() or 1.0
+    scale = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
+    return (points - middle) / size, scale
+
+
+def lens_from(homographies: list[Array]) -> Array:
+    """fx, fy, cx, cy (4,), px, of homographies from the board to pixels, without skew."""
+
+    def row(h: Array, i: int, j: int) -> Array:
+        a, b = h[:, i], h[:, j]
+        return np.array([a[0] * b[0], a[1] * b[1], a[2] * b[0] + a[0] * b[2], a[2] * b[1] + a[1] * b[2], a[2] * b[2]])
+
+    scale = np.diag([1e-3, 1e-3, 1.0])
+    system = [r for h in (scale @ h for h in homographies) for r in (row(h, 0, 1), row(h, 0, 0) - row(h, 1, 1))]
+    b11, b22, b13, b23, b33 = np.linalg.svd(np.array(system))[2][-1]
+    cx, cy = -b13 / b11, -b23 / b22
+    size = b33 - b13**2 / b11 - b23**2 / b22
+    if size / b11 <= 0 or size / b22 <= 0:
+        raise InputError("its views do not say its focal length; expected the board tilted in several directions")
+    return 1e3 * np.array([np.sqrt(size / b11), np.sqrt(size / b22), cx, cy])
+
+
+def flattened(board: Array) -> tuple[Array, Array]:
+    """A frame (4, 4) in which the points (P, 3) of a board lie in z = 0, and how far off it they are (P,)."""
+    middle = board.mean(axis=0)
+    axes = np.linalg.svd(board - middle, full_matrices=False)[2]
+    out = np.eye(4)
+    out[:3, :3] = np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
+    out[:3, 3] = middle
+    return out, np.abs((board - middle) @ out[:3, 2])
+
+
+def view_pose(board: Array, seen: Array, plane: Array) -> Array:
+    """The board in the camera's frame (4, 4): corners (C, 3), m, of a flat board and their directions (C, 2).
+
+    plane: frame of the board's plane, as `flattened`.
+    """
+    flat = (board - plane[:3, 3]) @ plane[:3, :2]
+    h = homography(flat, seen)
+    h = h / np.linalg.norm(h[:, 0]) * (np.sign(h[2, 2]) or 1.0)
+    rough = np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1])])
+    u, _, vt = np.linalg.svd(rough)
+    out = np.eye(4)
+    out[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    out[:3, 3] = h[:, 2] / np.mean(np.linalg.norm(h[:, :2], axis=0))
+    return out @ np.linalg.inv(plane)
+
+
+def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
+    """B and C (4, 4) with A B = C T: moved A (V, 4, 4), the board's carrier in the camera's; seen T (V, 4, 4).
+
+    Raises InputError where too few views, or all about one axis, leave them open.
+    """
+    if len(moved) < FEWEST_VIEWS:
+        raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
+    eye = np.eye(3)
+    rows = [
+        np.hstack([np.kron(a, eye), -np.kron(eye, t.T)]) for a, t in zip(moved[:, :3, :3], seen[:, :3, :3], strict=True)
+    ]
+    _, size, vt = np.linalg.svd(np.vstack(rows))
+    if size[-2] < TURNING * size[0]:
+        raise InputError("the board turns about one axis only; expected poses that turn it about two more")
+    found = [
+        _rotation(vt[-1][k : k + 9].reshape(3, 3) * np.sign(np.linalg.det(vt[-1][:9].reshape(3, 3)))) for k in (0, 9)
+    ]
+    board, camera = np.eye(4), np.eye(4)
+    board[:3, :3], camera[:3, :3] = found
+    system = np.concatenate([np.concatenate([a[:3, :3], -eye], axis=1) for a in moved])
+    right = np.concatenate([camera[:3, :3] @ t[:3, 3] - a[:3, 3] for a, t in zip(moved, seen, strict=True)])
+    places = np.linalg.lstsq(system, right, rcond=None)[0]
+    board[:3, 3], camera[:3, 3] = places[:3], places[3:]
+    return board, camera
+
+
+def middle_of(frames: Array) -> Array:
+    """The frame (4, 4) nearest to all of some (V, 4, 4): medians of their places, the mean of their turns."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = _rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0)
+    return out
+
+
+def _rotation(rough: Array) -> Array:
+    u, _, vt = np.linalg.svd(rough)
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

@@ -1,0 +1,110 @@
+"""What files say of cameras, boards and surfaces, as the parts that observations are made of."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.model import camera_start
+from gpmodel.model.pixel import Board, Camera
+from gpmodel.model.surfaces import aligned
+from gpmodel.model.touches import Feature
+from gpmodel.table.toml_table import TomlTable
+
+KINDS = ("cameras", "board", "surfaces")
+"""What a file may describe."""
+
+FLAT = 1e-3
+"""Of a board's size, how far its corners may be off one plane: its poses start from homographies."""
+
+SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
+"""Numbers of a lens by what `solve` calls them."""
+
+Slot = Callable[[str, str], int]
+"""A link's name, and where it is written, to the slot that carries it."""
+
+
+def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
+    """Of [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3], solve."""
+    out = []
+    for name, table in _named(content, "cameras", "camera"):
+        focal, centre = table.numbers("focal_px", 2), table.numbers("centre_px", 2)
+        known = np.zeros(9)
+        known[:2], known[2:4] = (np.zeros(2) if part is None else part for part in (focal, centre))
+        bent = table.take("distortion", [])
+        if not isinstance(bent, list) or len(bent) > 5 or not all(isinstance(v, int | float) for v in bent):
+            raise InputError(f"{table.where}: distortion is {bent!r}, expected at most 5 numbers, [k1, k2, p1, p2, k3]")
+        known[4 : 4 + len(bent)] = bent
+        asked = table.take("solve", ["focal", "centre", "distortion"] if focal is None else [])
+        if not isinstance(asked, list) or not set(asked) <= set(SOLVED):
+            raise InputError(f"{table.where}: solve is {asked!r}, expected some of {', '.join(SOLVED)}")
+        solved = sorted({k for word in asked for k in SOLVED[word]} | {k for k in range(4) if known[k] == 0.0})
+        out.append(Camera(name, slot(table.text("link", "world"), table.where), known, tuple(solved)))
+        table.done()
+    return tuple(out)
+
+
+def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
+    """Of [board.NAME]: link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or
+    [board.NAME.points_mm] with a place [x, y, z] a marker. Each with its markers' corners (3,), m."""
+    out = []
+    for name, table in _named(content, "board", "board"):
+        points = table.take("points_mm", None)
+        if points is None:
+            columns, rows = int(table.number("columns")), int(table.number("rows"))
+            pitch = table.quantity("pitch", "length", None)
+            if pitch is None or columns < 2 or rows < 2:
+                raise InputError(f"{table.where}: expected pitch_mm, columns and rows, two at least")
+            markers = {str(i): pitch * np.array([i % columns, i // columns, 0.0]) for i in range(columns * rows)}
+        else:
+            part = TomlTable(points, f"{table.where}: [points_mm]")
+            markers = {marker: 1e-3 * part.needed(marker, 3) for marker in list(part.content)}
+        corners = np.array([*markers.values()])
+        if len(corners) < 4:
+            raise InputError(f"{table.where}: {len(corners)} corners, expected at least 4")
+        if camera_start.flattened(corners)[1].max() > FLAT * np.ptp(corners, axis=0).max():
+            raise InputError(f"{table.where}: its corners are not in one plane; describe each plane as a board")
+        out.append((Board(name, slot(table.text("link", "tool"), table.where), corners), markers))
+        table.done()
+    return tuple(out)
+
+
+def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
+    """Of [plane.NAME], [sphere.NAME] and [line.NAME]: those of one artefact, whose places to each other are known, and
+    spheres of known diameter that stand anywhere. probe_diameter_mm: of the ball that touches."""
+    whole = TomlTable(content, "surfaces")
+    probe = 0.5 * whole.quantity("probe_diameter", "length", 0.0)
+    fixed: list[Feature] = []
+    free: list[Feature] = []
+    for name, table in _tables(whole, "plane"):
+        normal, offset = table.needed("normal", 3), table.quantity("offset", "length", 0.0)
+        normal = normal / np.linalg.norm(normal)
+        fixed.append(Feature("on_plane", name, aligned(offset * normal, normal), probe))
+    for name, table in _tables(whole, "line"):
+        along, through = table.needed("direction", 3), table.quantity("point", "length", np.zeros(3), 3)
+        fixed.append(Feature("on_line", name, aligned(through, along / np.linalg.norm(along))))
+    for name, table in _tables(whole, "sphere"):
+        radius = 0.5 * table.quantity("diameter", "length", np.nan) + probe
+        centre = table.quantity("centre", "length", None, 3)
+        frame = np.eye(4)
+        frame[:3, 3] = 0.0 if centre is None else centre
+        if centre is not None and np.isnan(radius):
+            raise InputError(f"{table.where}: expected diameter_mm beside centre_mm")
+        (free if centre is None else fixed).append(Feature("on_sphere", name, frame, radius))
+    whole.done()
+    return tuple(fixed), tuple(free)
+
+
+def _named(content: object, what: str, word: str) -> list[tuple[str, TomlTable]]:
+    whole = TomlTable(content, what)
+    tables = list(_tables(whole, word))
+    whole.done()
+    if not tables:
+        raise InputError(f"{what}: expected [{word}.NAME] and its keys below")
+    return tables
+
+
+def _tables(whole: TomlTable, word: str) -> list[tuple[str, TomlTable]]:
+    part = whole.table(word)
+    return [(name, TomlTable(table, f"{whole.where}: [{word}.{name}]")) for name, table in part.content.items()]

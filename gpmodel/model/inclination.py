@@ -1,0 +1,114 @@
+"""An inclinometer on a link: how far two of its axes rise over the horizontal.
+
+reading = asin(s · up), s = F_link M e_x and F_link M e_y, M its mounting (a turn) and up the vertical in the root's
+frame, which is known to a tilt of the base only. A turn about the vertical shows in no reading.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.errors import InputError
+from gpmodel.model.observation import Own, Tips
+from gpmodel.numerics import se3
+
+VERTICAL = "vertical"
+FEWEST = 4
+"""Readings of one inclinometer: each axis has three unknowns."""
+STEEPEST = np.radians(89.9)
+"""Beyond it a sine hardly changes with the angle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inclination:
+    """values: (N, 2) rad. links: name and slot's index of the links that carry an inclinometer. link: (N,) which, -1
+    for none. metres: what a radian counts as."""
+
+    values: Array
+    links: tuple[tuple[str, int], ...]
+    link: IntArray
+    metres: float
+    name: str = field(default="inclination", init=False)
+    unit: str = field(default="rad", init=False)
+    components: int = field(default=2, init=False)
+    absolute: bool = field(default=False, init=False)
+    oriented: bool = field(default=False, init=False)
+
+    @cached_property
+    def own(self) -> Mapping[str, tuple[str, ...]]:
+        """The tilt of the base and every mounting."""
+        return {VERTICAL: ("Rx", "Ry"), **{f"inclinometer {name}": ("Rx", "Ry", "Rz") for name, _ in self.links}}
+
+    @property
+    def readings(self) -> Mask:
+        """Which components (N, 2) were measured."""
+        return np.isfinite(self.values)
+
+    def subset(self, rows: IntArray) -> "Inclination":
+        return replace(self, values=self.values[rows], link=self.link[rows])
+
+    def residual(self, tips: Tips, own: Own) -> Array:
+        rise = self._axes(tips, own) @ own[VERTICAL]
+        return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
+
+    def by_tip(self, tips: Tips, own: Own) -> Array:
+        """Nothing: the tool point is not seen."""
+        return np.zeros((len(self.values), 2, 6))
+
+    def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
+        """By a turn of the link: d(s·up) = (s × up)·ω."""
+        axes, out = self._axes(tips, own), {}
+        change = np.cross(axes, own[VERTICAL]) * self._steep(axes, own)
+        for i, (_, slot) in enumerate(self.links):
+            turn = np.where((self.link == i)[:, None, None], change, 0.0)
+            out[slot] = np.concatenate([np.zeros_like(turn), turn], axis=2)
+        return out
+
+    def by_own(self, tips: Tips, own: Own) -> Array:
+        axes = self._axes(tips, own)
+        steep = self._steep(axes, own)
+        parts = [(np.cross(own[VERTICAL], axes) * steep)[:, :, :2]]
+        for i, (name, slot) in enumerate(self.links):
+            mounted = tips.slots[slot, :, :3, :3] @ _turn(own[f"inclinometer {name}"])
+            up = np.einsum("nji,j->ni", mounted, own[VERTICAL])
+            change = np.cross(np.eye(3)[:2], up[:, None, :]) * steep
+            parts.append(np.where((self.link == i)[:, None, None], change, 0.0))
+        return np.concatenate(parts, axis=2)
+
+    def moved(self, key: str, value: Array, step: Array) -> Array:
+        """The vertical after a turn in the root's axes; a mounting after one in its own."""
+        if key == VERTICAL:
+            return _turn(np.append(step, 0.0)) @ value
+        return se3.rotation_vector(_turn(value) @ _turn(step))
+
+    def start(self, tips: Tips) -> Own:
+        """A level base, and mountings by least squares: the sine of a reading is linear in the axis that rises."""
+        out = {VERTICAL: np.array([0.0, 0.0, 1.0])}
+        for i, (name, slot) in enumerate(self.links):
+            rows = (self.link == i) & self.readings.all(axis=1)
+            if rows.sum() < FEWEST:
+                raise InputError(f"inclinometer '{name}': {int(rows.sum())} readings; expected at least {FEWEST}")
+            x, y = np.linalg.lstsq(tips.slots[slot, rows, 2, :3], np.sin(self.values[rows]), rcond=None)[0].T
+            u, _, vt = np.linalg.svd(np.column_stack([x, y, np.cross(x, y)]))
+            out[f"inclinometer {name}"] = se3.rotation_vector(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)
+        return out
+
+    def _axes(self, tips: Tips, own: Own) -> Array:
+        """The sensors' axes x and y in the root (N, 2, 3)."""
+        out = np.zeros((len(self.values), 2, 3))
+        for i, (name, slot) in enumerate(self.links):
+            turn = tips.slots[slot, :, :3, :3] @ _turn(own[f"inclinometer {name}"])
+            out[self.link == i] = np.swapaxes(turn[:, :, :2], 1, 2)[self.link == i]
+        return out
+
+    def _steep(self, axes: Array, own: Own) -> Array:
+        """d asin(s·up) per change of s·up (N, 2, 1)."""
+        rise = axes @ own[VERTICAL]
+        return (1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
+
+
+def _turn(vector: Array) -> Array:
+    return np.asarray(se3.exp(np.concatenate([np.zeros(3), vector]))[:3, :3])

@@ -1,0 +1,94 @@
+"""What a tool may touch: a plane, a sphere, a line, a point, and how far it is off.
+
+Each lies in a frame of its own: the plane is z = 0, the line the z axis, the sphere about the origin, the point there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+
+ALONG_A_LINE = 0.01
+"""Of the spread of touches along a line, that across it: less says nothing of how a plane turns about that line."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One kind of surface.
+
+    needs: touches that determine it. axes: of its frame, as indices of a twist, whose motion can be seen. gap: points
+    (N, 3) in its frame to (N, c), m, of a sphere to its centre. slope: its derivatives (N, c, 3). place: touches (N, 3)
+    in the root and the radius, nan where unknown, to its frame (4, 4) and radius.
+    """
+
+    needs: int
+    axes: tuple[int, ...]
+    gap: Callable[[Array], Array]
+    slope: Callable[[Array], Array]
+    place: Callable[[Array, float], tuple[Array, float]]
+
+
+def aligned(centre: Array, z: Array) -> Array:
+    """A frame (4, 4) at a point, with a direction as its z axis."""
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = np.column_stack([x, np.cross(z, x), z]), centre
+    return out
+
+
+def _place_plane(points: Array, radius: float) -> tuple[Array, float]:
+    centre = points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(points - centre, full_matrices=False)
+    if spread[1] < ALONG_A_LINE * spread[0]:
+        raise InputError("touched along a line; expected touches spread over the plane")
+    return aligned(centre, axes[2]), radius
+
+
+def _place_line(points: Array, radius: float) -> tuple[Array, float]:
+    centre = points.mean(axis=0)
+    return aligned(centre, np.linalg.svd(points - centre, full_matrices=False)[2][0]), radius
+
+
+def _place_sphere(points: Array, radius: float) -> tuple[Array, float]:
+    """|p|² = 2 p·c + (r² - |c|²), linear in c and the bracket; a known radius is left to the fit."""
+    middle = points.mean(axis=0)
+    p = points - middle
+    _, spread, _ = np.linalg.svd(p, full_matrices=False)
+    if spread[2] < ALONG_A_LINE * spread[0]:
+        raise InputError("touched along one circle; expected touches spread over the sphere")
+    found = np.linalg.lstsq(np.column_stack([2 * p, np.ones(len(p))]), np.sum(p**2, axis=1), rcond=None)[0]
+    frame = np.eye(4)
+    frame[:3, 3] = middle + found[:3]
+    size = float(np.sqrt(max(found[3] + found[:3] @ found[:3], 0.0)))
+    return frame, size if np.isnan(radius) else radius
+
+
+def _place_point(points: Array, radius: float) -> tuple[Array, float]:
+    frame = np.eye(4)
+    frame[:3, 3] = points.mean(axis=0)
+    return frame, radius
+
+
+def _off_sphere(points: Array) -> Array:
+    return np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def _away(points: Array) -> Array:
+    return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None, :]
+
+
+def _constant(rows: Array) -> Callable[[Array], Array]:
+    return lambda points: np.broadcast_to(rows, (len(points), *rows.shape))
+
+
+SURFACES = {
+    "on_plane": Surface(3, (2, 3, 4), lambda p: p[:, 2:].copy(), _constant(np.eye(3)[2:]), _place_plane),
+    "on_sphere": Surface(4, (0, 1, 2), _off_sphere, _away, _place_sphere),
+    "point": Surface(1, (0, 1, 2), lambda p: p.copy(), _constant(np.eye(3)), _place_point),
+    "on_line": Surface(2, (0, 1, 3, 4), lambda p: p[:, :2].copy(), _constant(np.eye(3)[:2]), _place_line),
+}
+"""By the column of the table that names what was touched, and the point that rows of one label share."""

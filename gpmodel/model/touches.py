@@ -1,0 +1,232 @@
+"""The tool point touched something whose place is unknown: surfaces, a shared point, the two ends of a bar.
+
+A body is what has one unknown pose S in the root frame; a feature is a surface F fixed to it. The gap g(y) of the tool
+point p in the feature's frame, y = (S F)⁻¹ p, is read as zero.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy import optimize
+from scipy.spatial.transform import Rotation
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.observation import AtTheTip, Own, Tips
+from gpmodel.model.own_pose import by_pose, frame_of, numbers_of, turned
+from gpmodel.model.surfaces import SURFACES, Surface, aligned
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A surface by its name in SURFACES, where it is in its body (4, 4), and its radius, m; nan where unknown."""
+
+    surface: str
+    label: str
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    radius: float = 0.0
+
+    @property
+    def shape(self) -> Surface:
+        """What it does."""
+        return SURFACES[self.surface]
+
+
+@dataclass(frozen=True, eq=False)
+class Artefact:
+    """What has one pose. name: of its unknowns. axes: of the twists of its own frame that anything shows."""
+
+    name: str
+    axes: tuple[int, ...]
+    features: tuple[Feature, ...]
+
+    @property
+    def sized(self) -> bool:
+        """Whether its radius is to be found."""
+        return bool(np.isnan(self.features[0].radius))
+
+    @property
+    def is_bar(self) -> bool:
+        """Whether it is two points a known distance apart."""
+        return len(self.features) == 2 and all(f.surface == "point" for f in self.features)
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the numbers of a step."""
+        return (*(AXES[axis] for axis in self.axes), *(("radius",) if self.sized else ()))
+
+
+@dataclass(frozen=True, eq=False)
+class Touches(AtTheTip):
+    """Zero gaps of the tool point, m. body, feature: (N,) what each row touched, -1 where nothing."""
+
+    name: str
+    bodies: tuple[Artefact, ...]
+    body: IntArray
+    feature: IntArray
+    unit: str = field(default="m", init=False)
+    metres: float = field(default=1.0, init=False)
+    absolute: bool = field(default=False, init=False)
+    oriented: bool = field(default=False, init=False)
+
+    @cached_property
+    def components(self) -> int:
+        """The most that one of its surfaces has."""
+        return max(f.shape.slope(np.ones((1, 3))).shape[1] for body in self.bodies for f in body.features)
+
+    @cached_property
+    def own(self) -> Mapping[str, tuple[str, ...]]:
+        """The pose of every body."""
+        return {body.name: body.unknowns for body in self.bodies}
+
+    @cached_property
+    def readings(self) -> Mask:
+        """Which components (N, m) were measured."""
+        out = np.zeros((len(self.body), self.components), dtype=bool)
+        for shape, rows in self._rows:
+            out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True
+        return out
+
+    @cached_property
+    def _rows(self) -> list[tuple[Surface, IntArray]]:
+        """The rows that touched each kind of surface."""
+        kinds = np.array(["" if b < 0 else self.bodies[b].features[f].surface for b, f in self._each])
+        return [(SURFACES[kind], np.flatnonzero(kinds == kind)) for kind in sorted({*kinds.tolist()} - {""})]
+
+    @property
+    def _each(self) -> list[tuple[int, int]]:
+        return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
+
+    def subset(self, rows: IntArray) -> "Touches":
+        body = self.body[rows]
+        there, code = np.unique(body[body >= 0], return_inverse=True)
+        body = body.copy()
+        body[body >= 0] = code
+        return Touches(self.name, tuple(self.bodies[i] for i in there), body, self.feature[rows])
+
+    def residual(self, tips: Tips, own: Own) -> Array:
+        out = np.full(self.readings.shape, np.nan)
+        seen = self._seen(tips, own)
+        for shape, rows in self._rows:
+            gap = shape.gap(seen.points[rows])
+            gap[:, 0] -= seen.radius[rows]
+            out[rows, : gap.shape[1]] = -gap
+        return out
+
+    def by_tip(self, tips: Tips, own: Own) -> Array:
+        seen = self._seen(tips, own)
+        turn = np.swapaxes(seen.frames[:, :3, :3], 1, 2) @ np.swapaxes(tips.turn, 1, 2)
+        along = self._slope(seen) @ turn
+        return np.concatenate([along, np.zeros_like(along)], axis=2)
+
+    def by_own(self, tips: Tips, own: Own) -> Array:
+        seen, column = self._seen(tips, own), 0
+        change = self._slope(seen) @ np.swapaxes(seen.within[:, :3, :3], 1, 2) @ by_pose(seen.in_body)
+        out = np.zeros((*self.readings.shape, sum(map(len, self.own.values()))))
+        for i, body in enumerate(self.bodies):
+            mine, count = self.body == i, len(body.axes)
+            out[mine, :, column : column + count] = change[mine][:, :, body.axes]
+            if body.sized:
+                out[mine, 0, column + count] = -1.0
+            column += len(body.unknowns)
+        return out
+
+    def moved(self, key: str, value: Array, step: Array) -> Array:
+        """The pose after a twist of its axes; the radius is added to."""
+        body = next(b for b in self.bodies if b.name == key)
+        twist = np.zeros(6)
+        twist[list(body.axes)] = step[: len(body.axes)]
+        return np.concatenate([turned(value, twist), value[6:] + step[len(body.axes) :]])
+
+    def start(self, tips: Tips) -> Own:
+        """Each body where its touches say: in closed form, or of several features by least squares from 24 turns."""
+        points = tips.root[:, :3, 3]
+        return {body.name: self._placed(i, body, points) for i, body in enumerate(self.bodies)}
+
+    def _placed(self, i: int, body: Artefact, points: Array) -> Array:
+        mine = self.body == i
+        if body.is_bar:
+            return _laid(body, self.feature[mine], points[mine])
+        if len(body.features) > 1:
+            return _fitted(body, self.feature[mine], points[mine])
+        only = body.features[0]
+        if (count := int(mine.sum())) < only.shape.needs:
+            raise InputError(f"{body.name}: {count} touches; its place needs at least {only.shape.needs}")
+        try:
+            frame, radius = only.shape.place(points[mine], only.radius)
+        except InputError as error:
+            raise InputError(f"{body.name}: {error.said}") from None
+        return np.concatenate([numbers_of(frame), [radius] if body.sized else []])
+
+    def _slope(self, seen: "_Gaps") -> Array:
+        out = np.zeros((*self.readings.shape, 3))
+        for shape, rows in self._rows:
+            slope = shape.slope(seen.points[rows])
+            out[rows, : slope.shape[1]] = slope
+        return out
+
+    def _seen(self, tips: Tips, own: Own) -> "_Gaps":
+        poses = np.array([frame_of(own[body.name]) for body in self.bodies])
+        sizes = [own[b.name][6] if b.sized else 0.0 for b in self.bodies]
+        flat = [f for body in self.bodies for f in body.features]
+        first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
+        at = np.where(self.body >= 0, first[self.body] + self.feature, 0)
+        within = np.array([f.frame for f in flat])[at]
+        radius = np.array([0.0 if np.isnan(f.radius) else f.radius for f in flat])[at] + np.array(sizes)[self.body]
+        pose = poses[self.body]
+        in_body = _into(pose, tips.root[:, :3, 3])
+        return _Gaps(pose @ within, within, in_body, _into(within, in_body), radius)
+
+
+@dataclass(frozen=True)
+class _Gaps:
+    """frames: (N, 4, 4) of the features in the root. within: in their bodies. in_body, points: (N, 3) the tool point in
+    the body and in the feature, m. radius: (N,), m."""
+
+    frames: Array
+    within: Array
+    in_body: Array
+    points: Array
+    radius: Array
+
+
+def _into(frames: Array, points: Array) -> Array:
+    return np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3])
+
+
+def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:
+    """The six numbers of a bar, its middle between the two touches."""
+    first, second = (points[feature == k].mean(axis=0) if (feature == k).any() else points[0] for k in (0, 1))
+    along, length = second - first, body.features[1].frame[2, 3]
+    along = along / np.linalg.norm(along) if np.any(along) else np.array([0.0, 0.0, 1.0])
+    return numbers_of(aligned(0.5 * (first + second) - 0.5 * length * along, along))
+
+
+def _fitted(body: Artefact, feature: IntArray, points: Array) -> Array:
+    """The six numbers of a body of which several features were touched: the best of fits from the 24 turns of a
+    cube."""
+    kinds = [(f, points[feature == k]) for k, f in enumerate(body.features) if (feature == k).any()]
+    middle = points.mean(axis=0)
+
+    def misfit(step: Array, about: Array) -> Array:
+        pose = frame_of(about) @ frame_of(step)
+        gaps = []
+        for f, touched in kinds:
+            frame = pose @ f.frame
+            gap = f.shape.gap((touched - frame[:3, 3]) @ frame[:3, :3])
+            gap[:, 0] -= f.radius
+            gaps.append(gap.ravel())
+        return np.concatenate(gaps)
+
+    inside = np.mean([f.frame[:3, 3] for f, _ in kinds], axis=0)
+    best = None
+    for turn in Rotation.create_group("O"):
+        about = np.concatenate([middle - turn.apply(inside), turn.as_rotvec()])
+        found = optimize.least_squares(misfit, np.zeros(6), args=(about,), max_nfev=40)
+        if best is None or found.cost < best[0]:
+            best = found.cost, numbers_of(frame_of(about) @ frame_of(found.x))
+    assert best is not None
+    return best[1]

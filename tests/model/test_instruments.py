@@ -1,0 +1,150 @@
+"""Instruments that read no points: their columns, what they calibrate, and what they refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from instrument_cases import ARM, OTHERS, ready, simulated, tool_error
+
+import gpmodel as gp
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.unseen import unseen
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import ErrorModel, measured_minus, observe
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.instruments import with_observations
+from gpmodel.table.dataset import Dataset
+
+STEP = 2e-6
+SIZELESS = ("planes", "spheres", "points")
+
+
+@pytest.mark.parametrize("instrument", OTHERS)
+def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
+    made = simulated(instrument, 18)
+    poses, saved = ready(made), made.truth.saved
+    effects = geometric_effects(saved.mechanism)
+    model, theta = ErrorModel(saved.mechanism, effects), np.array(saved.theta[: len(effects)])
+    there = observe(model, poses, theta, saved.placement)
+    placement = replace(saved.placement, anchors=there.own)
+    problem = linearise(model, poses, theta, placement, 1.0, np.ones(len(poses), dtype=bool))
+    scale = problem.weights[problem.weights > 0]
+    for k in range(problem.columns.shape[1]):
+        step, moved = np.zeros(problem.columns.shape[1]), []
+        for side in (1, -1):
+            step[k] = side * STEP
+            near = placement_after(poses, problem.observed, placement, step[: problem.placement])
+            seen = observe(model, poses, theta + step[problem.placement :], near)
+            moved.append(measured_minus(seen, poses.dataset)[problem.weights > 0] * scale)
+        numeric = (moved[1] - moved[0]) / (2 * STEP)
+        np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6 * max(np.abs(numeric).max(), 1e-3))
+
+
+@pytest.mark.parametrize("instrument", OTHERS)
+def test_it_calibrates_from_a_start_of_its_own(instrument: str) -> None:
+    made = simulated(instrument, 160)
+    poses = ready(made)
+    bare = calibrate(ErrorModel(made.truth.mechanism, ()), poses)
+    fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), poses)
+    assert fit.status == "converged"
+    if instrument != "inclinometer":
+        before, after = (np.sqrt(np.mean(tool_error(made, f) ** 2)) for f in (bare, fit))
+        assert after < (1.0 if instrument in SIZELESS else 0.25) * before
+        assert after < (1.0e-3 if instrument in SIZELESS else 0.15e-3)
+
+
+def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
+    made = simulated("points", 160)
+    fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
+    assert np.sqrt(np.mean(tool_error(made, fit) ** 2)) < 0.5e-3
+    said = " ".join(unseen(made.table.observations))
+    assert "same_point fit a machine that is larger" in said
+    assert "larger" not in " ".join(unseen(simulated("bar", 160).table.observations))
+
+
+def test_a_lens_that_nobody_knows_is_found_with_the_rest() -> None:
+    made = simulated("camera", 60)
+    known = made.table.described["cameras"]["camera"]["C"]
+    cameras = {"camera": {"C": {"link": known["link"]}}}
+    data = with_observations(made.table, made.truth.mechanism, {**made.table.described, "cameras": cameras})
+    fit = gp.calibrate(ARM, data).calibrated.final
+    lens = fit.placement.anchors["lens C"]
+    np.testing.assert_allclose(lens[:4], [*known["focal_px"], *known["centre_px"]], rtol=3e-3)
+    assert fit.status == "converged"
+
+
+def test_wrong_corners_are_found_by_row() -> None:
+    made = simulated("camera", 60)
+    rng = np.random.default_rng(3)
+    wrong = np.sort(rng.choice(len(made.table), len(made.table) // 20, replace=False))
+    u = made.table.readings["u"].copy()
+    u[wrong] += rng.choice([-1, 1], len(wrong)) * rng.uniform(4.0, 40.0, len(wrong))
+    data = replace(made.table, readings={**made.table.readings, "u": u})
+    data = with_observations(data, made.truth.mechanism)
+    fit = gp.calibrate(ARM, data).calibrated.final
+    assert set(wrong) <= set(fit.outliers.tolist())
+    assert len(fit.outliers) <= 1.2 * len(wrong)
+
+
+def test_a_probe_that_slipped_is_found_by_row() -> None:
+    made = simulated("planes", 160)
+    q = made.table.q.copy()
+    q[17, 1] += 2e-3
+    data = with_observations(replace(made.table, q=q), made.truth.mechanism)
+    assert 17 in gp.calibrate(ARM, data).calibrated.final.outliers
+
+
+def test_one_table_holds_several_kinds() -> None:
+    parts = []
+    for name in ("tracker", "planes", "points", "inclinometer"):
+        made = gp.simulate(ARM, poses=40, instrument=name, seed=3)
+        parts.append(made.to_dataframe().assign(tool=name))
+    result = gp.calibrate(ARM, pd.concat(parts, ignore_index=True))
+    shown = {r.name: r for r in result.record.readings}
+    assert set(shown) == {"position", "on_plane", "same_point", "inclination"}
+    assert shown["position"].after == pytest.approx(0.03, rel=0.4)
+    assert shown["inclination"].after == pytest.approx(0.002, rel=0.4)
+    assert "inclination" in result.summary()
+    assert result.record.unseen == ()
+
+
+def few_corners(data: Dataset) -> Dataset:
+    return data.subset(np.setdiff1d(np.arange(len(data)), np.arange(3, 20)))
+
+
+def unknown_camera(data: Dataset) -> Dataset:
+    names = data.label("camera").copy()
+    names[4] = "D"
+    return replace(data, labels={**data.labels, "camera": names})
+
+
+def lonely(data: Dataset) -> Dataset:
+    names = data.label("same_point").copy().astype("<U8")
+    names[5] = "alone"
+    return replace(data, labels={"same_point": names})
+
+
+@pytest.mark.parametrize(
+    ("instrument", "spoil", "said"),
+    [
+        ("camera", few_corners, "row 1: camera 'C' sees 3 corners in one pose; expected at least 4"),
+        ("camera", unknown_camera, "row 5: camera 'D' is unknown; expected C"),
+        ("points", lonely, "column 'same_point', row 6: 'alone' has one touch; expected at least 2"),
+        ("bar", lambda d: d.subset(np.arange(1, len(d))), "'B0' has 1 rows; expected two, the ends of one bar"),
+    ],
+)
+def test_what_it_refuses(instrument: str, spoil, said: str) -> None:  # type: ignore[no-untyped-def]
+    made = simulated(instrument, 60)
+    with pytest.raises(InputError, match=said):
+        with_observations(spoil(made.table), made.truth.mechanism)
+
+
+def test_a_plane_touched_along_a_line_is_refused() -> None:
+    made = simulated("planes", 60)
+    q = made.table.q.copy()
+    q[::3] = q[0] + np.linspace(0, 1e-3, len(q[::3]))[:, None] * np.eye(6)[0]
+    data = with_observations(replace(made.table, q=q), made.truth.mechanism)
+    with pytest.raises(InputError, match="on_plane A: touched along a line; expected touches spread over the plane"):
+        gp.calibrate(ARM, data)
