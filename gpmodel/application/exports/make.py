@@ -1,5 +1,6 @@
 """Everything a fitted model can be handed on as, each with its error against `predict`."""
 
+import re
 import shutil
 import subprocess
 import tempfile
@@ -17,7 +18,7 @@ from gpmodel.application.exports.forward import Forward, forward_of
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.rigid import Rigid, refitted
 from gpmodel.application.exports.sample import Place, fresh_poses
-from gpmodel.application.exports.sources import c_text, latex_text, numpy_text, to_the_digits
+from gpmodel.application.exports.sources import c_text, header_text, latex_text, numpy_text, to_the_digits
 from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
@@ -33,6 +34,8 @@ from gpmodel.table.write import table_text
 URDF, GRID = "calibrated.urdf", "exports/grid.csv"
 POSES = 300
 """Poses at which an export is held against `predict`: their RMS is known to 4 % (1 / √(2·300))."""
+PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
+"""What the test in a C file prints."""
 CASES = 20
 """Of these, written into the C file for the test of a compiler."""
 
@@ -76,6 +79,7 @@ def exports_of(
         "exports/dh_standard.toml": lambda file: _dh(file, "standard", rigid(), check()),
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
+        "exports/model.h": lambda file: _header(file, check()),
         "exports/model.tex": lambda file: _latex(file, check()),
         GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, rng), nodes),
     }
@@ -173,23 +177,31 @@ def _executed(text: str, check: Check) -> Array:
 def _c(file: str, check: Check) -> Export:
     cases = np.hstack([check.dataset.q, check.inputs, check.points])[:CASES]
     text = c_text(check.forward, _note(check.forward), cases)
-    what = f"the whole model as C99; its own test compares it at {CASES} poses"
-    return Export(file, what, text, largest=compiled_error(text), missing=check.forward.missing)
+    found = tested(text)
+    what = f"the whole model as C99, and its inverse; its own test compares it at {CASES} poses"
+    return Export(file, what, text, found["RMS"], found["largest"], missing=check.forward.missing)
 
 
-def compiled_error(text: str) -> float:
-    """Largest difference, m, that the test in a C file finds; NaN where there is no compiler, or it refuses."""
+def _header(file: str, check: Check) -> Export:
+    return Export(file, "declarations of model.c, for C and C++", header_text(check.forward, _note(check.forward)))
+
+
+def tested(text: str) -> dict[str, float]:
+    """What the test in a C file finds: `RMS` and `largest` difference, m, from the points in it, the largest `miss`, m,
+    after its inverse, its time `us`; NaN where there is no compiler, or it refuses."""
+    nothing = dict.fromkeys(("RMS", "largest", "miss", "us"), np.nan)
     compiler = shutil.which("cc")
     if compiler is None:
-        return float("nan")
+        return nothing
     with tempfile.TemporaryDirectory() as folder:
         source, program = Path(folder) / "model.c", Path(folder) / "model"
         source.write_text(text, encoding="utf-8")
-        options = ["-std=c99", "-DGPMODEL_TEST", str(source), "-lm", "-o", str(program)]
+        options = ["-std=c99", "-O2", "-DGPMODEL_TEST", str(source), "-lm", "-o", str(program)]
         done = subprocess.run([compiler, *options], capture_output=True, text=True, check=False)
         if done.returncode:
-            return float("nan")
-        return float(subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout)
+            return nothing
+        said = subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout
+    return {name: float(re.findall(pattern, said)[0]) for name, pattern in PRINTED.items()}
 
 
 def _grid(file: str, grid: Grid, nodes: int) -> Export:

@@ -7,8 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from gpmodel.application.compensate import MAX_MOVE
 from gpmodel.application.exports.forward import Forward, Line
 from gpmodel.application.exports.loads import Body
+from gpmodel.application.kinematics import LENGTH
 from gpmodel.application.usable import Clamped
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Expression
@@ -39,7 +41,10 @@ def numpy_text(forward: Forward, note: str) -> str:
 
 
 def c_text(forward: Forward, note: str, cases: Array) -> str:
-    """A C99 file with gpmodel_predict. cases: (K, joints + inputs + 3) of joint values, inputs and predicted points."""
+    """A C99 file with gpmodel_predict and gpmodel_compensate.
+
+    cases: (K, joints + inputs + 3) of joint values, inputs and predicted points, for its own test.
+    """
     joints, bodies = _joints(forward), _bodies(forward)
     lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
     lines += [f"const double s_{n} = inputs[{k}];" for k, n in enumerate(forward.inputs)]
@@ -52,10 +57,9 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
     lines += [f"(void)s_{n};" for n in (*joints, *forward.inputs)] + ["(void)weights;"]
     terms = [f"twists[{t.slot}][{t.axis}] += {_term(t, 'c99')};" for t in forward.lines]
     moves = _moves(forward)
-    return _filled("model.c.txt", {
-        "NOTE": note.replace("*/", "* /"), "N": len(joints), "M": len(forward.inputs), "S": len(moves),
-        "B": len(bodies), "JOINTS": ", ".join(joints),
-        "INPUTS": ", ".join(f"{n} [{unit}]" for n, unit in forward.inputs.items()),
+    return _filled("model.c.txt", _said(forward, note) | {
+        "N": len(joints), "M": len(forward.inputs), "S": len(moves), "B": len(bodies),
+        "ASKED": 6 if len(joints) >= 6 else 3, "LENGTH": LENGTH,
         "FIXED": _braces(forward.chain.fixed.tolist()), "AXES": _braces([axis for axis, _ in moves]),
         "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
         "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
@@ -63,6 +67,17 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
         "REGISTRATION": _braces(_registration(forward)), "TOOL": _braces(_tool(forward)),
         "CASES": _braces(cases.tolist()), "COLUMNS": _indented(lines), "TERMS": _indented(terms),
     })  # fmt: skip
+
+
+def header_text(forward: Forward, note: str) -> str:
+    """The declarations of `c_text`, for C and C++."""
+    return _filled("model.h.txt", _said(forward, note))
+
+
+def _said(forward: Forward, note: str) -> dict[str, object]:
+    inputs = ", ".join(f"{n} [{unit}]" for n, unit in forward.inputs.items())
+    joints = ", ".join(_joints(forward))
+    return {"NOTE": note.replace("*/", "* /"), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE}
 
 
 def latex_text(forward: Forward) -> str:
