@@ -11,6 +11,9 @@ from gpmodel.errors import InputError
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
 _QUANTITY = re.compile(r"^\s*(?P<value>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
 _NUMBER = re.compile(r"^\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*$")
+_PRINTED = str.maketrans("·−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "*--0123456789")
+_DEVIATION = re.compile(r"\s*±\s*[0-9.]+")
+_TIMES_TEN = re.compile(r"\s*×10(-?[0-9]+)")
 _SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
 
 
@@ -73,8 +76,15 @@ def factor(unit: str, dimension: str, where: str) -> float:
     raise InputError(f"'[{unit}]' is no unit of {dimension}; write {examples[dimension]}", where)
 
 
+def as_typed(text: str) -> str:
+    """A quantity as the pages print it, in the letters of a keyboard: `12.0 ± 0.3 ×10⁻⁶ 1/°C` as `12.0e-6 1/degC`."""
+    text = _TIMES_TEN.sub(lambda m: f"e{m[1]}", _DEVIATION.sub("", text).translate(_PRINTED))
+    return text.replace("°C", "degC").replace("°F", "degF").strip()
+
+
 def split_quantity(text: str) -> tuple[float, str] | None:
     """`0.03 mm` gives (0.03, "mm"); None where there is no number or no unit."""
+    text = as_typed(text)
     match = None if _NUMBER.match(text) else _QUANTITY.match(text)
     return (float(match["value"]), match["unit"]) if match else None
 
@@ -114,9 +124,9 @@ def convert(text: str, unit: str, where: str) -> float:
     """
     try:
         split = split_quantity(text)
-        value = split[0] if split else float(text)
+        value = split[0] if split else float(as_typed(text))
         if split:
-            spelled = [u.replace("Nm", "N*m") for u in (split[1], "" if unit == "1" else unit)]
+            spelled = [u.replace("Nm", "(N*m)") for u in (split[1], "" if unit == "1" else unit)]
             value = float(_registry().Quantity(value, spelled[0]).to(spelled[1]).magnitude)
     except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
         raise InputError(

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from gpmodel.errors import InputError
 from gpmodel.table.units import convert, factor, known_unit, parse_quantity, split_header
+from gpmodel.wording import measured
 
 FACTORS = [
     ("mm", "length", 1e-3), ("m", "length", 1.0), ("um", "length", 1e-6), ("µm", "length", 1e-6),
@@ -70,3 +71,18 @@ def test_value_in_the_units_of_an_effect(text: str, unit: str, expected: float) 
 def test_value_that_does_not_convert(text: str, unit: str) -> None:
     with pytest.raises(InputError, match=r"^here: "):
         convert(text, unit, "here")
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "unit"),
+    [
+        (4.043e-8, 7.1e-10, "rad/Nm"),
+        (-1.5e-3, 2e-5, "m"),
+        (1.2e-5, 3e-7, "1/degC"),
+        (1.371e-4, 6.4e-6, "rad*kg*m/Nm"),
+        (0.25, None, "1"),
+    ],
+)
+def test_what_a_page_prints_is_read_back(value: float, stderr: float | None, unit: str) -> None:
+    printed = str(measured(value, stderr, unit))
+    assert convert(printed, unit, "value") == pytest.approx(value, rel=1e-2)
