@@ -1,10 +1,7 @@
 """Exports: read back, each is the model or what it says it is off by."""
 
-import ctypes
 import io
 import re
-import shutil
-import subprocess
 import types
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +17,6 @@ from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
-from gpmodel.application.exports.forward import forward_of
 from gpmodel.application.exports.make import Exports, exports_of, tested
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips
@@ -28,7 +24,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES
-from gpmodel.mechanism.source import MechanismChoice, choice_of
+from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics import se3
@@ -135,41 +131,6 @@ def test_the_c_source_compiles_and_is_the_model(exports: Exports) -> None:
     assert [line for line in text.splitlines() if line.startswith("#include")] == [
         "#include <math.h>", "#include <stdio.h>", "#include <time.h>",
     ]  # fmt: skip
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_the_inverse_in_c_is_that_of_compensate(model: Model, exports: Exports, tmp_path: Path) -> None:
-    for name in ("model.c", "model.h"):
-        (tmp_path / name).write_text(next(e.text for e in exports.made if e.file == f"exports/{name}"))
-    library = tmp_path / "model.so"
-    done = subprocess.run(
-        ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", str(tmp_path / "model.c"), "-lm",
-         "-o", str(library)], capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    inverse = ctypes.CDLL(str(library)).gpmodel_compensate
-    q = fresh(model, 200)
-    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
-    expected = model.compensate(frame)
-    wanted = expected.filter(regex=r"^corrected_").to_numpy(dtype=float)
-    wanted = np.radians(wanted) if "[deg]" in "".join(expected.filter(regex="^corrected_").columns) else wanted
-    inputs = np.zeros(16)
-    forward = forward_of(model.saved, Place.of(model.saved))
-    for k, name in enumerate(forward.inputs):
-        inputs[k] = float(choice_of(model.mechanism).payload or 0.0) if name == "payload" else 0.0
-    double = ctypes.POINTER(ctypes.c_double)
-    found, same = np.empty_like(q), 0
-    for k, row in enumerate(q):
-        start, out = np.ascontiguousarray(row), np.empty(q.shape[1])
-        if inverse(start.ctypes.data_as(double), inputs.ctypes.data_as(double), out.ctypes.data_as(double)):
-            np.testing.assert_array_equal(out, start)
-            continue
-        found[k] = out
-        if expected["status"].iloc[k] == "ok":
-            same += 1
-            off = np.linalg.norm(points(model, out[None]) - points(model, wanted[k][None]))
-            assert off < 1e-6
-    assert same >= 0.95 * (expected["status"] == "ok").sum() > 100
 
 
 def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
