@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from gpmodel.api.model import Model, load_model
     from gpmodel.api.poses import choose_poses
     from gpmodel.api.regress import regress
+    from gpmodel.api.saved import compare, explain, export, load_result
     from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
     from gpmodel.api.verify import verify
@@ -67,12 +68,16 @@ _HOME = {
     "certificate": "api.certificate",
     "check": "api.check",
     "choose_poses": "api.poses",
+    "compare": "api.saved",
     "discover": "api.discover",
     "effect_at": "model.effect",
     "evolve": "api.evolve",
+    "explain": "api.saved",
+    "export": "api.saved",
     "fleet": "api.fleet",
     "load_mechanism": "api.mechanism",
     "load_model": "api.model",
+    "load_result": "api.saved",
     "read_table": "api.table",
     "regress": "api.regress",
     "simulate": "api.simulate",
@@ -102,12 +107,16 @@ __all__ = [
     "certificate",
     "check",
     "choose_poses",
+    "compare",
     "discover",
     "effect_at",
     "evolve",
+    "explain",
+    "export",
     "fleet",
     "load_mechanism",
     "load_model",
+    "load_result",
     "read_table",
     "regress",
     "simulate",

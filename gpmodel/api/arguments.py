@@ -46,10 +46,11 @@ def whole(value: object, argument: str, least: int = 0) -> int:
     return int(value)
 
 
-def share(value: object, argument: str) -> float:
-    """A share from 0 to below 1. Raises InputError naming the argument."""
-    if not isinstance(value, numbers.Real) or not 0.0 <= float(value) < 1.0:
-        raise InputError(f"{shown(value)}, expected a share from 0 to below 1, as in 0.3", argument)
+def share(value: object, argument: str, *, positive: bool = False) -> float:
+    """A share from 0 to below 1, above 0 where `positive`. Raises InputError naming the argument."""
+    wanted = "above 0 and below 1" if positive else "from 0 to below 1"
+    if not isinstance(value, numbers.Real) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
+        raise InputError(f"{shown(value)}, expected a share {wanted}, as in 0.3", argument)
     return float(value)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
-from gpmodel.api.display import notebook
+from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
@@ -20,6 +20,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.payload import find_lever, hang_payload
+from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.judge import refuse
 from gpmodel.errors import InputError
@@ -42,7 +43,7 @@ COMMAND = "gpmodel.calibrate"
 
 
 @dataclass(frozen=True, repr=False)
-class CalibrationResult:
+class CalibrationResult(FittedResult):
     """Registration, the standard model, then one effect after the other, and the last of them fitted to all poses.
 
     note: what the verdict says besides.
@@ -65,13 +66,14 @@ class CalibrationResult:
         return Model(saved_model(self.calibrated.final, poses, np.setdiff1d(np.arange(len(poses)), train)))
 
     @property
+    def fit(self) -> tuple[Calibration, Poses]:
+        """The fit to all poses, and these."""
+        return self.calibrated.final, self.calibrated.poses
+
+    @property
     def verdict(self) -> str:
         """One sentence: from registration to the last step."""
         return self.record.verdict
-
-    def ladder(self) -> pd.DataFrame:
-        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
-        return ladder(self.record)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
@@ -93,20 +95,6 @@ class CalibrationResult:
 
     def __repr__(self) -> str:
         return f"<calibration of {self.model.mechanism.name} on {self.record.data.file}: {self.verdict}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
-
-
-def ladder(record: Report) -> pd.DataFrame:
-    """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
-    rows = []
-    for rung in record.ladder:
-        row: dict[str, str | float | None] = {"step": record.title(rung)}
-        for side, errors in (("held-out", rung.heldout), ("training", rung.train)):
-            row |= {f"{side} {k} [mm]": getattr(errors, f"{k}_mm") for k in ("mean", "rms", "max")}
-        rows.append(row | {"unknowns": rung.rank})
-    return pd.DataFrame(rows)
 
 
 def calibrate(

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from gpmodel.api.arguments import file_path, shown
+from gpmodel.api.arguments import file_path
+from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
-from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.particulars import Particulars, read_particulars
-from gpmodel.report.saved import read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.verification import Verification, read_verification
 
@@ -57,12 +56,6 @@ def certificate(result: object, particulars: str | Path | Particulars | None = N
 def _record(result: object) -> Report | Verification:
     if isinstance(result, VerifyResult):
         return result.record
-    if isinstance(result, str | Path):
-        folder = file_path(result, "result")
-        return read_verification(folder) or read_report(folder)
-    record = getattr(result, "record", None)
-    if not isinstance(record, Report):
-        raise InputError(
-            f"{shown(result)}, expected a result of calibrate, discover or verify, or its folder", "result"
-        )
-    return record
+    if isinstance(result, str | Path) and (found := read_verification(file_path(result, "result"))):
+        return found
+    return record_of(result, "result")

@@ -11,12 +11,13 @@ import pandas as pd
 
 from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, quantity, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses
-from gpmodel.api.display import notebook
+from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import check_kept, saved_model
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery
@@ -28,12 +29,13 @@ from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, distinct, instances
+from gpmodel.model.error_model import Poses
 from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.schema_search import EffectRecord, HistogramRecord
 from gpmodel.report.text import summary
 from gpmodel.table.split import hold_out
 
@@ -41,7 +43,7 @@ COMMAND = "gpmodel.discover"
 
 
 @dataclass(frozen=True, repr=False)
-class DiscoveryResult:
+class DiscoveryResult(FittedResult):
     """What the model was missing. found: everything the loop did; record: the same as report.json has it."""
 
     found: Discovery
@@ -56,6 +58,22 @@ class DiscoveryResult:
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
         return Model(saved_model(self.found.final, self.found.poses, self.found.heldout))
+
+    @property
+    def fit(self) -> tuple[Calibration, Poses]:
+        """The fit to all poses, and these."""
+        return self.found.final, self.found.poses
+
+    @property
+    def histogram(self) -> pd.DataFrame:
+        """One row an input of the first round: how many programs refer to it, on shuffled residuals too, and whether
+        that is beyond chance; empty where none were evolved."""
+        found = self.record.histograms[0] if self.record.histograms else HistogramRecord()
+        rows = {
+            "input": found.inputs, **found.counts, "shuffled": found.shuffled, "p_value": found.p_values,
+            "significant": [name in found.significant for name in found.inputs],
+        }  # fmt: skip
+        return pd.DataFrame({name: pd.Series(list(values)) for name, values in rows.items()})
 
     @property
     def findings(self) -> tuple[EffectRecord, ...]:
@@ -93,9 +111,6 @@ class DiscoveryResult:
         names = "; ".join(f.name for f in self.findings) or "nothing"
         return f"<discovery on {self.found.poses.dataset.source}: added {names}>"
 
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
-
 
 def discover(
     mechanism: MechanismLike,
@@ -129,7 +144,7 @@ def discover(
     if not isinstance(criteria, Criteria | None):
         raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
     _sensible(search or Search(), criteria or Criteria())
-    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
+    fraction, seed = share(holdout, "holdout", positive=True), whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))

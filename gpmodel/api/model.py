@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import box_limits, file_path, number, whole
+from gpmodel.api.arguments import among, box_limits, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.table import TableLike, dataset_of, frame_to_extend
+from gpmodel.api.table import TableLike, dataset_of, frame_to_extend, with_numbers
 from gpmodel.api.verification import VerifyResult, verify_saved
-from gpmodel.application.compensate import compensated, targets_in
+from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
@@ -30,8 +30,11 @@ from gpmodel.wording import measured
 if TYPE_CHECKING:
     from gpmodel.api.exports import ExportsResult
 
+Point = Literal["tool", "frame"]
+POINTS: tuple[Point, ...] = ("tool", "frame")
 
-@dataclass(frozen=True, repr=False)
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Model:
     """A mechanism with everything a calibration or a discovery fitted. saved: the numbers."""
 
@@ -65,30 +68,37 @@ class Model:
         )
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
         used = usable(self.saved, session=session, as_measured=as_measured)
-        return beside(frame, predicted_columns(used, dataset))
+        kept = frame if isinstance(poses, pd.DataFrame) else with_numbers(frame)
+        return beside(kept, predicted_columns(used, dataset))
 
     def compensate(
         self,
         targets: TableLike,
         *,
         max_move: float = 2.0,
+        point: Point = "tool",
         session: bool = False,
         in_order: bool = False,
         seed: int = 0,
     ) -> pd.DataFrame:
         """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
         and what is left of it [mm] and [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
-        singular`, the position is reached and not all of the orientation; `outside the measured range`; and without
-        joint values `large move`, `joint limit`, `not reached`.
+        singular`, the position is reached and not all of the orientation; `outside the measured range`; `side of play
+        open`, a joint with play comes from another side than without correction; and without joint values `large move`,
+        `joint limit`, `not reached`.
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
-        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. session and
-        in_order: as in `predict`. seed: of the starts from which Cartesian targets are solved.
+        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. point: that is
+        to be at x, y, z, and whose correction and rest are said: "tool", the measured point (the reflector) at the tool
+        offset that the fit found, or "frame", the origin of the measured link (the flange). session and in_order: as in
+        `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
         degrees = number(max_move, "max_move", 0.0)
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
         saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
+        saved = of_frame(saved) if among(point, POINTS, "point") == "frame" else saved
+        frame = frame if isinstance(targets, pd.DataFrame) else with_numbers(frame)
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
     def export(
@@ -182,6 +192,13 @@ class Model:
         ]
         head = f"model of {self.mechanism.name}, {1e3 * self.saved.sigma:.4f} mm left in one coordinate"
         return "\n".join([head, aligned(kept)]) if kept else head
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same model by its content; one that has no text is equal to itself alone."""
+        return self is other or (isinstance(other, Model) and self.sha256 == other.sha256 != "")
+
+    def __hash__(self) -> int:
+        return hash(self.sha256) if self.sha256 else id(self)
 
     def __repr__(self) -> str:
         kept = int(np.count_nonzero(self.saved.theta))

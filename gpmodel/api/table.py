@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path, shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
@@ -21,6 +23,7 @@ from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
 TableLike = Dataset | pd.DataFrame | str | Path
+"""What a table is given as; poses to predict may also be an array (N, n) of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
 """What a TOML file says, or where it is."""
 
@@ -72,6 +75,8 @@ def dataset_of(
     argument: that errors name. Raises InputError as `read_table`, or where it was read for other joints.
     """
     payload = choice_of(mechanism).payload
+    if isinstance(source, np.ndarray) and not need_measurement:
+        source = _frame_of_array(source, mechanism, argument)
     if isinstance(source, Dataset):
         named = tuple(joint.name for joint in mechanism.joints)
         if source.joints != named:
@@ -110,8 +115,34 @@ def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> t
     if isinstance(source, Dataset):
         frame = frame_of(source, mechanism)
         return frame, frame, Path(source.source)
+    if isinstance(source, np.ndarray):
+        source = _frame_of_array(source, mechanism, argument)
     cells = cells_of(source, argument)
     return cells.given, cells.text, cells.path
+
+
+def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same with columns of numbers that were read as text as numbers; what holds any other text is as it is."""
+    out = frame.copy()
+    for name in out.columns[
+        out.dtypes.map(pd.api.types.is_object_dtype) | out.dtypes.map(pd.api.types.is_string_dtype)
+    ]:
+        values = pd.to_numeric(out[name], errors="coerce")
+        if values.notna().any() and values.notna().equals(out[name].notna()):
+            out[name] = values
+    return out
+
+
+def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.DataFrame:
+    """A data frame of joint values (N, n), rad and m. Raises InputError for another shape."""
+    joints = mechanism.joints
+    if values.ndim != 2 or values.shape[1] != len(joints) or values.dtype.kind not in "fiu":
+        said = " x ".join(map(str, values.shape))
+        raise InputError(
+            f"an array of {said}, expected numbers, one row a pose and {len(joints)} joint values", argument
+        )
+    units = ["rad" if joint.kind == "revolute" else "m" for joint in joints]
+    return pd.DataFrame(values, columns=[f"{j.name} [{u}]" for j, u in zip(joints, units, strict=True)])
 
 
 def _cell(value: object) -> str | None:

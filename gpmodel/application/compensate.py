@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
-from gpmodel.application.matching import matched, remembered
+from gpmodel.application.matching import matched, remembered, turned
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import check_finite, of_the_mechanism, outside
@@ -23,8 +23,9 @@ from gpmodel.table.write import joint_column
 
 OK, LARGE, SINGULAR = "ok", "large move", "near singular"
 LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
+SIDE = "side of play open"
 Words = NDArray[np.object_]
-GIVEN = (OK, SINGULAR, RANGE)
+GIVEN = (OK, SINGULAR, RANGE, SIDE)
 """Statuses of rows that have corrected values."""
 MAX_MOVE = float(np.radians(2.0))
 """Radians or metres that a joint may be moved by to compensate: an error of the model is far smaller."""
@@ -50,7 +51,7 @@ class TargetPoses:
 class Compensation:
     """Corrected joint values and what became of each target.
 
-    q: (N, n), rad and m, NaN where the status gives none. status: (N,) one of the six words. residual: (N,) m left at
+    q: (N, n), rad and m, NaN where the status gives none. status: (N,) one of the seven words. residual: (N,) m left at
     the tool point; turn: (N,) rad left of the orientation, NaN where it was not asked for. correction: (N,) m the real
     tool point would have missed by without it. sigma: (N,) m, standard deviation of the reached point in the root
     frame. outside: (N,) inputs beyond the ranges of the model.
@@ -90,10 +91,10 @@ def targets_in(
 def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
     """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
     row."""
-    found = compensate(saved, targets, max_move)
+    found, names = compensate(saved, targets, max_move), _table_names(saved, targets.dataset)
     corrected = (
-        joint_column(f"corrected_{joint.name}", joint.kind, values)
-        for joint, values in zip(saved.mechanism.joints, found.q.T, strict=True)
+        joint_column(f"corrected_{name}", joint.kind, values)
+        for name, joint, values in zip(names, saved.mechanism.joints, found.q.T, strict=True)
     )
     added = dict(corrected) | {
         "correction [mm]": 1e3 * found.correction,
@@ -102,6 +103,19 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
         "sigma [mm]": 1e3 * found.sigma,
     }
     return frame.assign(**added, outside=list(found.outside), status=list(found.status))
+
+
+def of_frame(saved: SavedModel) -> SavedModel:
+    """The model of the origin of the measured frame instead of the tool point."""
+    at_frame = dict.fromkeys(saved.placement.tool, np.eye(4))
+    return replace(saved, placement=replace(saved.placement, tool=at_frame))
+
+
+def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
+    """What the targets call the joints; where they name none, what the table of the fit does."""
+    own = saved.measured.dataset.columns if saved.measured is not None else ()
+    given = dataset.columns or dataset.joints
+    return own if own and given == dataset.joints else given
 
 
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
@@ -146,6 +160,8 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     beyond = outside(saved, poses.states)
     for k in np.flatnonzero((np.array(beyond, dtype=object) != "") & (status == OK)):
         status[k] = RANGE
+    for k in np.flatnonzero(turned(saved, dataset.q, q) & (status == OK)):
+        status[k] = SIDE
     without = tips(saved, dataset, nominal=False)[1].tip
     turns = se3.rotation_vector(targets.frames[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2))
     return Compensation(

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import states_of
+from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset, with_payload
 
 
@@ -55,3 +57,15 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
         extras={**dataset.extras, **{name: states[name] for name in inherited}},
         extra_units={**dataset.extra_units, **dict.fromkeys(inherited, "1")},
     )
+
+
+def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
+    """Targets (N,) that a joint whose last move the model reads comes to from another side than without correction."""
+    read = {source for effect in saved.model.effects for name in effect.inputs for source in read_by(name)}
+    out = np.zeros(len(nominal), dtype=bool)
+    for j, joint in enumerate(saved.mechanism.joints):
+        if joint.name in read:
+            before, after = (np.diff(values[:, j]) for values in (nominal, corrected))
+            sides = [np.where(np.abs(move) > SAME_JOINT, np.sign(move), 0.0) for move in (before, after)]
+            out[1:] |= sides[0] != sides[1]
+    return out

@@ -66,6 +66,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
     rotation, payload = record.rotation_rad, record.payload_kg
     dataset = Dataset(
         joints=tuple(joint.name for joint in joints),
+        kinds=tuple(joint.kind for joint in joints),
         q=_numbers(record.q).reshape(count, len(joints)),
         position=_numbers(record.position_m).reshape(count, 3),
         rotation=np.full((count, 3), np.nan) if rotation is None else _numbers(rotation).reshape(count, 3),

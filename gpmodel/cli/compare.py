@@ -4,11 +4,8 @@ from pathlib import Path
 
 import click
 
+from gpmodel.api.saved import compare as changes
 from gpmodel.cli.options import quiet_option
-from gpmodel.files import write_text
-from gpmodel.report.compare import compare as changes
-from gpmodel.report.compare import html, text
-from gpmodel.report.saved import read_report
 
 
 @click.command()
@@ -18,8 +15,8 @@ from gpmodel.report.saved import read_report
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
     """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
-    found = changes(read_report(before), read_report(after))
+    found = changes(before, after)
     if not quiet:
-        click.echo(text(found))
+        click.echo(found.summary())
     if folder is not None:
-        write_text(folder / "compare.html", html(found))
+        found.report(folder)

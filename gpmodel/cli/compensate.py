@@ -4,9 +4,12 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.model import load_model
+from gpmodel.api.model import Point, load_model
 from gpmodel.cli.console import session_note, write_frame
 from gpmodel.cli.options import Number, in_order_option, out_file_option, quiet_option, seed_option, session_option
+
+WHICH = {"tool": "point", "frame": "origin"}
+"""What of either is meant."""
 
 
 @click.command()
@@ -14,27 +17,41 @@ from gpmodel.cli.options import Number, in_order_option, out_file_option, quiet_
 @click.argument("targets", type=click.Path(path_type=Path))
 @click.option("--max-move", type=Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
               help="No joint is moved by more.")  # fmt: skip
+@click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
+              help="That x, y, z are of: the measured point, or the origin of the measured link (flange).")  # fmt: skip
 @session_option
 @in_order_option
 @seed_option
 @out_file_option
 @quiet_option
 def compensate(
-    model: Path, targets: Path, max_move: float, session: bool, in_order: bool, seed: int, out: Path | None, quiet: bool
+    model: Path,
+    targets: Path,
+    max_move: float,
+    point: Point,
+    session: bool,
+    in_order: bool,
+    seed: int,
+    out: Path | None,
+    quiet: bool,
 ) -> None:
     """Joint values that make the real mechanism reach nominal TARGETS, a status per row.
 
-    TARGETS: joint values, whose nominal tool pose is to be reached; or, without joint columns, the tool's x, y, z
+    TARGETS: joint values, whose nominal tool pose is to be reached; or, without joint columns, x, y, z of --point
     in the mechanism's root frame, with rx, ry, rz for its whole pose. MODEL: model.json of calibrate or discover.
     Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside
-    the measured range. Without: large move, joint limit, not reached.
+    the measured range; side of play open (a joint with play comes from another side than without correction). Without:
+    large move, joint limit, not reached.
     """
     fitted = load_model(model)
-    corrected = fitted.compensate(targets, max_move=max_move, session=session, in_order=in_order, seed=seed)
-    path = write_frame(corrected, out, "compensated.csv")
+    corrected = fitted.compensate(
+        targets, max_move=max_move, point=point, session=session, in_order=in_order, seed=seed
+    )  # fmt: skip
+    path = write_frame(corrected, out, "compensated.csv", targets)
     if not quiet and fitted.of_its_session:
         click.echo(session_note(fitted.of_its_session, session), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()
-        click.echo(f"{len(corrected)} targets in {path}: {counts}; corrections up to {largest:.4f} mm")
+        moved = f"corrections of the {point} {WHICH[point]} up to {largest:.4f} mm"
+        click.echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")

@@ -15,6 +15,7 @@ from gpmodel import wording
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
+from gpmodel.table.cells import read_frame
 from gpmodel.table.write import table_text
 
 PATIENCE = 10.0
@@ -28,8 +29,11 @@ def path_for(out: Path, default_name: str) -> Path:
     return out if out.suffix.lower() in (".csv", ".txt") and not out.is_dir() else out / default_name
 
 
-def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str) -> Path | None:
-    """Write a table to the file `out`, into the folder `out`, or to standard output; the path written."""
+def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
+    """Write a table to the file `out`, into the folder `out`, or to standard output; the path written. source: a file
+    whose columns it keeps, cell by cell as they were written there."""
+    if source is not None:
+        frame = frame.assign(**{str(name): cells for name, cells in read_frame(source)[0].items()})
     text = table_text(frame)
     if out is None:
         click.echo(text, nl=False)

@@ -4,12 +4,8 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.next_poses import tellable_rivals
+from gpmodel.api.saved import explain as finding
 from gpmodel.cli.options import quiet_option
-from gpmodel.files import write_text
-from gpmodel.report.explain import explain as finding
-from gpmodel.report.explain import html, text
-from gpmodel.report.saved import read_report
 
 
 @click.command()
@@ -20,10 +16,8 @@ from gpmodel.report.saved import read_report
 def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None:
     """Say finding N of the results in DIR in words: where it sits, how large it is at the tool, what would cause it,
     what to measure to be sure."""
-    record = read_report(result)
-    asked = 1 <= number <= len(record.effects) and record.effects[number - 1].close_rivals()
-    tellable = tellable_rivals(result) if asked else None
+    found = finding(result, number)
     if not quiet:
-        click.echo(text(finding(record, number, tellable)))
+        click.echo(found.summary())
     if folder is not None:
-        write_text(folder / f"finding_{number}.html", html(record, number, tellable))
+        found.report(folder)

@@ -31,7 +31,7 @@ def predict(
     fitted = load_model(model)
     how = {"as_measured": as_measured, "session": session, "in_order": in_order}
     predicted = fitted.predict(poses, **how)
-    path = write_frame(predicted, out, "predicted.csv")
+    path = write_frame(predicted, out, "predicted.csv", poses)
     if quiet:
         return
     if fitted.of_its_session:

@@ -76,14 +76,27 @@ def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, 
     out: dict[str, str] = {}
     for picture in pictures:
         with rc_context(STYLE | {"svg.hashsalt": picture.name}):
-            figure = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
-            picture.draw(figure)
-            out[picture.name] = inline(svg_of(figure), picture.name)
+            drawing = figure(picture)
+            out[picture.name] = inline(svg_of(drawing), picture.name)
             if folder is not None:
                 (folder / "figures").mkdir(parents=True, exist_ok=True)
                 path = folder / "figures" / f"{picture.name}.png"
-                FigureCanvasAgg(figure).print_png(path, metadata={"Software": None, "Description": picture.alt})
+                FigureCanvasAgg(drawing).print_png(path, metadata={"Software": None, "Description": picture.alt})
     return out
+
+
+def figure(picture: Picture) -> Figure:
+    """A picture drawn, in the style of the pages."""
+    with rc_context(STYLE):
+        out = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
+        picture.draw(out)
+    return out
+
+
+def in_a_page_of_its_own(picture: Picture) -> str:
+    """SVG that brings its colours with it, for a page that is not ours."""
+    colours = "; ".join(f"--{name}: {colour}" for colour, name in COLOURS.items())
+    return f'<div style="{colours}">{drawn([picture])[picture.name]}</div>'
 
 
 def svg_of(figure: Figure) -> str:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from gpmodel.wording import measured, shortened
+
 ROUNDING = 1e-9
 """Shares and correlations are quotients of sums; they may leave [-1, 1] by this much."""
 RIVAL_MARGIN = 0.1
@@ -120,6 +122,11 @@ class EffectRecord:
     workspace_max_mm: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
     constants: tuple[ConstantRecord, ...] = ()
+
+    def __repr__(self) -> str:
+        """One line."""
+        size = measured(self.value, self.stderr, self.unit)
+        return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
 
     def close_rivals(self) -> tuple[RivalRecord, ...]:
         """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""

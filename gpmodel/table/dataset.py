@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
@@ -44,6 +45,7 @@ class Dataset:
     columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
     ignored: columns of the file that hold text and are none of the labels. empty_rows: rows of it left out.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
+    kinds: of the joints, "revolute" where none are given.
     in_order: the rows are said to be in the order of measurement, so that a pose may depend on those before it.
     """
 
@@ -69,6 +71,7 @@ class Dataset:
     empty_rows: int = 0
     in_order: bool = False
     extra_names: Mapping[str, str] = field(default_factory=dict)
+    kinds: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):
@@ -78,6 +81,37 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def __getitem__(self, rows: slice) -> "Dataset":
+        """Some of the rows: `table[:10]`. Raises InputError for what is no slice."""
+        if not isinstance(rows, slice):
+            raise InputError(
+                f"table[{rows!r}], expected a slice, as in table[:10]; columns are those of to_dataframe()"
+            )
+        return self.subset(np.arange(len(self))[rows])
+
+    def __repr__(self) -> str:
+        """One line."""
+        names = ", ".join(self.columns or self.joints)
+        measured = int(np.isfinite(self.position).all(axis=1).sum())
+        return f"<table {self.source}: {len(self)} poses of {names}, {measured} with x, y, z>"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Numbers with units in the headers: row, joints [deg] or [mm], what was measured [mm] and [deg], payload,
+        labels and every further column under its own name."""
+        columns: dict[str, object] = {"row": self.row}
+        kinds = self.kinds or ("revolute",) * len(self.joints)
+        for name, kind, values in zip(self.columns or self.joints, kinds, self.q.T, strict=True):
+            unit, factor = ("deg", 180.0 / np.pi) if kind == "revolute" else ("mm", 1e3)
+            columns[f"{name} [{unit}]"] = factor * values
+        for name, values in self.extras.items():
+            columns[f"{self.extra_names.get(name, name)} [{self.extra_units[name]}]"] = values
+        columns |= {"payload [kg]": self.payload} if self.payload_given else {}
+        columns |= dict(self.labels)
+        columns |= {f"{a} [mm]": 1e3 * self.position[:, i] for i, a in enumerate("xyz")}
+        if self.has_rotation:
+            columns |= {f"r{a} [deg]": np.degrees(self.rotation[:, i]) for i, a in enumerate("xyz")}
+        return pd.DataFrame(columns | {f"{name} [mm]": 1e3 * values for name, values in self.distances.items()})
 
     @property
     def has_rotation(self) -> bool:

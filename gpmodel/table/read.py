@@ -57,6 +57,7 @@ def dataset_from(
     _check_near(path, cells)
     dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
+        kinds=tuple(j.kind for j in mechanism.joints),
         q=q,
         row=np.arange(1, n + 1),
         position=cells.position,

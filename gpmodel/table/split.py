@@ -18,7 +18,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     Raises InputError where all poses are one bundle, or `fraction` leaves none to train on or hardly any held out.
     """
     if not 0.0 < fraction < 1.0:
-        raise InputError(f"{fraction}, expected a share between 0 and 1, as in 0.3", "holdout")
+        raise InputError(f"{fraction}, expected a share above 0 and below 1, as in 0.3", "holdout")
     of_pose = bundles(dataset)
     order = rng.permutation(of_pose.max() + 1)
     sizes = np.bincount(of_pose)[order]

@@ -105,7 +105,7 @@ def test_the_public_names_are_those_a_user_writes() -> None:
     choices = {"choose_poses", "catalogue", "Search", "Criteria", "Linear", "Tree", "InputError", "Model", "Dataset"}
     choices |= {"Truncation", "Tournament"}
     own = {"fleet", "Effect", "Term", "Expression", "effect_at", "Candidate", "Family", "Mechanism", "Joint", "States"}
-    results = {"regress", "verify", "certificate"}
+    results = {"regress", "verify", "certificate", "compare", "explain", "export", "load_result"}
     assert set(gp.__all__) == ten_lines | choices | own | results
     assert gp.__version__
 
@@ -144,7 +144,7 @@ def test_calibrate_says_what_the_command_says(tmp_path: Path) -> None:
         "registration and tool", "standard model", "base_compliance",
     ]  # fmt: skip
 
-    assert "<pre>" in fit._repr_html_()
+    assert "<table" in fit._repr_html_()
     assert len(repr(fit).splitlines()) == 1
 
 

@@ -70,7 +70,7 @@ def test_the_seed_alone_decides() -> None:
 
 @pytest.mark.parametrize("fraction", [0.0, 1.0, -0.3, 30.0])
 def test_a_share_is_between_0_and_1(fraction: float) -> None:
-    with pytest.raises(InputError, match=r"holdout: .*expected a share between 0 and 1"):
+    with pytest.raises(InputError, match=r"holdout: .*expected a share above 0 and below 1"):
         hold_out(DATA, fraction, np.random.default_rng(0))
 
 

@@ -1,0 +1,201 @@
+"""Results read back from the folders that they were written to, and what is said of them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from gpmodel.api.arguments import file_path, shown, whole
+from gpmodel.api.display import figure_of, ladder_of, notebook_of
+from gpmodel.api.model import Model, load_model
+from gpmodel.api.results import write_results
+from gpmodel.errors import InputError
+from gpmodel.files import write_text
+from gpmodel.report.saved import read_report
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.text import summary
+
+if TYPE_CHECKING:
+    from gpmodel.api.exports import ExportsResult
+    from gpmodel.report.compare import Comparison
+    from gpmodel.report.explain import Explanation
+
+
+@dataclass(frozen=True, repr=False)
+class SavedResult:
+    """What calibrate or discover left in a folder. record: its report.json."""
+
+    folder: Path
+    record: Report
+
+    @cached_property
+    def model(self) -> Model:
+        """Its model.json. Raises InputError where there is none."""
+        return load_model(self.folder / "model.json")
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence."""
+        return self.record.verdict
+
+    @property
+    def findings(self) -> tuple[EffectRecord, ...]:
+        """The effects added, in the order they were found."""
+        return self.record.effects
+
+    def ladder(self) -> pd.DataFrame:
+        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
+        return ladder_of(self.record)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
+        columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
+        rows = (*self.record.parameters, *self.record.effects)
+        return pd.DataFrame([{c: getattr(row, c) for c in columns} for row in rows], columns=columns)
+
+    def summary(self) -> str:
+        """As it was printed."""
+        return summary(self.record)
+
+    def plot(self, name: str | None = None) -> object:
+        """As `CalibrationResult.plot`."""
+        return figure_of(self.record, name)
+
+    def report(self, folder: str | Path) -> None:
+        """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
+        write_results(self.record, folder)
+
+    def __repr__(self) -> str:
+        return f"<{self.record.kind} of {self.record.mechanism.name} in {self.folder}: {self.verdict}>"
+
+    def _repr_html_(self) -> str:
+        return notebook_of(self.record)
+
+
+def load_result(folder: str | Path) -> SavedResult:
+    """What `calibrate` or `discover` left in a folder. Raises InputError where there is nothing, or it is damaged."""
+    path = file_path(folder, "folder")
+    return SavedResult(path, read_report(path))
+
+
+@dataclass(frozen=True, repr=False)
+class CompareResult:
+    """What changed between two calibrations of a machine. found: quantity by quantity."""
+
+    found: "Comparison"
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence."""
+        from gpmodel.report import compare as compared
+
+        return compared.verdict(self.found)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a quantity of both: kind, name, before, after, change, stderr of the change, chance, unit, SI."""
+        kinds = {"effect": self.found.effects, "parameter": self.found.parameters, "placement": self.found.placement}
+        return pd.DataFrame(
+            [
+                {"kind": kind, "name": c.name, "before": c.before[0], "after": c.after[0], "change": c.difference,
+                 "stderr": c.stderr, "chance": c.chance, "unit": c.unit}
+                for kind, changes in kinds.items() for c in changes
+            ]
+        )  # fmt: skip
+
+    def summary(self) -> str:
+        """The comparison in 80 columns."""
+        from gpmodel.report import compare as compared
+
+        return compared.text(self.found)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave compare.html in `folder`. Raises InputError when it cannot be written."""
+        from gpmodel.report import compare as compared
+
+        write_text(file_path(folder, "folder") / "compare.html", compared.html(self.found))
+
+    def __repr__(self) -> str:
+        return f"<comparison: {self.verdict}>"
+
+
+def compare(before: object, after: object) -> CompareResult:
+    """What changed between two results of one machine: of calibrate, discover or load_result, or their folders.
+
+    Raises InputError where they are none, or of two machines.
+    """
+    from gpmodel.report import compare as compared
+
+    return CompareResult(compared.compare(record_of(before, "before"), record_of(after, "after")))
+
+
+@dataclass(frozen=True, repr=False)
+class ExplainResult:
+    """A finding in words. found: part by part."""
+
+    record: Report
+    found: "Explanation"
+    tellable: frozenset[str] | None
+
+    def summary(self) -> str:
+        """Where it sits, how large it is at the tool, what would cause it, what to measure to be sure."""
+        from gpmodel.report import explain as explained
+
+        return explained.text(self.found)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave finding_N.html in `folder`. Raises InputError when it cannot be written."""
+        from gpmodel.report import explain as explained
+
+        page = explained.html(self.record, self.found.number, self.tellable)
+        write_text(file_path(folder, "folder") / f"finding_{self.found.number}.html", page)
+
+    def __repr__(self) -> str:
+        return f"<finding {self.found.number}, {self.found.name}: {self.found.value}>"
+
+
+def explain(result: object, number: int) -> ExplainResult:
+    """Finding `number`, from 1, of a result or its folder, in words. Of a folder the advice is what next poses of its
+    model could tell. Raises InputError where it is no result, or has no such finding."""
+    from gpmodel.api.next_poses import tellable_rivals
+    from gpmodel.report import explain as explained
+
+    record, wanted = record_of(result, "result"), whole(number, "number", 1)
+    folder = result.folder if isinstance(result, SavedResult) else result
+    asked = wanted <= len(record.effects) and record.effects[wanted - 1].close_rivals()
+    told = tellable_rivals(Path(folder)) if asked and isinstance(folder, str | Path) else None
+    return ExplainResult(record, explained.explain(record, wanted, told), told)
+
+
+def export(
+    result: object, folder: str | Path | None = None, *, box: str | None = None, setup: str | None = None,
+    tool: str | None = None, seed: int = 0,
+) -> "ExportsResult":  # fmt: skip
+    """The model of a result in the forms that others read; written to `folder` where one is given.
+
+    result: a Model, a result with one, a folder of one, or a model.json. Everything else as of `Model.export`.
+    Raises InputError where it has no model.
+    """
+    if isinstance(result, str | Path):
+        path = file_path(result, "result")
+        model: object = load_model(path / "model.json" if path.is_dir() else path)
+    else:
+        model = result if isinstance(result, Model) else getattr(result, "model", None)
+    if not isinstance(model, Model):
+        raise InputError(f"{shown(result)}, expected a gpmodel.Model, a result of a fit, or its folder", "result")
+    made = model.export(box=box, setup=setup, tool=tool, seed=seed)
+    if folder is not None:
+        made.report(file_path(folder, "folder"))
+    return made
+
+
+def record_of(result: object, argument: str) -> Report:
+    """The report of a result or of its folder. Raises InputError naming the argument."""
+    if isinstance(result, str | Path):
+        return read_report(file_path(result, argument))
+    record = getattr(result, "record", None)
+    if not isinstance(record, Report):
+        raise InputError(f"{shown(result)}, expected a result of calibrate or discover, or its folder", argument)
+    return record
