@@ -8,9 +8,10 @@ from gpmodel.application.further import CONFIDENCE, POSES, further_poses
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
-from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.numerics.se3 import chain
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
@@ -105,6 +106,28 @@ def tool_displacements(
 
     whole = points(())
     return [np.asarray(np.linalg.norm(whole - points(group), axis=1)) for group in groups]
+
+
+def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
+    """RMS, mm, over the poses of what each group of effects moves the measured point by and nothing else in the model,
+    registration and tool included, takes up: the residual of its displacement projected on their columns.
+
+    None beside free joints, which take up more at every pose.
+    """
+    problem = problem_at(fit, poses)
+    if problem.left is not None:
+        return [None] * len(groups)
+    point = np.nonzero(problem.weights > 0)[1] < 3
+    columns = problem.columns[point]
+    held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+    theta = np.concatenate([np.zeros(problem.placement), fit.theta])
+    out: list[float | None] = []
+    for group in groups:
+        names = {e.name for e in group}
+        own = np.concatenate([np.zeros(problem.placement, dtype=bool), [e.name in names for e in fit.model.effects]])
+        left = remove(orthonormal(columns[:, held & ~own]), columns[:, own] @ theta[own])
+        out.append(float(1e3 * np.sqrt(np.sum(left**2) / len(poses))))
+    return out
 
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:

@@ -62,6 +62,7 @@ def _effect(ladder: Ladder, candidate: Candidate) -> EffectRecord:
         ),
         correlated_with=fitted.correlations(final, effects, names),
         tool_rms_mm=moved.rms_mm,
+        alone_rms_mm=fitted.moves_alone(final, ladder.poses, [effects])[0],
         tool_max_mm=moved.max_mm,
         workspace_rms_mm=anywhere.rms_mm,
         workspace_max_mm=anywhere.max_mm,

@@ -75,7 +75,11 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> tuple[EffectReco
     moved = fitted.tool_displacements(final, resolved(final, discovery.poses), groups)
     anywhere = over_the_workspace(final, discovery.poses, groups)
     sizes = zip(map(fitted.statistics_mm, moved), anywhere, strict=True)
-    return tuple(_effect(discovery, i, names, *size) for i, size in enumerate(sizes))
+    alone = fitted.moves_alone(final, discovery.poses, groups)
+    return tuple(
+        replace(_effect(discovery, i, names, *size), alone_rms_mm=own)
+        for i, (size, own) in enumerate(zip(sizes, alone, strict=True))
+    )
 
 
 def _effect(

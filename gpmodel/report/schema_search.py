@@ -85,7 +85,8 @@ class EffectRecord:
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
     rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` of what was
     `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
-    tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; workspace_*: at joint values
+    tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
+    nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
     anywhere within the limits. ranges: of its inputs, as trained. constants: inside its law.
     """
 
@@ -117,6 +118,7 @@ class EffectRecord:
     round: Count | None = None
     heldout_rms_mm: NotNegative | None = None
     tool_rms_mm: NotNegative | None = None
+    alone_rms_mm: NotNegative | None = None
     tool_max_mm: NotNegative | None = None
     workspace_rms_mm: NotNegative | None = None
     workspace_max_mm: NotNegative | None = None

@@ -66,7 +66,12 @@ def _effects(report: Report) -> Iterator[str]:
         yield _wrapped(said)
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
-        yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
+        doubt = words.rivalled(effect)
+        if said := words.rivals(effect) if doubt else "":
+            yield _wrapped(f"{number}  {effect.name}; {said}")
+            yield _wrapped(f"{value}{_relative(effect)}, {doubt}", 7)
+        else:
+            yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
         for basis, where in words.written(effect):
             yield _wrapped(f"{basis} at {where}", 7)
         if said := "; ".join(words.constants(effect)):
@@ -75,13 +80,13 @@ def _effects(report: Report) -> Iterator[str]:
             yield _wrapped("not identifiable with these poses, held at zero", 7)
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
-            f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS" if effect.tool_rms_mm is not None else "",
+            words.moves(effect),
             f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
             if effect.p_value is not None
             else "",
         ]
         yield _wrapped("; ".join(filter(None, facts)), 7)
-        if said := words.rivals(effect):
+        if not doubt and (said := words.rivals(effect)):
             yield _wrapped(said, 7)
 
 

@@ -51,6 +51,24 @@ def rivals(effect: EffectRecord) -> str:
     return f"could as well be, within {MARGIN} of its cross-validated error: {listed}"
 
 
+def moves(effect: EffectRecord) -> str:
+    """How far it moves the tool at the measured poses, and what of that nothing else takes up; empty where unknown."""
+    if effect.tool_rms_mm is None:
+        return ""
+    said = f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS"
+    if effect.alone_rms_mm is None:
+        return said
+    return f"{said}, {wording.length(effect.alone_rms_mm)} of it taken up by nothing else in the model"
+
+
+def rivalled(effect: EffectRecord) -> str:
+    """That the ± of an effect with close rivals holds only if it is none of them; empty where it has none."""
+    close = effect.close_rivals()
+    if not close:
+        return ""
+    return f"if it is none of its {len(close)} rivals" if len(close) > 1 else "if it is not its rival"
+
+
 def beforehand(report: Report, effect: EffectRecord) -> str:
     """Whether the histogram of referenced inputs pointed at a finding in its round; empty without one."""
     histogram = report.histogram_of(effect)

@@ -2,10 +2,14 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
+from effect_cases import measure
 from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.report.fitted import moves_alone
 from gpmodel.report.schema import ConfirmationRecord
 from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord
 from gpmodel.report.text import summary
@@ -56,6 +60,36 @@ def test_only_rivals_within_the_margin_are_offered() -> None:
     assert "far" not in said
     assert "no rival" in rivals(dataclasses.replace(effect, rivals=(far,)))
     assert rivals(dataclasses.replace(effect, rivals=None)) == ""
+
+
+def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
+    report = discovered()
+    (effect,) = report.effects
+    assert effect.cv_rms_mm is not None
+    doubted = dataclasses.replace(effect, rivals=(RivalRecord("a stranger", effect.cv_rms_mm),))
+    text = " ".join(summary(dataclasses.replace(report, effects=(doubted,))).split())
+    value = str(wording.measured(effect.value, effect.stderr, effect.unit))
+    assert text.index("a stranger") < text.index(value)
+    assert "if it is not its rival" in text[text.index(value) :]
+
+
+def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
+    """A constant along a joint that the geometry has as well moves the tool, and nothing of it is its own."""
+    report = calibrated()
+    (effect, *_) = report.effects
+    assert effect.alone_rms_mm is not None
+    assert effect.tool_rms_mm is not None
+    assert 0.0 < effect.alone_rms_mm <= effect.tool_rms_mm
+    assert "taken up by nothing else in the model" in " ".join(summary(report).split())
+    truth = measure("ur5", (), (), 1, count=40)
+    fit = calibrate(truth.model, truth.poses)
+    first = next(e for e, kept in zip(truth.model.effects, fit.kept, strict=True) if kept)
+    twin = dataclasses.replace(first, name="twin")
+    model = dataclasses.replace(truth.model, effects=(*truth.model.effects, twin))
+    kept = np.append(fit.kept, True)
+    both = dataclasses.replace(fit, model=model, theta=np.append(fit.theta, 1e-3), kept=kept)
+    (alone,) = moves_alone(both, truth.poses, [[twin]])
+    assert alone == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("passed", [True, False])
