@@ -55,6 +55,19 @@ found = gp.discover(arm, table, holdout=0.3, seed=0, search=search, criteria=str
 print(found.verdict)
 print([finding.name for finding in found.findings])
 
+# explain: a finding in words: place, size, cause, what to measure to be sure
+print(gp.explain(found, 1).summary())
+
+# compare: what changed between two results of one machine
+print(gp.compare(fit, found).verdict)
+
+# export: the model as URDF, DH rows, NumPy, C99, LaTeX and a grid, each with its error
+exports = gp.export(fit, "exports")
+
+# load_result: what calibrate or discover left in a folder
+fit.report("calibrated")
+print(gp.load_result("calibrated"))
+
 # simulate: a table with a known truth
 made = gp.simulate(arm, ["base_compliance=4e-8 rad/Nm"], poses=40, noise="0.03 mm", seed=1)
 made.save("made.csv")
