@@ -125,7 +125,7 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
     options, mechanism = request.options, request.choice.load()
     return look(
         mechanism,
-        read_table(request.table, mechanism, in_order=options["in_order"], **{k: options[k] for k in SIGHTS}),
+        read_table(request.table, mechanism, in_order=options["in_order"], **{k: options.get(k) for k in SIGHTS}),
         holdout=options["holdout"],
         seed=options["seed"],
         search=search_of(request, executor),
