@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.result import Discovery
@@ -29,14 +30,18 @@ from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, distinct, instances
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
 from gpmodel.model.geometric import standard_effects
+from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord
 from gpmodel.report.text import summary
+from gpmodel.table.bundles import bundles
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import hold_out
 
 COMMAND = "gpmodel.discover"
@@ -57,7 +62,8 @@ class DiscoveryResult(FittedResult):
     @property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        return Model(saved_model(self.found.final, self.found.poses, self.found.heldout))
+        unseen = None if self.found.folds else self.found.heldout
+        return Model(saved_model(self.found.final, self.found.poses, unseen))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
@@ -116,7 +122,8 @@ def discover(
     mechanism: MechanismLike,
     table: TableLike,
     *,
-    holdout: float = 0.3,
+    holdout: float | None = None,
+    folds: int | None = None,
     seed: int = 0,
     search: Search | None = None,
     criteria: Criteria | None = None,
@@ -131,7 +138,9 @@ def discover(
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
 
     mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that
-    choose nothing. search: how hard to look; criteria: when a candidate becomes a
+    choose nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts,
+    which says how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than
+    FEWEST_HELD poses. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
     cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats.
@@ -144,7 +153,7 @@ def discover(
     if not isinstance(criteria, Criteria | None):
         raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
     _sensible(search or Search(), criteria or Criteria())
-    fraction, seed = share(holdout, "holdout", positive=True), whole(seed, "seed")
+    seed = whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
@@ -155,17 +164,42 @@ def discover(
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     arm, poses = checked_poses(arm, table, geometry)
     with naming("candidates"):
-        for offer in offers:
-            for effect in chain.from_iterable(c.effects for c in instances(offer, arm, poses.states)):
-                check_kept(effect)
-                if not isinstance(offer, Family):
-                    check_defined(effect, arm, poses.states)
-    train, heldout = hold_out(poses.dataset, fraction, np.random.default_rng(seed))
-    found = run_loop(
-        arm, poses, train, heldout, search=search, criteria=criteria, candidates=offers, standard=geometry,
-        condition_limit=condition_limit, seed=seed, progress=progress, journal=journal,
-    )  # fmt: skip
+        _check_offers(offers, arm, poses.states)
+    run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=geometry,
+                  condition_limit=condition_limit, seed=seed)  # fmt: skip
+    whole_run = partial(run, search=search, progress=progress, journal=journal)
+    fraction, parts = _split(holdout, folds, poses.dataset)
+    if parts:
+        again = partial(run, search=replace(search or Search(), runs=0) if offers else search)
+        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), seed)
+    else:
+        found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(seed)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
+
+
+def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> None:
+    """Raises InputError for an effect that no model could keep, or that is not defined at a pose."""
+    for offer in offers:
+        for effect in chain.from_iterable(c.effects for c in instances(offer, arm, states)):
+            check_kept(effect)
+            if not isinstance(offer, Family):
+                check_defined(effect, arm, states)
+
+
+FEWEST_HELD, SHARE, FOLDS = 25, 0.3, 5
+"""Poses held out below which a paired test proves little; the usual share, and folds where it is too few."""
+
+
+def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
+    """The share to hold out, or the number of folds, 0 for none. Raises InputError where both are asked for."""
+    if folds is not None:
+        if holdout is not None:
+            raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
+        return 0.0, whole(folds, "folds", 2)
+    if holdout is not None:
+        return share(holdout, "holdout", positive=True), 0
+    units = int(bundles(dataset).max(initial=-1)) + 1
+    return SHARE, FOLDS if SHARE * len(dataset) < FEWEST_HELD and units >= FOLDS else 0
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}

@@ -15,7 +15,6 @@ from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.options import (
     SIGHTS,
     Number,
-    holdout_option,
     in_order_option,
     mechanism_options,
     quiet_option,
@@ -51,7 +50,10 @@ WATCHED = 0.5
 @click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
 @sights_options
-@holdout_option
+@click.option("--holdout", type=float, default=None, metavar="SHARE",
+              help="Share of the poses nothing is chosen on. [default: 0.3; under 84 poses --folds 5]")  # fmt: skip
+@click.option("--folds", type=click.IntRange(2), default=None, metavar="K",
+              help="All poses choose; errors from K choices, each without a part of them.")  # fmt: skip
 @in_order_option
 @click.option("--noise", default=None, metavar="LENGTH", help="Standard deviation of one coordinate, as in 0.03mm.")
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
@@ -127,6 +129,7 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
         mechanism,
         read_table(request.table, mechanism, in_order=options["in_order"], **{k: options.get(k) for k in SIGHTS}),
         holdout=options["holdout"],
+        folds=options["folds"],
         seed=options["seed"],
         search=search_of(request, executor),
         candidates=() if options["no_catalogue"] else catalogue,

@@ -56,18 +56,18 @@ def discover(
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
-    After it they decide one thing: whether what was found is shipped, or the standard model.
-    train, heldout: rows of `poses`. candidates: what may be missing, beside what GP evolves. standard: the effects of
-    the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
-    condition_limit: of the standard model, None for cross-validated. progress: called with one line on what is being
-    tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked the same it goes on
-    to the same numbers. Raises InputError where no held-out pose is of a set-up and tool trained on, and for two
-    different candidates of one name.
+    After it they decide one thing: whether what was found is shipped, or the standard model. train, heldout: rows
+    of `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard:
+    the effects of the standard model, None for the complete geometric set. known: effects enabled from the start
+    beside it. condition_limit: of the standard model, None for cross-validated. progress: called with one line on
+    what is being tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked
+    the same it goes on to the same numbers. Raises InputError where no held-out pose is of a set-up and tool
+    trained on, and for two different candidates of one name.
     """
     started = time.monotonic()
     search, journal = search or Search(), journal or NullJournal()
     say = Teller(progress)
-    poses, train, heldout = _drop_duplicate_rows(poses, train, heldout, say)
+    poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     given = len(poses)
     poses, train, heldout = _drop_unseen_setups(poses, train, heldout)
     offers = distinct(candidates)
@@ -87,12 +87,10 @@ def discover(
     calibration, stopped = _run_rounds(loop, standard_fit, calibration)
     loop.say("the ladder of held-out errors, and the final fit on all poses")
     _ladder(loop, base, standard_fit, calibration)
+    last = final_fit(loop, calibration) if loop.findings else FinalFit(loop.standard_to_all(), (), ())
     doubt = None
-    if loop.findings:
-        last = final_fit(loop, calibration)
+    if loop.findings and len(heldout):
         doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)
-    else:
-        last = FinalFit(loop.standard_to_all(), (), ())
     final = last.calibration if doubt is None or doubt.confirmed else loop.standard_to_all()
     return Discovery(
         mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), last, final,
@@ -123,7 +121,7 @@ def _run_rounds(loop: State, standard_fit: Calibration, calibration: Calibration
     return calibration, "no further effect is significant"
 
 
-def _drop_duplicate_rows(
+def drop_duplicate_rows(
     poses: Poses, train: IntArray, heldout: IntArray, say: Teller
 ) -> tuple[Poses, IntArray, IntArray]:
     """The poses without rows that copy another, which would count twice, and the rows again."""
@@ -142,9 +140,11 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntA
 
 def _drop_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray) -> tuple[Poses, IntArray, IntArray]:
     """The poses without the held-out ones of set-ups and tools that no training pose is of, and the rows again."""
+    if not len(heldout):
+        return poses, train, heldout
     data = poses.dataset
     known = heldout[known_rows(data.subset(train), data.subset(heldout))]
-    if len(heldout) and not len(known):
+    if not len(known):
         raise InputError(
             f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
             "of poses that lie within set-ups and tools, or another seed or share to hold out"

@@ -9,6 +9,7 @@ from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import States
+from gpmodel.table.units import is_time
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
 """What a column is a measure of, by its unit; other units are kinds of their own."""
@@ -22,15 +23,19 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
 
     Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
-    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly.
+    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly. The number
+    of the row stays out where a clock runs with it: another table has other rows, and the same clock.
     """
     names, values, written = [], [], {}
+    clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
     lengths = [column for name, column in states.columns.items() if states.units[name] == "m"]
     for name, column in states.columns.items():
         if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
             continue
         spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
         if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if name == "row" and any(_in_step(column, clock) for clock in clocks):
             continue
         if states.units[name] in ("Nm", "N") and any(in_proportion(column, length) for length in lengths):
             continue
@@ -48,6 +53,12 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
         written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
     kinds = tuple(kind_of(name, states) for name in names)
     return Inputs(tuple(names), np.array(values), kinds), written
+
+
+def _in_step(row: Array, clock: Array) -> bool:
+    """Whether a clock (N,) never falls along the rows (N,), and tells them apart."""
+    along = clock[np.argsort(row, kind="stable")]
+    return bool(np.all(np.diff(along) >= 0) and along[0] < along[-1])
 
 
 def in_proportion(first: Array, second: Array) -> bool:

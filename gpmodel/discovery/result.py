@@ -73,7 +73,7 @@ class Discovery:
 
     fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
     final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
-    poses without any discovery would have it.
+    poses without any discovery would have it. folds: of which every one was held out once, 0 for one part for good.
     """
 
     mechanism: Mechanism
@@ -89,6 +89,7 @@ class Discovery:
     standard_model: tuple[Effect, ...]
     seconds: float
     stopped: str
+    folds: int = 0
 
     @property
     def found(self) -> Calibration:

@@ -5,6 +5,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
@@ -97,5 +99,5 @@ class State:
 
     def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""
-        heldout = errors_on(calibration, self.poses.subset(self.heldout))
+        heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))

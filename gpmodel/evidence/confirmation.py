@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import independent_units
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.table.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -35,18 +37,24 @@ class Confirmation:
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
-    """Whether what was found predicts held-out poses better than the standard model.
+    """Whether what was found predicts held-out poses better than the standard model."""
+    return paired(errors_on(standard, heldout), errors_on(found, heldout), heldout.dataset, criteria)
+
+
+def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) -> Confirmation:
+    """Paired test of the 3-D errors (N,) of two models on poses that neither was chosen on; NaN: no error is known.
 
     Both models' errors are winsorised at median + 6 · 1.4826 MAD of the standard model's: one bad measurement neither
     proves nor disproves. A single unit of poses proves nothing: p is 1.
     """
-    errors = errors_on(standard, heldout), errors_on(found, heldout)
+    known = np.isfinite(before) & np.isfinite(after)
+    errors = before[known], after[known]
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)
     squared = [np.minimum(e, limit) ** 2 for e in errors]
-    unit = independent_units(heldout.dataset, criteria)
+    unit = np.unique(independent_units(dataset, criteria)[known], return_inverse=True)[1].reshape(-1)
     gain = np.bincount(unit, squared[0] - squared[1])
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
     t = float(gain.mean()) / spread if spread > 0 else 0.0
     p = float(stats.t.sf(t, len(gain) - 1)) if spread > 0 else 1.0
-    before, after = (float(np.sqrt(np.mean(e**2))) for e in errors)
-    return Confirmation(before, after, t, p, criteria.confirmation, len(gain))
+    rms = [float(np.sqrt(np.mean(e**2))) for e in errors]
+    return Confirmation(rms[0], rms[1], t, p, criteria.confirmation, len(gain))

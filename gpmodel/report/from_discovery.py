@@ -41,6 +41,8 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
     common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
+    if discovery.folds:
+        common = _by_folds(common, discovery)
     report = replace(
         common,
         effects=_effects(discovery, names),
@@ -53,6 +55,17 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
     return replace(report, verdict=verdict.of_discovery(report))
+
+
+def _by_folds(report: Report, discovery: Discovery) -> Report:
+    """The report of a choice on all poses, the errors of each from the choice without it."""
+    count, plots = len(discovery.poses), report.plots
+    errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
+    return replace(
+        report,
+        data=replace(report.data, heldout=count, folds=discovery.folds),
+        plots=replace(plots, heldout_mask=(True,) * count, error_mm=errors),
+    )
 
 
 def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:

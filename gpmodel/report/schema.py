@@ -65,14 +65,16 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class DataRecord:
-    """The measured table. outliers: rows of the file left out of the fit. ranges: of every joint, as measured. marks:
-    one a row, the same for the same joint values and readings in any table."""
+    """The measured table. folds: their number where every pose was held out once. outliers: rows of the file left out
+    of the fit. ranges: of every joint, as measured. marks: one a row, the same for the same joint values and readings
+    in any table."""
 
     file: str = ""
     sha256: str = ""
     poses: Count = 0
     train: Count = 0
     heldout: Count = 0
+    folds: Count = 0
     outliers: tuple[int, ...] = ()
     ranges: tuple[Range, ...] = ()
     marks: tuple[str, ...] = ()

@@ -48,8 +48,8 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     "discover": (
         lambda **a: gp.discover(**({"mechanism": ARM, "table": TABLE} | a)),
         {
-            "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY,
-            "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
+            "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY[1:], "folds": (*ANY[1:], 1),
+            "seed": ANY, "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
             "noise": NO_NUMBER, "progress": ANY,
         },
     ),
@@ -74,7 +74,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     "simulate": (
         lambda **a: gp.simulate(**({"mechanism": ARM} | a)),
         {
-            "mechanism": ANY, "effects": NO_TEXTS, "poses": NO_FILE, "noise": (NOTHING, *NO_NUMBER),
+            "mechanism": ANY, "effects": NO_TEXTS, "poses": NO_FILE, "noise": NO_NUMBER,
             "geometry_sigma": (NOTHING, *NO_NUMBER), "seed": ANY,
             "inputs": (TEXT, NUMBER, LIST, OBJECT, {"t [s]": None}, {"t [s]": "a:b"}, {7: "1:2"}, {"t [s]": "9:1:2"}),
         },

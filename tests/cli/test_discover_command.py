@@ -60,7 +60,7 @@ def done(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one finished run."""
     out = tmp_path_factory.mktemp("runs") / "out"
     with quick_search():
-        discover(measured, "--out", out, "--noise", "0.03mm")
+        discover(measured, "--out", out, "--noise", "0.03mm", "--holdout", "0.3")
     return out
 
 
@@ -116,7 +116,7 @@ def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
     with one_picture():
         result = run(
             "discover", measured, "--mechanism", "irb6400r", "--quiet", "--workers", 2, "--out", tmp_path / "two",
-            "--noise", "0.03mm", "--runs", 1,
+            "--noise", "0.03mm", "--holdout", 0.3, "--runs", 1,
         )  # fmt: skip
     assert result.exit_code == 0, result.output
     reports = [json.loads((p / "report.json").read_text()) for p in (done, tmp_path / "two")]

@@ -1,0 +1,74 @@
+"""Every pose held out once: its error is that of a choice without it, and all poses choose."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_cases import Truth, bare, measure, sized
+from loop_cases import ARM, CASES
+
+import gpmodel as gp
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
+from gpmodel.discovery.folds import discover_by_folds
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.model.error_model import ErrorModel
+from gpmodel.table.split import folds
+
+COUNT = 3
+ALONE = Search(runs=0, workers=1)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    gear = CASES["gear"].effects
+    data = bare(ARM, 48, 4, payload=False)
+    return measure(ARM, gear, sized(ARM, gear, data, 0.3), 4, dataset=data)
+
+
+def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(truth: Truth) -> None:
+    poses, seed = truth.poses, 3
+    run = partial(discover, truth.model.mechanism, search=ALONE, seed=seed)
+    found = discover_by_folds(run, run, poses, COUNT, Criteria(), seed)
+    assert found.folds == COUNT
+    assert len(found.train) == len(found.heldout) == len(poses)
+    assert [f.candidate.inputs for f in found.findings] == [("J4",)]
+    fold = folds(poses.dataset, COUNT, np.random.default_rng(seed))
+    standard = found.steps[1]
+    for k in range(COUNT):
+        seen, held = poses.subset(np.flatnonzero(fold != k)), np.flatnonzero(fold == k)
+        own = calibrate(ErrorModel(truth.model.mechanism, standard.calibration.model.effects), seen, seed=seed)
+        np.testing.assert_allclose(standard.heldout_error[held], errors_on(own, poses.subset(held)), rtol=1e-6)
+    last = found.steps[-1].heldout_error
+    assert np.isfinite(last).all()
+    assert np.mean(last**2) > np.mean(found.fitted.calibration.error**2)
+    assert found.confirmation is not None
+    assert found.confirmation.before == pytest.approx(np.sqrt(np.mean(standard.heldout_error**2)), rel=0.05)
+
+
+def test_more_folds_than_groups_are_refused(truth: Truth) -> None:
+    run = partial(discover, truth.model.mechanism, search=ALONE)
+    with pytest.raises(InputError, match="folds: 50, expected 2 to 48"):
+        discover_by_folds(run, run, truth.poses, 50, Criteria())
+
+
+def test_folds_and_a_share_exclude_each_other() -> None:
+    table = gp.simulate("irb6400r", poses=40, seed=1).table
+    with pytest.raises(InputError, match="folds: every pose is held out once; expected holdout or folds, not both"):
+        gp.discover("irb6400r", table, folds=4, holdout=0.3)
+
+
+def test_a_report_of_folds_says_so_and_holds_an_error_of_every_pose(tmp_path: Path) -> None:
+    table = gp.simulate("irb6400r", ["gear_harmonic J4=60 arcsec"], poses=40, seed=1).table
+    found = gp.discover("irb6400r", table, search=ALONE)
+    record = found.record
+    assert (record.data.folds, record.data.train, record.data.heldout) == (5, 40, 40)
+    assert all(rung.heldout.known and rung.train.known for rung in record.ladder)
+    found.report(tmp_path)
+    rows = (tmp_path / "poses.csv").read_text().splitlines()[1:]
+    assert sum(row.split(",")[1] == "held out" for row in rows) == 40
+    assert all(row.split(",")[4] for row in rows)
