@@ -172,3 +172,11 @@ def test_a_column_far_from_zero_is_read_from_its_middle() -> None:
     values = inputs.values[inputs.names.index("time")]
     assert abs(values.mean()) < 0.1
     assert values.std() == pytest.approx(1.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("clock", "kept"), [(np.linspace(0.0, 3600.0, 20), False), (np.tile([0.0, 60.0], 10), True)])
+def test_the_number_of_the_row_is_no_input_where_a_clock_runs_with_it(clock: np.ndarray, kept: bool) -> None:
+    states = states_of(mechanism("irb6400r"), bare("irb6400r", 20))
+    timed = replace(states, columns={**states.columns, "time": clock}, units={**states.units, "time": "s"})
+    assert ("row" in readable_inputs(timed, np.arange(20))[0].names) == kept
+    assert "row" in readable_inputs(states, np.arange(20))[0].names
