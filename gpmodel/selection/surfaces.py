@@ -59,7 +59,7 @@ class Waves:
         start = float(column.min()) - (reach - 1.0) * half
         spreads = np.exp(-((length * omega) ** 2) / 4.0)
         rates = np.array([float(f"{w / half:.6g}") for w in omega])
-        start = float(f"{start:.6g}")
+        start = float(f"{start:.12g}")  # clocks count from far away
         return Waves(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
 
     def text(self, k: int) -> str:
