@@ -69,6 +69,7 @@ def test_a_report_of_folds_says_so_and_holds_an_error_of_every_pose(tmp_path: Pa
     assert (record.data.folds, record.data.train, record.data.heldout) == (5, 40, 40)
     assert all(rung.heldout.known and rung.train.known for rung in record.ladder)
     found.report(tmp_path)
+    assert "40 poses, each held out once" in (tmp_path / "report.html").read_text()
     rows = (tmp_path / "poses.csv").read_text().splitlines()[1:]
     assert sum(row.split(",")[1] == "held out" for row in rows) == 40
     assert all(row.split(",")[4] for row in rows)
