@@ -6,7 +6,8 @@ LONGEST = 1000
 """Characters of a message; what it quotes may be a whole file."""
 QUOTED = 60
 """Characters of a text in quotes."""
-_QUOTED = re.compile(rf"'([^'/\\]{{{QUOTED}}})[^'/\\]+'")
+_QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
+"""A long one, without the quotes that end one short text and begin the next."""
 
 
 class GpModelError(Exception):

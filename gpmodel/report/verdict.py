@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 
@@ -109,9 +110,10 @@ def of_calibration(report: Report) -> str:
     what = wording.listed(["the standard model", *(e.name for e in report.effects)][: 1 + MOST_SIZED])
     if len(report.effects) > MOST_SIZED:
         what = f"the standard model and {_count(len(report.effects))} effects"
+    beside = f" and {last.step}" if last.step == PRIOR else ""
     change = wording.change(first.errors.rms_mm, last.errors.rms_mm)
     where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
-    return f"Calibrated with {what}: {change} on {where}."
+    return f"Calibrated with {what}{beside}: {change} on {where}."
 
 
 def of_evolution(report: Report) -> str:

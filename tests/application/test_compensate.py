@@ -14,7 +14,7 @@ from gpmodel.application.model_file import SavedModel, save_model, unfitted
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.numerics.se3 import chain, rotation_vector
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import frame_of
@@ -196,8 +196,8 @@ def test_a_model_that_remembers_needs_the_order_and_keeps_it_while_some_rows_are
     found = compensate(saved, joint_targets(saved, dataset))
     given = np.isin(found.status, ["ok", "near singular"])
     assert given.sum() > 25
-    states = prepare(mechanism, dataset).states
-    real = model.frames(Poses(dataset, mechanism.transforms(np.nan_to_num(found.q)), states), theta)[-1]
+    asked = prepare(mechanism, dataset)
+    real = model.frames(replace(asked, transforms=mechanism.transforms(np.nan_to_num(found.q))), theta)[-1]
     wanted = chain(mechanism.transforms(dataset.q))[-1]
     tool = made.placement.tool[""]
     reached = np.linalg.norm(((real - wanted) @ tool)[given, :3, 3], axis=1)

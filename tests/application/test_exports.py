@@ -15,9 +15,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
+from gpmodel.application.exports import make
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
-from gpmodel.application.exports.make import Exports, exports_of, tested
+from gpmodel.application.exports.make import Exports, exports_of
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
@@ -125,7 +126,7 @@ def test_the_latex_read_back_is_the_model_to_its_digits(model: Model, exports: E
 
 def test_the_c_source_compiles_and_is_the_model(exports: Exports) -> None:
     text = next(e.text for e in exports.made if e.file == "exports/model.c")
-    found = tested(text)
+    found = make.tested(text)
     assert np.isnan(found["RMS"]) or found["RMS"] <= found["largest"] < 1e-10
     assert np.isnan(found["miss"]) or found["miss"] < 1e-8
     assert [line for line in text.splitlines() if line.startswith("#include")] == [
@@ -226,7 +227,7 @@ def test_of_several_set_ups_and_tools_the_named_ones_are_exported_and_said(tmp_p
         module = types.ModuleType("exported")
         exec(text, module.__dict__)
         np.testing.assert_allclose(module.predict(q), wanted, atol=1e-11)
-        assert tested((tmp_path / "exports" / "model.c").read_text())["largest"] < 1e-10
+        assert make.tested((tmp_path / "exports" / "model.c").read_text())["largest"] < 1e-10
     assert "--tool" in one_line(run("export", tmp_path, "--tool", "hook"), 2)
 
 

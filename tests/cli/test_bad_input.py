@@ -178,7 +178,7 @@ MECHANISMS = {
         "<robot name='a'><link name='b'/><link name='c'><inertial><mass value='nan'/><inertia ixx='1' ixy='0' ixz='0' "
         "iyy='1' iyz='0' izz='1'/></inertial></link><joint name='j' type='continuous'><parent link='b'/><child "
         "link='c'/></joint></robot>",
-        "mass [nan]",
+        "a mass is 'nan', expected a finite number",
     ),
     "no TOML": ("bad.toml", "name = [", "bad.toml"),
     "TOML without joints": ("bad.toml", "name = 'a'", "bad.toml"),

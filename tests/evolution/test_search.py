@@ -148,15 +148,6 @@ def test_a_target_and_a_time_end_the_run() -> None:
     assert len(stopped.history["gain"]) == 1
 
 
-def test_progress_tells_of_every_generation() -> None:
-    inputs = joints(60)
-    problem = SlotProblem(inputs, regression(inputs["J1"] ** 2))
-    seen = []
-    evolve(problem, QUICK["linear"].with_budget(generations=5), np.random.default_rng(0), seen.append)
-    assert [state.generation for state in seen] == list(range(6))
-    assert all(state.distinct > 1 and state.evaluations_per_second > 0 for state in seen)
-
-
 def test_shuffled_problems_keep_the_inputs_and_lose_the_law() -> None:
     inputs = joints(60)
     problem = SlotProblem(inputs, regression(np.sin(inputs["J1"])))

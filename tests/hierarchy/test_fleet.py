@@ -95,7 +95,7 @@ def test_a_further_machine_with_few_poses_is_known_better(found: FleetResult) ->
     both = gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0)
     errors = [np.sqrt(np.mean(fit.model.misses(later) ** 2)) for fit in (alone, both)]
     assert errors[1] < 0.5 * errors[0]
-    assert "with the prior of the fleet" in both.verdict
+    assert "and the prior of the fleet" in both.verdict
     assert "do not determine the model" in both.verdict
     assert both.record.ladder[-1].step == "the prior of the fleet"
 
