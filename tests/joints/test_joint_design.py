@@ -50,4 +50,8 @@ def test_the_committed_results_are_the_computed_ones(results: dict) -> None:
             return computed == pytest.approx(committed, rel=1e-6, abs=1e-12)
         return committed == computed
 
-    assert close(json.loads((HERE / "results.json").read_text()), results)
+    committed = json.loads((HERE / "results.json").read_text())
+    made_by = {"versions"}  # what computed the committed ones, another version or processor as may be
+    assert close({k: v for k, v in committed.items() if k not in made_by}, {
+        k: v for k, v in results.items() if k not in made_by
+    })  # fmt: skip
