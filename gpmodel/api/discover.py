@@ -42,7 +42,7 @@ from gpmodel.report.schema_search import EffectRecord, HistogramRecord
 from gpmodel.report.text import summary
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import hold_out
+from gpmodel.table.split import USUAL, hold_out
 
 COMMAND = "gpmodel.discover"
 
@@ -140,7 +140,7 @@ def discover(
     mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that
     choose nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts,
     which says how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than
-    FEWEST_HELD poses. search: how hard to look; criteria: when a candidate becomes a
+    ENOUGH_HELD poses. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
     cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats.
@@ -186,8 +186,8 @@ def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> No
                 check_defined(effect, arm, states)
 
 
-FEWEST_HELD, SHARE, FOLDS = 25, 0.3, 5
-"""Poses held out below which a paired test proves little; the usual share, and folds where it is too few."""
+ENOUGH_HELD, FOLDS = 25, 5
+"""Poses held out below which a paired test proves little, and folds where the usual share is fewer."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
@@ -199,7 +199,7 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
     if holdout is not None:
         return share(holdout, "holdout", positive=True), 0
     units = int(bundles(dataset).max(initial=-1)) + 1
-    return SHARE, FOLDS if SHARE * len(dataset) < FEWEST_HELD and units >= FOLDS else 0
+    return USUAL, FOLDS if USUAL * len(dataset) < ENOUGH_HELD and units >= FOLDS else 0
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}

@@ -8,7 +8,7 @@ import click
 
 from gpmodel.cli.console import progress_line, what_next
 from gpmodel.cli.discover import discover_request, settings
-from gpmodel.cli.options import SIGHTS, quiet_option, seed_option, workers_option
+from gpmodel.cli.options import quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Threads
@@ -31,7 +31,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
     with as_file(files("gpmodel") / "data" / TABLE) as table, progress_line(quiet) as say:
         options = {
             "runs": Search().runs, "holdout": None, "folds": None, "noise": None, "condition_limit": None,
-            "no_catalogue": False, "in_order": False, "seed": seed, **dict.fromkeys(SIGHTS),
+            "no_catalogue": False, "in_order": False, "seed": seed,
         }  # fmt: skip
         request = Request("discover", table, MechanismChoice(MECHANISM), options, settings())
         found = discover_request(request, folder, say, Threads(workers or 0))

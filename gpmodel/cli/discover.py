@@ -1,5 +1,6 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -8,7 +9,7 @@ from typing import Any
 
 import click
 
-from gpmodel.api.discover import DiscoveryResult
+from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult
 from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line, what_next
@@ -35,9 +36,12 @@ from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.records.journal_files import JournalFiles
+from gpmodel.table.split import USUAL
 
 BATCH = 10
 """Rows after which a table that is followed is looked at again, where no number is given."""
+FEW = math.ceil(ENOUGH_HELD / USUAL)
+"""Poses below which every one is held out once."""
 WATCHED = 0.5
 """Minutes after which no new round begins for a batch of a table that is followed, where none are given."""
 
@@ -51,7 +55,7 @@ WATCHED = 0.5
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
 @sights_options
 @click.option("--holdout", type=float, default=None, metavar="SHARE",
-              help="Share of the poses nothing is chosen on. [default: 0.3; under 84 poses --folds 5]")  # fmt: skip
+              help=f"Share of poses that choose nothing. [default: {USUAL}; under {FEW}: --folds {FOLDS}]")  # fmt: skip
 @click.option("--folds", type=click.IntRange(2), default=None, metavar="K",
               help="All poses choose; errors from K choices, each without a part of them.")  # fmt: skip
 @in_order_option

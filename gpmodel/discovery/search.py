@@ -20,8 +20,7 @@ class Search:
     selection: who breeds and who lives on.
     population, generations: of one run. opening_population, opening_generations: at most so many in the first round
     where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
-    without them; as many as a law of one term takes (`evolution.laws.QUICK`). climb: how many of a run's best programs
-    are finished by single edits.
+    without them; a fraction of a second each. climb: how many of a run's best programs are finished by single edits.
     nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
     evolved_poses: poses that GP sees at most; scored_poses: poses that candidates are scored on at most (both sampled
     anew every round). stop_after: seconds after which no new round begins, None for no limit. max_effects: findings

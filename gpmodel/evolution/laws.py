@@ -82,14 +82,17 @@ def laws_at(
     )
     evolved = [_without_factor(law.program) for law in front if law.program.complexity <= LONGEST]
     started = [*_started(there), *evolved[-EVOLVED:]]
-    found = [*started, *(polish(program, there.targets, 0, columns)[0] for program in started)]
+
+    def with_fitted(programs: Sequence[Program]) -> list[Solution]:
+        fitted = (polish(program, there.targets, 0, columns)[0] for program in programs)
+        return [scored(program, there) for program in (*programs, *fitted)]
+
+    found = with_fitted(started)
     words = Vocabulary(there.inputs, operator_set("slot"))
-    best = sorted((scored(program, there) for program in found), key=lambda law: description_length(law, there))
+    best = sorted(found, key=lambda law: description_length(law, there))
     starts = [law.program for law in best[:CLIMBED]] + [pair for pair, _ in promising(there, words, CLIMBED)]
-    tops = [climbed(start, there, 0, words, 1) for start in starts]
-    found += [*tops, *(polish(program, there.targets, 0, columns)[0] for program in tops)]
-    laws = pareto([scored(program, there) for program in found])
-    return tuple(law for law in laws if 0 < law.complexity <= LONGEST and law.program.inputs)
+    found += with_fitted([climbed(start, there, 0, words, 1) for start in starts])
+    return tuple(law for law in pareto(found) if 0 < law.complexity <= LONGEST and law.program.inputs)
 
 
 def _without_factor(program: Program) -> Program:
@@ -116,12 +119,13 @@ def _started(problem: SlotProblem) -> Iterator[Program]:
     for products in (alone, pairs):
         values = np.array([np.prod([form.values for form in factors], axis=0) for factors in products])
         gains = gain_nats(problem.targets.gains(unit_rows(values))[:, 0])
-        shapes: Counter[tuple[int, ...]] = Counter()
+        taken: Counter[tuple[int, ...]] = Counter()
         for k in np.argsort(-gains, kind="stable").tolist():
-            shapes[tuple(form.kind for form in products[k])] += 1
-            if shapes[tuple(form.kind for form in products[k])] <= OF_ONE_SHAPE:
+            shape = tuple(form.kind for form in products[k])
+            if taken[shape] < OF_ONE_SHAPE:
+                taken[shape] += 1
                 yield parse("*".join(f"({form.text})" for form in products[k]))
-            if sum(min(count, OF_ONE_SHAPE) for count in shapes.values()) >= STARTED:
+            if taken.total() == STARTED:
                 break
 
 

@@ -72,7 +72,7 @@ class Offering:
     combs: Sequence[Comb] = ()
 
 
-def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *, blocks: bool = True) -> list[Group]:
+def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes) -> list[Group]:
     """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks.
 
     Terms that were evolved together are offered one by one where one of them has a name by itself.
@@ -80,7 +80,7 @@ def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes, *
     found = _distinct(group for builder in builders for group in builder(mechanism, shapes) if group is not None)
     named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
     groups = _distinct(g for whole in found for g in _apart(whole, named))
-    return groups + (shared_kinds(mechanism, groups) if blocks else [])
+    return groups + shared_kinds(mechanism, groups)
 
 
 def _distinct(groups: Iterable[Group]) -> list[Group]:

@@ -89,9 +89,9 @@ def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() ->
         yield from_candidate(ratio, shapes)
 
     evolved = of_evolved([hinge(20.0)], lambda nodes: 2.0 * nodes)
-    together = offered([evolved], arm, shapes, blocks=False)
+    together = offered([evolved], arm, shapes)
     assert [(g.name, g.cost, g.parts) for g in together] == [(hinge(20.0).name, 20.0, ())]
-    apart = offered([catalogue, evolved], arm, shapes, blocks=False)
+    apart = offered([catalogue, evolved], arm, shapes)
     assert [(g.name, g.cost) for g in apart] == [("gear ratio, J3", 4.0), ("max(J3, 0.5) on J3.moving Ry", 6.0)]
 
 
