@@ -24,9 +24,10 @@ LONGEST_CHAIN = 64
 def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) -> SerialChain:
     """The chain of a URDF file from its root link to `frame`, a link (default: `default_frame`).
 
-    Revolute, continuous and prismatic joints on the chain are its joints, except mimic joints, which follow theirs; all
-    joints off the chain stay at neutral, and what hangs there weighs on the chain. A joint whose axis is no coordinate
-    axis has the frames of its slots turned so that it is z.
+    It is called `name`, else as its <robot> is, else as the file. Revolute, continuous and prismatic joints on the
+    chain are its joints, except mimic joints, which follow theirs; all joints off the chain stay at neutral, and what
+    hangs there weighs on the chain. A joint whose axis is no coordinate axis has the frames of its slots turned so that
+    it is z.
 
     Raises InputError where the file cannot be read as URDF, `frame` is no link beyond a moving joint, or a joint of the
     chain is floating or planar.
@@ -48,7 +49,7 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
         raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
     if len(chain) > LONGEST_CHAIN:
         raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
-    return _chain(tree, chain, name or path.stem, frame, path)
+    return _chain(tree, chain, name or tree.name or path.stem, frame, path)
 
 
 def default_frame(tree: UrdfTree) -> str:

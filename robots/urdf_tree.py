@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,9 @@ from robots.urdf_file import parse_xml
 MOVING = ("revolute", "continuous", "prismatic")
 """Joints of one coordinate."""
 KINDS = (*MOVING, "fixed", "floating", "planar")
+
+LONGEST_TITLE = 60
+"""Characters."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,10 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """Links and joints of a file, a tree. masses: link -> its mass, kg, and centre of mass (3,) in its frame, m."""
+    """Links and joints of a file, a tree. name: of the robot, empty where it has none. masses: link -> its mass, kg,
+    and centre of mass (3,) in its frame, m."""
 
+    name: str
     root: str
     masses: dict[str, tuple[float, Array]]
     joints: tuple[UrdfJoint, ...]
@@ -124,7 +130,7 @@ def read_tree(path: Path) -> UrdfTree:
                 )
         if twice or len(roots) != 1:
             raise ValueError(f"links are no tree: {twice[0] if twice else roots} of them with {len(roots)} roots")
-        tree = UrdfTree(roots[0], masses, joints)
+        tree = UrdfTree(_title(robot.get("name", "")), roots[0], masses, joints)
         if len(tree.frames) < len(masses):
             raise ValueError("joints form a loop")
     except (ValueError, RecursionError) as error:
@@ -146,6 +152,11 @@ def _name(element: ET.Element) -> str:
     if not (name := element.get("name", "")):
         raise ValueError(f"a <{element.tag}> has no name")
     return name
+
+
+def _title(name: str) -> str:
+    """A name that titles a page; empty where it is longer, or holds what source and pages would have to escape."""
+    return name if re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", name) else ""
 
 
 def _mass(link: ET.Element) -> tuple[float, Array]:

@@ -22,20 +22,20 @@ from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import Rows, Searched, found_on_most
 from gpmodel.hierarchy.kept import KeptMachines, NoMachinesKept
+from gpmodel.hierarchy.parts import block_parts, shared_parts
 from gpmodel.hierarchy.record import (
     KIND,
     NAME,
-    NOISE,
     SCHEMA,
     BlockPart,
     FleetPart,
     MachinePart,
     Part,
-    SharedPart,
     check_serial,
     fleet_text,
     prior_parts,
 )
+from gpmodel.mechanism.identity import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -148,10 +148,11 @@ def fleet(
         if diverged := [fit.reason for fit in fits if fit.status == "diverged"]:
             raise InputError(f"{serial}: the fit diverged: {diverged[0]}")
     arm = arms[0][0]
+    x, y, z = tip_at_probe(arm).tolist()
     return FleetResult(
         FleetPart(
-            KIND, SCHEMA, __version__, command, seed, arm.name, tuple(j.name for j in arm.joints), chosen,
-            final.left_out, _machine_parts(machines, rows, judged, final), _shared_parts(final), _block_parts(final),
+            KIND, SCHEMA, __version__, command, seed, arm.name, (x, y, z), tuple(j.name for j in arm.joints), chosen,
+            final.left_out, _machine_parts(machines, rows, judged, final), shared_parts(final), block_parts(final),
             prior_parts(final.prior),
         )
     )  # fmt: skip
@@ -215,36 +216,4 @@ def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, fina
                 fleet_mm=statistics_mm(both).rms_mm,
             )
         )  # fmt: skip
-    return tuple(out)
-
-
-def _shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
-    """Every effect without a prior of its own that all machines' poses tell and, last, the noise."""
-    noise = Effect(NOISE, (), "1")
-    out = []
-    for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
-        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
-        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
-        fits = () if effect.constant else final.shrunken
-        at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
-        both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
-        out.append(
-            SharedPart(
-                name=effect.name, unit=effect.unit, constant=effect.constant and effect != noise,
-                mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
-                values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
-                shrunken=tuple(v for v, _ in both), shrunken_stderrs=tuple(e for _, e in both),
-                z=tuple(z.tolist()), chances=tuple(chances.tolist()), outliers=tuple(outside.tolist()),
-            )
-        )  # fmt: skip
-    return tuple(out)
-
-
-def _block_parts(final: Fleet) -> tuple[BlockPart, ...]:
-    """Every block of effects with priors of their own."""
-    out = []
-    for k, block in enumerate(final.blocks, len(final.shared)):
-        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
-        of = (tuple(a.tolist()) for a in (final.standing.z[:, k], final.standing.chance[:, k], outside))
-        out.append(BlockPart(block.name, prior_parts(block.effects), block.spread, block.low, block.high, *of))
     return tuple(out)

@@ -15,18 +15,15 @@ from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.identity import same_machine, tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
-from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import SEAL, seal
-
-TIP_TOLERANCE = 1e-7
-"""Metres by which the nominal tip may differ from the one that was saved: rounding of another machine or library."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,
             "joints": [j.name for j in mechanism.joints],
-            "tip_at_probe_m": _probe(mechanism),
+            "tip_at_probe_m": tip_at_probe(mechanism),
             "description": choice.description,
         },
         "effects": [
@@ -190,8 +187,8 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
             about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or ""
         ).load()
     )
-    near = np.allclose(_probe(mechanism), about.tip_at_probe_m, atol=TIP_TOLERANCE, rtol=0)
-    if tuple(j.name for j in mechanism.joints) != about.joints or not near:
+    known = same_machine(tip_at_probe(mechanism), about.tip_at_probe_m)
+    if tuple(j.name for j in mechanism.joints) != about.joints or not known:
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
     effects = tuple(
         Effect(
@@ -242,9 +239,3 @@ def _effect_content(effect: Effect, value: float, stderr: float) -> dict[str, ob
         "name": effect.name, "family": effect.family, "unit": effect.unit, "prior": effect.prior, "value": value,
         "stderr": stderr, "terms": terms,
     }  # fmt: skip
-
-
-def _probe(mechanism: Mechanism) -> Array:
-    """Tip (3,) at one oblique pose: a fingerprint of the nominal geometry."""
-    q = 0.1 * np.arange(1.0, len(mechanism.joints) + 1.0)[None]
-    return chain(mechanism.transforms(q))[-1][0, :3, 3]

@@ -18,6 +18,7 @@ from gpmodel.application.model_schema import (
     Finite,
     Label,
     Name,
+    Point,
     TermPart,
     Unit,
     Word,
@@ -25,12 +26,13 @@ from gpmodel.application.model_schema import (
 from gpmodel.errors import InputError
 from gpmodel.files import to_json
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.identity import same_machine, tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.texts import SEAL, seal
 
-KIND, SCHEMA, NAME = "gpmodel fleet", 1, "fleet.json"
+KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
 NOISE = "noise of one coordinate"
 """The last of the parameters: its values are logarithms of metres."""
 MOST_MACHINES = 10_000
@@ -128,6 +130,7 @@ class FleetPart(msgspec.Struct, frozen=True):
     command: str
     seed: int
     mechanism: Label
+    tip_at_probe_m: Point
     joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
     chosen: str
     left_out: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
@@ -186,13 +189,13 @@ FILE = Sealed(KIND, (SCHEMA,), FleetPart, "fleet", f"the {NAME} of gpmodel fleet
 def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
     """What is believed of a machine of the type before it is measured: effects with mean and prior, and the noise.
 
-    Raises InputError where the fleet is of another mechanism.
+    Raises InputError where the fleet's machines have other joints, or put their tips elsewhere.
     """
     joints = tuple(joint.name for joint in mechanism.joints)
-    if (fleet.mechanism, fleet.joints) != (mechanism.name, joints):
+    if fleet.joints != joints or not same_machine(fleet.tip_at_probe_m, tip_at_probe(mechanism)):
         raise InputError(
-            f"is of {fleet.mechanism} with joints {', '.join(fleet.joints)}; expected {mechanism.name} with "
-            f"{', '.join(joints)}", "fleet",
+            f"is of machines of another type, {fleet.mechanism} with joints {', '.join(fleet.joints)}; expected "
+            f"{mechanism.name} with {', '.join(joints)}", "fleet",
         )  # fmt: skip
     return ErrorModel(mechanism, tuple(part.effect for part in fleet.prior), noise=fleet.noise)
 

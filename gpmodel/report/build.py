@@ -17,9 +17,9 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
-from gpmodel.report.origin import Origin, data_record, floor_mm, names_of, versions
+from gpmodel.report.origin import Origin, data_record, floor_mm, mechanism_record, names_of, versions
 from gpmodel.report.quantity import translate
-from gpmodel.report.schema import Kind, MechanismRecord, MimicRecord, Report, StepRecord
+from gpmodel.report.schema import Kind, MimicRecord, Report, StepRecord
 from gpmodel.report.schema_poses import ReadingRecord
 
 
@@ -49,7 +49,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         versions=versions(),
         seed=origin.seed,
         data=data_record(poses, len(ladder.train), final),
-        mechanism=MechanismRecord(final.model.mechanism.name, tuple(names[j] for j in data.joints)),
+        mechanism=mechanism_record(final.model.mechanism, names),
         ladder=tuple(_step(step) for step in ladder.steps),
         parameters=fitted.parameters(final, names, frozenset(e.name for e in ladder.named)),
         placement=fitted.placement(final),

@@ -10,9 +10,11 @@ from scipy import stats
 
 from gpmodel import wording
 from gpmodel.errors import InputError
+from gpmodel.mechanism.identity import same_machine
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.report.page import render
-from gpmodel.report.schema import ParameterRecord, Report
+from gpmodel.report.quantity import table_names, translate
+from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
 
@@ -69,12 +71,13 @@ class Comparison:
 
 
 def compare(before: Report, after: Report) -> Comparison:
-    """Two reports of one mechanism. Raises InputError where the mechanisms differ."""
-    if (before.mechanism.name, len(before.mechanism.joints)) != (after.mechanism.name, len(after.mechanism.joints)):
+    """Two reports of one machine, its joints by their names in the second. Raises InputError where they are of two."""
+    if not _one_machine(before.mechanism, after.mechanism):
         raise InputError(
             f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
-            f"with {len(after.mechanism.joints)}; expected two calibrations of one machine"
+            f"with {len(after.mechanism.joints)} put their tips elsewhere; expected two calibrations of one machine"
         )
+    before = _named_as(before, after.mechanism.joints)
     old, new = ({e.name: e for e in r.effects} for r in (before, after))
     first, second = ({p.name: p for p in r.geometry() if p.stderr} for r in (before, after))
     shared = shared_rows(before, after)
@@ -90,6 +93,25 @@ def compare(before: Report, after: Report) -> Comparison:
         only_after=tuple(e for n, e in new.items() if n not in old),
         incomparable=tuple(sorted(set(first) ^ set(second))),
         shared=shared,
+    )
+
+
+def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
+    """Whether two records are of one machine, whatever it and its joints are called; by names where no tip is known."""
+    if len(one.joints) != len(other.joints):
+        return False
+    if one.tip_at_probe_m is None or other.tip_at_probe_m is None:
+        return one.name == other.name
+    return same_machine(one.tip_at_probe_m, other.tip_at_probe_m)
+
+
+def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
+    """The same with other names of the joints in those of its parameters and effects."""
+    names = table_names(report.mechanism.joints, joints)
+    return replace(
+        report,
+        parameters=tuple(replace(p, name=translate(p.name, names)) for p in report.parameters),
+        effects=tuple(replace(e, name=translate(e.name, names)) for e in report.effects),
     )
 
 

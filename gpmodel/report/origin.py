@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.calibration.result import Calibration
+from gpmodel.mechanism.identity import tip_at_probe
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
 from gpmodel.model.states import States
 from gpmodel.report.quantity import table_names
-from gpmodel.report.schema import DataRecord, NoiseSource
+from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_search import Range
 from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
@@ -44,6 +46,12 @@ def versions() -> dict[str, str]:
 def names_of(data: Dataset) -> Mapping[str, str]:
     """Names of joints, loads and extra columns in the table, by the mechanism's."""
     return {**table_names(data.joints, data.columns or data.joints), **data.extra_names}
+
+
+def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:
+    """The mechanism under the table's names of its joints."""
+    x, y, z = tip_at_probe(mechanism).tolist()
+    return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z))
 
 
 def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:

@@ -82,10 +82,12 @@ class DataRecord:
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism's name and its joints as the table calls them."""
+    """The mechanism's name, its joints as the table calls them, and where its tip is at one oblique pose, by which it
+    is recognised."""
 
     name: str = ""
     joints: tuple[str, ...] = ()
+    tip_at_probe_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
-from gpmodel.report.origin import names_of, versions
+from gpmodel.report.origin import mechanism_record, names_of, versions
 from gpmodel.report.quantity import translate
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_accuracy import Repeatability
@@ -135,12 +135,11 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
     errors = np.where(measured, session.errors, np.nan)
     missed = np.full(count, np.nan) if asked.missed is None else asked.missed
     promised, chances = found.found.by_pose
-    mechanism = session.saved.mechanism
     return Verification(
         command=asked.command,
         verdict=found.verdict,
         data=DataRecord(data.source, data.sha256, count, outliers=tuple(data.row[~session.use].tolist())),
-        mechanism=MechanismRecord(mechanism.name, tuple(names.get(j.name, j.name) for j in mechanism.joints)),
+        mechanism=mechanism_record(session.saved.mechanism, names),
         model_file=asked.model_file,
         model_sha256=asked.model_sha256,
         without=statistics_mm(found.alone[measured & session.use]),

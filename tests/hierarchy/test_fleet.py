@@ -1,6 +1,7 @@
 """Machines calibrated together: what was planted comes back, and what is believed helps a further machine."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,10 +125,15 @@ def test_the_file_is_read_back_and_refused_where_it_was_changed(found: FleetResu
 
 
 def test_the_fleet_of_another_mechanism_is_refused(found: FleetResult) -> None:
-    with pytest.raises(gp.InputError, match="fleet: is of irb6400r"):
+    with pytest.raises(gp.InputError, match="fleet: is of machines of another type, irb6400r"):
         prior_model(found.record, gp.load_mechanism("ur10"))
     with pytest.raises(gp.InputError, match="effects: a fleet says"):
         gp.calibrate(MECHANISM, machines(50, 1)["R-01"], [BASE], fleet=found.record)
+
+
+def test_a_machine_of_the_type_is_known_whatever_it_is_called(found: FleetResult) -> None:
+    renamed = replace(gp.load_mechanism(MECHANISM).bare, name="robot")
+    assert prior_model(found.record, renamed).effects
 
 
 def test_the_same_numbers_from_a_folder(found: FleetResult, tmp_path: Path) -> None:

@@ -132,6 +132,22 @@ def test_text_and_page_show_every_change_in_80_columns() -> None:
 
 def test_another_machine_is_refused() -> None:
     report = discovered()
-    other = dataclasses.replace(report, mechanism=MechanismRecord("ur5", report.mechanism.joints))
-    with pytest.raises(InputError, match="expected two calibrations of one machine"):
-        compare(report, other)
+    joints = report.mechanism.joints
+    for another in (MechanismRecord(report.mechanism.name, joints, (1.0, 2.0, 3.0)), MechanismRecord("ur5", joints)):
+        with pytest.raises(InputError, match="expected two calibrations of one machine"):
+            compare(report, dataclasses.replace(report, mechanism=another))
+
+
+def test_a_machine_is_known_by_its_geometry_and_its_joints_by_their_order() -> None:
+    """Of a file of another name and a table with other names of the joints nothing is missing or new."""
+    report = discovered()
+    joints = tuple(name.replace("J", "joint_") for name in report.mechanism.joints)
+    renamed = dataclasses.replace(
+        report,
+        mechanism=dataclasses.replace(report.mechanism, name="robot", joints=joints),
+        parameters=tuple(dataclasses.replace(p, name=p.name.replace("J", "joint_")) for p in report.parameters),
+        effects=tuple(dataclasses.replace(e, name=e.name.replace("J", "joint_")) for e in report.effects),
+    )
+    found = compare(report, renamed)
+    assert {c.name for c in found.effects} == {e.name for e in renamed.effects}
+    assert verdict(found) == "The same rows and the same numbers."

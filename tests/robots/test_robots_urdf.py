@@ -159,6 +159,15 @@ def test_limits_and_masses_that_no_machine_has(tmp_path: Path, content: str, com
     assert "bad.urdf" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("title", "called"), [("heavy 6", "heavy 6"), ("", "arm"), ("a&#10;b", "arm"), ("x" * 99, "arm")]
+)
+def test_an_arm_is_called_as_its_robot_is_where_that_titles_a_page(tmp_path: Path, title: str, called: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(JOINT.replace('name="r"', f'name="{title}"'))
+    assert read_urdf(path).name == called
+
+
 def test_missing_file_and_unknown_frame(tmp_path: Path, odd: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         read_urdf(tmp_path / "none.urdf")

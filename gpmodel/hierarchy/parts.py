@@ -1,0 +1,39 @@
+"""What fleet.json says of machines calibrated together, each of them among the others."""
+
+import numpy as np
+
+from gpmodel.hierarchy.fleet import Fleet
+from gpmodel.hierarchy.record import NOISE, BlockPart, SharedPart, prior_parts
+from gpmodel.model.effect import Effect
+
+
+def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
+    """Every effect without a prior of its own that all machines' poses tell and, last, the noise."""
+    noise = Effect(NOISE, (), "1")
+    out = []
+    for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
+        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
+        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        fits = () if effect.constant else final.shrunken
+        at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
+        both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
+        out.append(
+            SharedPart(
+                name=effect.name, unit=effect.unit, constant=effect.constant and effect != noise,
+                mean=of.mean, stderr=of.stderr, spread=of.spread, low=of.low, high=of.high,
+                values=tuple(final.values[:, k].tolist()), stderrs=tuple(final.stderr[:, k].tolist()),
+                shrunken=tuple(v for v, _ in both), shrunken_stderrs=tuple(e for _, e in both),
+                z=tuple(z.tolist()), chances=tuple(chances.tolist()), outliers=tuple(outside.tolist()),
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
+    """Every block of effects with priors of their own."""
+    out = []
+    for k, block in enumerate(final.blocks, len(final.shared)):
+        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        of = (tuple(a.tolist()) for a in (final.standing.z[:, k], final.standing.chance[:, k], outside))
+        out.append(BlockPart(block.name, prior_parts(block.effects), block.spread, block.low, block.high, *of))
+    return tuple(out)
