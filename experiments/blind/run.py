@@ -4,6 +4,7 @@ From the root of the repository: python -m experiments.blind.run --set open --fa
 Results are saved after every robot and a table a family beside them; started again, it leaves out the robots that FILE
 has with the same options, and where none is left it writes the tables afresh.
 Options it does not know, and all after `--`, go on to `gpmodel discover`; --oracle-only leaves the product out.
+--method gives the robots to another method, or several in turn to one FILE.jsonl, with a leaderboard beside it.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from itertools import product
 from pathlib import Path
 
 from experiments.blind.cases import CASES, FAMILIES
+from experiments.blind.entered import run
 from experiments.blind.grading import summarise
 from experiments.blind.product import Asked, Row, judge
 from experiments.blind.tables import save, saved
+from experiments.methods.plug import METHODS
 from gpmodel.executor import Processes, Threads
 
 
@@ -64,6 +67,7 @@ def parse() -> tuple[argparse.Namespace, Asked]:
         "--predict-in-order", default="", help="options of predict where the rows of the session matter"
     )
     parser.add_argument("--oracle-only", action="store_true", help="no product")
+    parser.add_argument("--method", help=f"{', '.join(METHODS)}, or package.module:function, in the product's place")
     parser.add_argument("--list", action="store_true", help="only the names of the cases")
     given = sys.argv[1:]
     cut = given.index("--") if "--" in given else len(given)
@@ -78,10 +82,14 @@ def main() -> None:
     if settings.list:
         print("\n".join(f"{n} {CASES[n].family} {'aside' if CASES[n].aside else 'open'}" for n in names))
         return
+    seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
+    robots = [(name, seed) for seed, name in product(seeds, names)]
+    if settings.method:
+        run(robots, settings.method, settings.work, settings.results)
+        return
     rows = saved(settings.results)
     done = {key for key, row in rows.items() if "failed" not in row and row.get("options") == asked.said()}
-    seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
-    jobs = [(name, seed) for seed, name in product(seeds, names) if (name, seed) not in done]
+    jobs = [robot for robot in robots if robot not in done]
     command = shlex.join(["python", "-m", "experiments.blind.run", *sys.argv[1:]])
     for row in judged(jobs, settings.work, settings.workers, asked):
         rows[row["case"], row["seed"]] = row

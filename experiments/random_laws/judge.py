@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,9 @@ from experiments.blind.description import urdf
 from experiments.blind.files import table
 from experiments.blind.oracle import rms_mm
 from experiments.blind.simulator import Array
+from experiments.methods.plug import Files, Method, asked, geometry, predicted
+from experiments.methods.rows import Row, explained
 from experiments.random_laws.findings import graded
-from experiments.random_laws.methods import Answer, Method, geometry, predicted
-from experiments.random_laws.results import Row, explained
 from experiments.random_laws.robot import Robot, make
 from experiments.random_laws.surface import surface
 from gpmodel.errors import GpModelError
@@ -24,7 +23,7 @@ from gpmodel.model.states import States
 from gpmodel.table.read import read_table
 
 
-def write(robot: Robot, folder: Path) -> tuple[Path, Path, Path]:
+def write(robot: Robot, folder: Path) -> Files:
     """table.csv, robot.urdf and poses.csv, which has no positions."""
     folder.mkdir(parents=True, exist_ok=True)
     machine = robot.machine
@@ -35,13 +34,13 @@ def write(robot: Robot, folder: Path) -> tuple[Path, Path, Path]:
     return files
 
 
-def oracle(robot: Robot, files: tuple[Path, Path, Path]) -> tuple[Answer, States]:
+def oracle(robot: Robot, files: Files) -> tuple[Array, States]:
     """Told the law and its place, its amount solved with the geometry; and the columns of the fresh poses."""
     law, place = robot.law, robot.place
     told = [gp.effect_at("told", place.slot, place.axis, law, family="told")] if law and place else []
     model = gp.calibrate(files[1], files[0], told, holdout=0.0).model
     poses = read_table(files[2], model.mechanism, need_measurement=False)
-    return Answer(predicted(model, files[2])), prepare(model.mechanism, poses).states
+    return predicted(model, files[2]), prepare(model.mechanism, poses).states
 
 
 def drawn(robot: Robot) -> Row:
@@ -57,28 +56,23 @@ def drawn(robot: Robot) -> Row:
 def judge(seed: int, factors: int, index: int, method: Method, folder: Path) -> Row:
     """Errors are 3-D rms in mm at the fresh poses against exact positions.
 
-    ratio: the method's over the oracle's; explained: (g^2 - m^2) / (g^2 - o^2) of geometry, method and oracle;
-    of_surface: the same with a Gaussian process that is told inputs and place in the oracle's stead.
+    of_surface: the share explained with a Gaussian process that is told inputs and place in the oracle's stead.
     """
     robot = make(seed, factors, index)
     shutil.rmtree(folder, ignore_errors=True)
     files = write(robot, folder)
     row: Row = {"seed": seed, "factors": factors, "index": index, **drawn(robot)}
-
-    def error(positions: Array) -> float:
-        return rms_mm(positions - robot.fresh.clean)
-
+    true = robot.fresh.clean
     try:
         told, states = oracle(robot, files)
-        row |= {"geometry_mm": error(geometry(*files).positions), "oracle_mm": error(told.positions)}
-        started = time.perf_counter()
-        answer = method(*files)
-    except (GpModelError, ValueError, np.linalg.LinAlgError) as failure:
+        bounds = rms_mm(geometry(*files) - true), rms_mm(told - true)
+    except (GpModelError, np.linalg.LinAlgError) as failure:
         return {**row, "failed": f"{type(failure).__name__}: {failure}"}
-    row |= {"seconds": round(time.perf_counter() - started, 1), "error_mm": error(answer.positions)}
-    row["ratio"] = row["error_mm"] / row["oracle_mm"]
-    if robot.law:
-        row["surface_mm"] = error(surface(robot))
-        for share, best in (("explained", "oracle_mm"), ("of_surface", "surface_mm")):
-            row[share] = explained(row["geometry_mm"], row["error_mm"], row[best])
-    return row if answer.findings is None else {**row, **graded(answer.findings, robot, states)}
+    scored, answer = asked(method, files, true, bounds)
+    row |= {"geometry_mm": bounds[0], "oracle_mm": bounds[1], **scored}
+    if answer is not None and robot.law:
+        row["surface_mm"] = rms_mm(surface(robot) - true)
+        row["of_surface"] = explained(bounds[0], row["error_mm"], row["surface_mm"])
+    if answer is None or answer.findings is None:
+        return row
+    return {**row, **graded(answer.findings, robot, states)}

@@ -2,8 +2,9 @@
 
 From the root of the repository:
 python -m experiments.random_laws.run --factors 1,2,0 --seeds 0 --robots 10 --results FILE.jsonl
-A line is added to FILE after every robot; the same command again goes on with what is left.  Odd seeds are aside: of
-their robots only counts are shown and saved, unless --show is given.
+A line is added to FILE after every robot and the leaderboard of all its methods written beside it; the same command
+again goes on with what is left.  Odd seeds are aside: of their robots only counts are shown and saved, unless --show is
+given.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import time
 from itertools import product
 from pathlib import Path
 
+from experiments.methods.leaderboard import leaderboard, write
+from experiments.methods.plug import METHODS, folder_name, method_named
+from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.judge import judge
-from experiments.random_laws.methods import METHODS, method_named
-from experiments.random_laws.results import Row, append, rounded, saved, tables
 from experiments.random_laws.robot import is_aside
 
 SHORT = (
@@ -34,7 +36,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
     parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
-    parser.add_argument("--results", type=Path, help="JSON lines; the counts go into the same name with .md")
+    parser.add_argument("--results", type=Path, help="JSON lines; the leaderboard goes into the same name with .md")
     parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "random_laws")
     parser.add_argument("--show", action="store_true", help="robots of odd seeds by name, too")
     return parser.parse_args()
@@ -48,6 +50,11 @@ def shown(row: Row, show: bool) -> Row:
     return {k: v for k, v in row.items() if k not in TELLING} | ({"found": hidden} if "found" in row else {})
 
 
+def group(row: Row) -> str:
+    """The board on which a robot counts."""
+    return ("No law", "Laws of one input", "Laws of two inputs")[row["factors"]]
+
+
 def main() -> None:
     settings = parse()
     method = method_named(settings.method)
@@ -58,17 +65,17 @@ def main() -> None:
     for index, seed, factor in product(indices, seeds, factors):
         if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
             continue
-        folder = settings.work / "_".join(
-            map(str, (settings.method.replace(":", ".").replace(" ", "-"), seed, factor, index))
-        )
+        folder = settings.work / "_".join(map(str, (folder_name(settings.method), seed, factor, index)))
         row = shown({"method": settings.method, **judge(seed, factor, index, method, folder)}, settings.show)
         rows[identity] = row
         if settings.show or not is_aside(seed):
             print(rounded({k: row[k] for k in SHORT if k in row}), flush=True)
         if settings.results:
             append(row, settings.results)
-            settings.results.with_suffix(".md").write_text(tables(rows.values()))
-    print(tables(rows.values()))
+            write(rows.values(), group, settings.results)
+    if settings.results and rows:
+        write(rows.values(), group, settings.results)
+    print(leaderboard(rows.values(), group))
 
 
 if __name__ == "__main__":

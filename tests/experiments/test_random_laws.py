@@ -8,17 +8,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from experiments.blind.arms import ARMS
-from experiments.blind.description import urdf
 from experiments.blind.oracle import fit, register, rms_mm
 from experiments.blind.robot import world_of
+from experiments.methods.plug import geometry
 from experiments.random_laws.findings import alike, graded
 from experiments.random_laws.judge import judge, oracle, write
 from experiments.random_laws.law import Law, Place, places
-from experiments.random_laws.leaderboard import board, read
-from experiments.random_laws.methods import geometry, method_named
-from experiments.random_laws.peers import denavit_hartenberg, of_the_rest
-from experiments.random_laws.results import append, saved, summary
 from experiments.random_laws.robot import INNOCENT, columns_of, make
 from experiments.random_laws.run import shown
 from experiments.random_laws.shapes import SHAPES, one_variable, two_variables
@@ -119,42 +114,6 @@ def test_on_an_innocent_robot_all_is_false_but_what_follows_a_tracker_that_walks
         assert "inputs_right" not in row
 
 
-def row(index, ratio, **more):
-    return {"method": "m", "seed": 0, "factors": 1, "index": index, "ratio": ratio, "seconds": 1.0, **more}
-
-
-def test_results_go_on_after_a_line_that_was_cut_short(tmp_path):
-    file = tmp_path / "rows.jsonl"
-    assert saved(file) == {}
-    for index in (0, 1):
-        append(row(index, 1.0 + index), file)
-    file.write_text(file.read_text() + '{"method": "m", "se')
-    assert [key[-1] for key in saved(file)] == [0, 1]
-    append(row(2, 1.0), file)
-    assert [key[-1] for key in saved(file)] == [0, 1, 2]
-
-
-def test_counts_over_robots():
-    counts = summary([row(0, 1.1, explained=0.99), row(1, 1.4, explained=0.97), row(2, 9.0, explained=0.2)])
-    assert (counts["within 1.25"], counts["within 1.5"], counts["explained to 95 %"]) == (1, 2, 2)
-    assert summary([{**row(0, 1.0), "failed": "no"}]) == {"robots": 1, "failed": 1}
-
-
-def test_the_leaderboard_has_the_robots_that_all_methods_have_done_and_who_is_told(tmp_path):
-    errors = {"geometry_mm": 1.0, "oracle_mm": 0.1, "surface_mm": 0.2}
-    for method, indices in (("one", (0, 1)), ("other", (1, 2))):
-        for index in indices:
-            append({**row(index, 3.0, explained=0.5, **errors), "method": method}, tmp_path / "rows.jsonl")
-    text = board(read([tmp_path / "rows.jsonl"]), 1)
-    assert "1 input, 1 robots" in text
-    lines = [line for line in text.splitlines() if line.startswith("| ")][1:]
-    assert [line.split(" | ")[0] for line in lines] == [
-        "| *told the law*", "| *told inputs and place*", "| one", "| other",
-    ]  # fmt: skip
-    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
-    assert board(read([tmp_path / "rows.jsonl"]), 2) == ""
-
-
 def test_a_robot_for_a_last_look_is_kept_without_what_tells_which_it_is():
     one = {"seed": 1, "law": "u", "inputs": [], "place": "", "arm": "", "kind": "", "ratio": 2.0}
     assert shown(one, False) == {"seed": 1, "ratio": 2.0}
@@ -162,16 +121,10 @@ def test_a_robot_for_a_last_look_is_kept_without_what_tells_which_it_is():
     assert shown({**one, "seed": 2}, False) == {**one, "seed": 2}
 
 
-def test_a_method_is_named_or_imported():
-    assert method_named("geometry") is method_named("experiments.random_laws.methods:geometry")
-    with pytest.raises(SystemExit, match="no method 'nothing'"):
-        method_named("nothing")
-
-
 def test_a_surface_told_inputs_and_place_is_near_the_oracle_of_a_smooth_law(tmp_path):
     robot = make(0, 1, 4)
     told, _ = oracle(robot, write(robot, tmp_path))
-    assert rms_mm(surface(robot) - robot.fresh.clean) < 1.3 * rms_mm(told.positions - robot.fresh.clean)
+    assert rms_mm(surface(robot) - robot.fresh.clean) < 1.3 * rms_mm(told - robot.fresh.clean)
 
 
 def test_the_gradient_of_the_marginal_likelihood_is_that_of_its_differences():
@@ -183,27 +136,3 @@ def test_the_gradient_of_the_marginal_likelihood_is_that_of_its_differences():
     at = np.array([np.log(3e-5), np.log(1e-3), -0.5, 0.2])
     for step, slope in zip(1e-5 * np.eye(4), problem.cost(at)[1], strict=True):
         assert (problem.cost(at + step)[0] - problem.cost(at - step)[0]) / 2e-5 == pytest.approx(slope, rel=1e-4)
-
-
-def test_rows_of_a_description_are_those_it_was_written_from(tmp_path):
-    for name in ("irb_like", "scara", "seven_tilted"):
-        arm = ARMS[name]
-        (tmp_path / name).write_text(urdf(arm))
-        rows, slides = denavit_hartenberg(tmp_path / name)
-        alpha, a, theta, d = rows.T
-        np.testing.assert_allclose(np.column_stack([a, d]), 1e3 * arm.rows[:, 1:3], atol=1e-6)
-        np.testing.assert_allclose(np.exp(1j * alpha), np.exp(1j * arm.rows[:, 0]), atol=1e-9)
-        np.testing.assert_allclose(np.exp(1j * theta), np.exp(1j * arm.rows[:, 3]), atol=1e-9)
-        assert {k + 1 for k, s in enumerate(slides) if s} == arm.prismatic
-
-
-def test_a_regression_is_of_what_the_standard_model_leaves(tmp_path):
-    files = write(make(0, 1, 4), tmp_path)
-
-    def constant(columns, response):
-        assert np.abs(columns).max() == pytest.approx(1.0)
-        assert abs(response.mean()) < response.std()
-        return lambda others: np.full(len(others), 2.0)
-
-    moved = of_the_rest(constant, *files).positions - geometry(*files).positions
-    np.testing.assert_allclose(moved, 2e-3, atol=1e-9)

@@ -11,7 +11,8 @@ from typing import Any
 Row = dict[str, Any]
 GOAL, LOOSE, EXPLAINED = 1.25, 1.5, 0.95
 SHORT_INPUTS, SHORT_NODES = 2, 9
-IDENTITY = ("method", "seed", "factors", "index")
+IDENTITY = ("method", "case", "seed", "factors", "index")
+"""What says which robot and which method, as far as a row has it."""
 
 
 def saved(file: Path | None) -> dict[tuple[Any, ...], Row]:
@@ -23,8 +24,8 @@ def saved(file: Path | None) -> dict[tuple[Any, ...], Row]:
 
 
 def key(row: Row) -> tuple[Any, ...]:
-    """Which robot and which method."""
-    return tuple(row[name] for name in IDENTITY)
+    """Which method, and which robot."""
+    return tuple(row[name] for name in IDENTITY if name in row)
 
 
 def append(row: Row, file: Path) -> None:
@@ -78,15 +79,3 @@ def summary(rows: Iterable[Row]) -> Row:
         out |= {name.replace("_", " "): sum(row[name] for row in done) for name in ("inputs_right", "place_right")}
         out["with needless inputs"] = sum(row["inputs_needless"] > 0 for row in done)
     return rounded(out)
-
-
-def tables(rows: Iterable[Row]) -> str:
-    """Markdown: a column a method and a number of factors, a line a count."""
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(f"{row['method']}, {row['factors']} factors", []).append(row)
-    counts = {name: summary(own) for name, own in sorted(groups.items())}
-    names = list(dict.fromkeys(name for count in counts.values() for name in count))
-    lines = [" | ".join(["", "", *counts, ""]).strip(), "|" + "---|" * (1 + len(counts))]
-    lines += [f"| {name} | " + " | ".join(str(c.get(name, "")) for c in counts.values()) + " |" for name in names]
-    return "\n".join([*lines, ""])

@@ -1,0 +1,140 @@
+"""The plug for any method: what it may give, how a row is scored, and the leaderboard of those that are entered."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from experiments.blind import entered
+from experiments.blind.arms import ARMS
+from experiments.blind.description import urdf
+from experiments.methods import plug
+from experiments.methods.geometries import denavit_hartenberg
+from experiments.methods.leaderboard import board, leaderboard
+from experiments.methods.plug import Answer, asked, geometry, method_named
+from experiments.methods.regressions import of_the_rest
+from experiments.methods.rows import append, saved, summary
+from experiments.random_laws.judge import write
+from experiments.random_laws.robot import make
+
+
+def row(index, ratio, **more):
+    return {"method": "m", "seed": 0, "factors": 1, "index": index, "ratio": ratio, "seconds": 1.0, **more}
+
+
+def test_results_go_on_after_a_line_that_was_cut_short(tmp_path):
+    file = tmp_path / "rows.jsonl"
+    assert saved(file) == {}
+    for index in (0, 1):
+        append(row(index, 1.0 + index), file)
+    file.write_text(file.read_text() + '{"method": "m", "se')
+    assert [key[-1] for key in saved(file)] == [0, 1]
+    append(row(2, 1.0), file)
+    assert [key[-1] for key in saved(file)] == [0, 1, 2]
+
+
+def test_counts_over_robots():
+    counts = summary([row(0, 1.1, explained=0.99), row(1, 1.4, explained=0.97), row(2, 9.0, explained=0.2)])
+    assert (counts["within 1.25"], counts["within 1.5"], counts["explained to 95 %"]) == (1, 2, 2)
+    assert summary([{**row(0, 1.0), "failed": "no"}]) == {"robots": 1, "failed": 1}
+
+
+def test_the_leaderboard_has_the_robots_that_all_methods_have_done_and_who_is_told(tmp_path):
+    errors = {"geometry_mm": 1.0, "oracle_mm": 0.1, "surface_mm": 0.2}
+    for method, indices in (("one", (0, 1)), ("other", (1, 2))):
+        for index in indices:
+            append({**row(index, 3.0, explained=0.5, **errors), "method": method}, tmp_path / "rows.jsonl")
+    text = board(saved(tmp_path / "rows.jsonl").values(), "Laws of one input")
+    assert text.startswith("## Laws of one input, 1 robots")
+    lines = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert [line.split(" | ")[0] for line in lines] == [
+        "| *told the law*", "| *told inputs and place*", "| one", "| other",
+    ]  # fmt: skip
+    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
+    apart = [{**row(index, 3.0, **errors), "method": method} for index, method in enumerate(("one", "other"))]
+    assert board(apart, "No robot in common") == ""
+
+
+def test_every_group_of_robots_has_its_board_and_its_counts():
+    errors = {"geometry_mm": 0.1, "oracle_mm": 0.1}
+    rows = [{**row(0, 1.0, **errors), "factors": factors} for factors in (1, 0)]
+    text = leaderboard(rows, lambda one: f"factors {one['factors']}")
+    assert text.index("## factors 0, 1 robots") < text.index("## factors 1, 1 robots") < text.index("## All counts")
+    assert "|  | m: factors 0 | m: factors 1 |" in text
+
+
+def test_a_method_is_named_or_imported(monkeypatch):
+    assert method_named("geometry") is method_named("experiments.methods.plug:geometry") is geometry
+    for name, said in (("nothing", "expected geometry"), ("no.such:thing", "No module"), ("os:nothing", "nothing")):
+        with pytest.raises(SystemExit, match=said):
+            method_named(name)
+    monkeypatch.setitem(plug.METHODS, "absent", ("experiments.methods.plug:geometry", ("no_such_package",)))
+    with pytest.raises(SystemExit, match="--method absent: needs no_such_package, see"):
+        method_named("absent")
+
+
+FILES = (Path("table.csv"), Path("robot.urdf"), Path("poses.csv"))
+
+
+def test_positions_alone_are_an_answer_and_are_scored_against_the_true_ones():
+    true = np.zeros((5, 3))
+    scored, answer = asked(lambda *files: true + np.array([0.0, 3e-4, 4e-4]), FILES, true, (1.0, 0.25))
+    assert (scored["error_mm"], scored["ratio"]) == (pytest.approx(0.5), pytest.approx(2.0))
+    assert scored["explained"] == pytest.approx(0.75 / 0.9375)
+    assert isinstance(answer, Answer)
+    assert answer.findings is None
+    assert "explained" not in asked(lambda *files: true, FILES, true, (0.25, 0.25))[0]
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((4, 3)), np.full((5, 3), np.nan)])
+def test_positions_of_other_poses_or_none_are_said_and_not_scored(wrong):
+    scored, answer = asked(lambda *files: wrong, FILES, np.zeros((5, 3)), (1.0, 0.25))
+    assert answer is None
+    assert set(scored) == {"failed"}
+    assert "expected (5, 3), all finite" in scored["failed"]
+
+
+def test_blind_robots_go_to_any_method_and_on_from_where_a_run_ended(tmp_path, monkeypatch, capsys):
+    def at_the_origin(table, urdf, poses):
+        return np.zeros((len(poses.read_text().splitlines()) - 1, 3))
+
+    monkeypatch.setattr(entered, "method_named", lambda name: at_the_origin)
+    jobs, results = [("base", 0), ("null_outliers", 0)], tmp_path / "rows.jsonl"
+    entered.run(jobs[:1], "mine", tmp_path, results)
+    first = capsys.readouterr().out
+    entered.run(jobs, "mine", tmp_path, results)
+    assert first not in capsys.readouterr().out
+    rows = saved(results)
+    assert list(rows) == [("mine", "base", 0), ("mine", "null_outliers", 0)]
+    assert rows["mine", "base", 0]["ratio"] > 1000
+    assert "explained" not in rows["mine", "null_outliers", 0]
+    text = results.with_suffix(".md").read_text()
+    assert "## Robots with nothing, 1 robots" in text
+    assert "## Robots with something undeclared, 1 robots" in text
+
+
+def test_rows_of_a_description_are_those_it_was_written_from(tmp_path):
+    for name in ("irb_like", "scara", "seven_tilted"):
+        arm = ARMS[name]
+        (tmp_path / name).write_text(urdf(arm))
+        rows, slides = denavit_hartenberg(tmp_path / name)
+        alpha, a, theta, d = rows.T
+        np.testing.assert_allclose(np.column_stack([a, d]), 1e3 * arm.rows[:, 1:3], atol=1e-6)
+        np.testing.assert_allclose(np.exp(1j * alpha), np.exp(1j * arm.rows[:, 0]), atol=1e-9)
+        np.testing.assert_allclose(np.exp(1j * theta), np.exp(1j * arm.rows[:, 3]), atol=1e-9)
+        assert {k + 1 for k, s in enumerate(slides) if s} == arm.prismatic
+
+
+def test_a_regression_is_of_what_the_standard_model_leaves(tmp_path):
+    files = write(make(0, 1, 4), tmp_path)
+
+    def constant(columns, response):
+        assert np.abs(columns).max() == pytest.approx(1.0)
+        assert abs(response.mean()) < response.std()
+        return lambda others: np.full(len(others), 2.0)
+
+    moved = of_the_rest(constant, *files) - geometry(*files)
+    np.testing.assert_allclose(moved, 2e-3, atol=1e-9)
