@@ -39,13 +39,3 @@ def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
     """Transform (4, 4) that turns by Rz(yaw) Ry(pitch) Rx(roll), rad, and moves by xyz (3,), m."""
     roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
     return translation(xyz) @ along("Rz", yaw) @ along("Ry", pitch) @ along("Rx", roll)
-
-
-def roll_pitch_yaw(rotation: Array) -> Array:
-    """The angles (3,), rad, of `placement`; where the pitch is a right angle only roll and yaw together are seen, and
-    the roll is worked out beside the yaw that was taken."""
-    r = rotation
-    yaw = np.arctan2(r[1, 0], r[0, 0])
-    pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([np.arctan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), pitch, yaw])

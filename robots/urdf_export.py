@@ -14,7 +14,7 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
 from robots.links import Chain
-from robots.motion import along, roll_pitch_yaw
+from robots.motion import along
 from robots.urdf_file import parse_xml
 from robots.urdf_tree import origin_of
 
@@ -142,7 +142,7 @@ def _set_origin(joint: ET.Element, transform: Array) -> None:
     if origin is None:
         origin = ET.SubElement(joint, "origin")
     origin.set("xyz", _text(transform[:3, 3]))
-    origin.set("rpy", _text(roll_pitch_yaw(transform[:3, :3])))
+    origin.set("rpy", _text(se3.roll_pitch_yaw(transform[:3, :3])))
 
 
 def _text(numbers: Array) -> str:

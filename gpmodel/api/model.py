@@ -14,6 +14,7 @@ from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, dataset_of, frame_to_extend, with_numbers
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.application.compensate import compensated, of_frame, targets_in
+from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
@@ -101,6 +102,16 @@ class Model:
         frame = frame if isinstance(targets, pd.DataFrame) else with_numbers(frame)
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
+    def program(self, corrected: pd.DataFrame, language: Language, name: str = "compensated") -> str:
+        """The targets that `compensate` corrected as data of a robot program: a RAPID module of jointtargets and
+        robtargets, or a KRL data list of E6AXIS and FRAME, j1 and p1 of the first row. Rows without corrected values
+        are left out and named in a comment.
+
+        corrected: what `compensate` gave. language: "RAPID" or "KRL". name: of the module. Raises InputError for
+        another frame, a mechanism of more than six joints, or where no row has corrected values.
+        """
+        return program_text(self.mechanism, corrected, among(language, LANGUAGES, "language"), name)
+
     def export(
         self,
         *,
@@ -110,9 +121,9 @@ class Model:
         tool: str | None = None,
         seed: int = 0,
     ) -> "ExportsResult":
-        """The model in the forms that others read, each with its error against `predict`: calibrated.urdf and
-        Denavit-Hartenberg rows of a geometry refitted without what they cannot hold, the whole model as NumPy and C99
-        source, its terms as LaTeX, and a lookup grid of joint corrections.
+        """The model in the forms that others read, each with its error against `predict`: a geometry refitted without
+        what it cannot hold as calibrated.urdf, Denavit-Hartenberg rows, ROS's YAML files and RoboDK's table; the whole
+        model as NumPy and C99 source, its terms as LaTeX, and a lookup grid of joint corrections.
 
         box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
         one the largest cube about a measured pose near the middle that is reached and corrected everywhere. nodes: of

@@ -5,11 +5,15 @@ from pathlib import Path
 import click
 
 from gpmodel.api.model import Point, load_model
+from gpmodel.application.exports.programs import Language
 from gpmodel.cli.console import session_note, write_frame
-from gpmodel.cli.options import Number, in_order_option, out_file_option, quiet_option, seed_option, session_option
+from gpmodel.cli.options import Number, in_order_option, quiet_option, seed_option, session_option
+from gpmodel.files import write_text
 
 WHICH = {"tool": "point", "frame": "origin"}
 """What of either is meant."""
+PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
+"""What files of a robot's program are called."""
 
 
 @click.command()
@@ -22,7 +26,8 @@ WHICH = {"tool": "point", "frame": "origin"}
 @session_option
 @in_order_option
 @seed_option
-@out_file_option
+@click.option("--out", type=click.Path(path_type=Path), default=None,
+              help="A .csv file or a folder; .mod (RAPID) or .dat (KRL) of a program. [default: print]")  # fmt: skip
 @quiet_option
 def compensate(
     model: Path,
@@ -47,7 +52,12 @@ def compensate(
     corrected = fitted.compensate(
         targets, max_move=max_move, point=point, session=session, in_order=in_order, seed=seed
     )  # fmt: skip
-    path = write_frame(corrected, out, "compensated.csv", targets)
+    language = None if out is None else PROGRAMS.get(out.suffix.lower())
+    path = out
+    if out is not None and language:
+        write_text(out, fitted.program(corrected, language, out.stem))
+    else:
+        path = write_frame(corrected, out, "compensated.csv", targets)
     if not quiet and fitted.of_its_session:
         click.echo(session_note(fitted.of_its_session, session), err=True)
     if not quiet and path is not None:

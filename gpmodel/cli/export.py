@@ -27,7 +27,8 @@ def export(
 ) -> None:  # fmt: skip
     """Write the model of RESULT, a folder of calibrate or discover or its model.json, in the forms that others read.
 
-    calibrated.urdf and exports/dh_*.toml hold a geometry refitted without what they cannot; exports/model.py and
+    calibrated.urdf and exports/dh_*.toml, kinematics.yaml (xacro), joint_offsets.yaml (robot_calibration),
+    ur_kinematics.yaml (ur_description) and robodk.csv hold a geometry refitted without what they cannot; model.py and
     model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes of a box. Each error is
     against `gpmodel predict` on fresh poses. SDF and MJCF: Gazebo and MuJoCo read calibrated.urdf themselves.
     """

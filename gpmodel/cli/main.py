@@ -30,7 +30,7 @@ COMMANDS = {
     "predict": ("predict", "Add predicted x, y, z to a table of joint values."),
     "verify": ("verify", "Does the model still hold, by poses measured afterwards? What changed?"),
     "compensate": ("compensate", "Corrected joint values that make the real mechanism reach its targets."),
-    "export": ("export", "The model as URDF, DH rows, NumPy, C99, LaTeX and a lookup grid, with their errors."),
+    "export": ("export", "The model as URDF, DH rows, ROS YAML, NumPy, C99, LaTeX and a grid, with their errors."),
     "simulate": ("simulate", "A measured table with known truth."),
     "poses": ("poses", "Measurement poses worth taking."),
     "effects": ("effects", "The families of effects: source, inputs, an example."),

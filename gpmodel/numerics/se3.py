@@ -103,3 +103,13 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
     u, _, vt = np.linalg.svd((target - b).T @ (source - a))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
     return turn, b - turn @ a
+
+
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """The angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3); where the pitch is a right angle only
+    roll and yaw together are seen, and the roll is worked out beside the yaw that was taken."""
+    r = rotation
+    yaw = np.arctan2(r[1, 0], r[0, 0])
+    pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([np.arctan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), pitch, yaw])

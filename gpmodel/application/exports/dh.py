@@ -38,12 +38,13 @@ class Across:
     next_slide: float = 0.0
 
 
-def across(frame: Array) -> Across:
-    """A transform (4, 4) between two frames, each with its axis along z, taken apart."""
+def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
+    """A transform (4, 4) between two frames, each with its axis along z, taken apart. parallel: rad between two axes
+    below which beta is used."""
     rotation, point = frame[:3, :3], frame[:3, 3]
     direction = rotation[:, 2]
     normal = np.array([-direction[1], direction[0], 0.0])
-    if np.linalg.norm(normal) < np.sin(NEARLY_PARALLEL):
+    if np.linalg.norm(normal) < np.sin(parallel):
         slide = point[2] / direction[2]
         foot = point - slide * direction
         turn = float(np.arctan2(foot[1], foot[0]))
@@ -67,7 +68,7 @@ def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], con
     Raises InputError where a joint drives its motion by another factor than 1 or -1, or two of them.
     """
     joints = mechanism.joints
-    base, between, tool = _along_z(chain, twists)
+    base, between, tool = along_z(chain, twists)
     steps = [across(frame) for frame in between]
     before, after = [Across(), *steps], [*steps, Across()]
     lines = [f"# {line}" for line in note.splitlines()]
@@ -87,7 +88,7 @@ def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], con
     return "\n".join(lines)
 
 
-def _along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Array], Array]:
+def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Array], Array]:
     """Constant transforms before the first motion, between the motions, and after the last, every axis turned to z."""
     fixed, pending = [], np.eye(4)
     for slot, frame, axis in zip(chain.slots, chain.fixed, chain.axes, strict=True):
@@ -113,16 +114,7 @@ def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list
 def _placed(name: str, frame: Array) -> Iterator[str]:
     yield f"[{name}]"
     yield f"xyz_mm = {(1e3 * frame[:3, 3]).tolist()}"
-    yield f"rpy_deg = {np.degrees(_roll_pitch_yaw(frame[:3, :3])).tolist()}"
-
-
-def _roll_pitch_yaw(r: Array) -> Array:
-    """Angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll); yaw zero where roll and yaw turn about one axis."""
-    across_z = np.hypot(r[0, 0], r[1, 0])
-    pitch = np.arctan2(-r[2, 0], across_z)
-    if across_z < 1e-12:
-        return np.array([np.arctan2(-r[1, 2], r[1, 1]), pitch, 0.0])
-    return np.array([np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0])])
+    yield f"rpy_deg = {np.degrees(se3.roll_pitch_yaw(frame[:3, :3])).tolist()}"
 
 
 def _limits(joint: Joint) -> Iterator[str]:

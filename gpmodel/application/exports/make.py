@@ -12,26 +12,29 @@ from pathlib import Path
 
 import numpy as np
 
+from gpmodel.application.exports.against import Check, read_back
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
-from gpmodel.application.exports.forward import Forward, forward_of
+from gpmodel.application.exports.forward import Forward
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.rigid import Rigid, refitted
+from gpmodel.application.exports.robodk import robodk_text
+from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_link, offsets_text, ur_text
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, latex_text, numpy_text, to_the_digits
-from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text
+from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text, written
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.printing import DIGITS
-from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.model.error_model import observe, prepare
-from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import table_text
 
-URDF, GRID = "calibrated.urdf", "exports/grid.csv"
+GRID = "exports/grid.csv"
+DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh_standard.toml": "standard"}
+ROS = ("exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml")
+GEOMETRY = ("calibrated.urdf", *DH, *ROS, "exports/robodk.csv")
+"""Files of the refitted geometry."""
 POSES = 300
 """Poses at which an export is held against `predict`: their RMS is known to 4 % (1 / √(2·300))."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
@@ -74,9 +77,7 @@ def exports_of(
     check = cache(lambda: Check.against(saved, place, place.poses(fresh_poses(saved, POSES, rng))))
     rigid = cache(lambda: refitted(saved))
     makers: dict[str, Callable[[str], Export]] = {
-        URDF: lambda file: _urdf(file, rigid(), check()),
-        "exports/dh_modified.toml": lambda file: _dh(file, "modified", rigid(), check()),
-        "exports/dh_standard.toml": lambda file: _dh(file, "standard", rigid(), check()),
+        **dict.fromkeys(GEOMETRY, lambda file: geometry_export(file, rigid(), check())),
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
         "exports/model.h": lambda file: _header(file, check()),
@@ -95,60 +96,39 @@ def exports_of(
     return Exports(tuple(made), refused)
 
 
-@dataclass(frozen=True)
-class Check:
-    """Fresh poses, the inputs (N, k) a forward model reads there, and the points (N, 3) that `predict` gives, m."""
-
-    forward: Forward
-    dataset: Dataset
-    inputs: Array
-    points: Array
-
-    @classmethod
-    def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
-        """The points of the model without the errors of the instrument and of the session."""
-        forward = forward_of(saved, place)
-        poses = prepare(saved.mechanism, dataset)
-        kept = forward.saved
-        points = observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3]
-        columns = [dataset.payload if n == "payload" else poses.states[n] for n in forward.inputs]
-        return cls(forward, dataset, np.column_stack(columns), points)
-
-    def errors(self, points: Array) -> tuple[float, float]:
-        """RMS and largest distance, m, of points (N, 3) from those predicted."""
-        off = np.linalg.norm(points - self.points, axis=1)
-        return root_mean_square(off), float(off.max())
-
-
-def _urdf(file: str, rigid: Rigid, check: Check) -> Export:
-    text = urdf_text(rigid, note_of(rigid))
-    rms, largest = check.errors(_read_back(text, ".urdf", measured_link(text), rigid, check.dataset))
-    what = "geometry, refitted without what a URDF cannot hold"
-    return Export(file, what, text, rms, largest, root_mean_square(rigid.heldout), rigid.missing)
-
-
-def _dh(file: str, convention: Convention, rigid: Rigid, check: Check) -> Export:
+def geometry_export(file: str, rigid: Rigid, check: Check) -> Export:
+    """One of the forms of the same refitted geometry; ROS's and RoboDK's are what calibrated.urdf holds."""
     mechanism = rigid.fit.model.mechanism
-    text = dh_text(mechanism, chain_of(mechanism), rigid.twists, convention, note_of(rigid))
-    rms, largest = check.errors(_read_back(text, ".toml", None, rigid, check.dataset))
-    what = f"the same geometry as {convention} Denavit-Hartenberg rows"
-    return Export(file, what, text, rms, largest, root_mean_square(rigid.heldout), rigid.missing)
+    chain, note = chain_of(mechanism), note_of(rigid)
+    if file in DH:
+        text = dh_text(mechanism, chain, rigid.twists, DH[file], note)
+        points, what = read_back(text, ".toml", None, rigid, check.dataset), f"as {DH[file]} Denavit-Hartenberg rows"
+    else:
+        urdf = urdf_text(rigid, note)
+        points = read_back(urdf, ".urdf", measured_link(urdf), rigid, check.dataset)
+        text, what = _beside(file, rigid, urdf)
+    rms, largest = check.errors(points)
+    heldout = root_mean_square(rigid.heldout)
+    return Export(file, f"the refitted geometry {what}", text, rms, largest, heldout, rigid.missing)
 
 
-def _read_back(text: str, suffix: str, frame: str | None, rigid: Rigid, dataset: Dataset) -> Array:
-    """Points (N, 3) in the instrument's frame of the mechanism in a file of that text, moved as the measured one is:
-    a URDF counts the motions themselves where the table has those of a parallel bar."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"read_back{suffix}"
-        path.write_text(text, encoding="utf-8")
-        mechanism = MechanismChoice(str(path), frame).load()
-        moved = dataset.q @ chain_of(rigid.fit.model.mechanism).motions.T
-        q: Array = np.linalg.lstsq(chain_of(mechanism).motions, moved.T, rcond=None)[0].T.astype(float)
-        flange = se3.chain(mechanism.transforms(q))[-1]
-    placed = rigid.fit.placement
-    tool = np.stack([placed.tool[name] for name in dataset.label("tool").tolist()])
-    register = np.stack([placed.registration[name] for name in dataset.label("setup").tolist()])
-    return np.asarray((register @ flange @ tool)[:, :3, 3])
+def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
+    """Text of a file of what a URDF text holds, and what it is."""
+    mechanism, (nominal, link) = rigid.fit.model.mechanism, written(rigid.fit.model.mechanism, {})
+    match file:
+        case "exports/kinematics.yaml":
+            return kinematics_text(urdf, note_of(rigid, measured_link(urdf))), "as origins of joints, for xacro"
+        case "exports/joint_offsets.yaml":
+            note = note_of(rigid, link, beyond(urdf, link, measured_link(urdf)))
+            return offsets_text(nominal, urdf, note), "as robot_calibration's offsets to the nominal URDF"
+        case "exports/ur_kinematics.yaml":
+            last = last_ur_link(urdf)
+            note = note_of(rigid, last, beyond(urdf, last, measured_link(urdf)))
+            return ur_text(nominal, urdf, note), "as the kinematics file of ur_description"
+        case "exports/robodk.csv":
+            note = note_of(rigid, "the last frame")
+            return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"
+    return urdf, "as a URDF"
 
 
 def _numpy(file: str, check: Check) -> Export:

@@ -2,11 +2,15 @@
 
 import re
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from gpmodel.application.exports.rigid import Rigid
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import ExportsUrdf
+from gpmodel.mechanism.protocol import ExportsUrdf, Mechanism
 from gpmodel.mechanism.source import bare_of
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.wording import length
@@ -20,15 +24,21 @@ def urdf_text(rigid: Rigid, note: str) -> str:
 
     Raises InputError where the mechanism has no writer.
     """
-    bare = bare_of(rigid.fit.model.mechanism)
+    text, frame = written(rigid.fit.model.mechanism, rigid.twists)
+    comment = f"{note}\n{LINK}{frame}".replace("--", "- -")
+    return re.sub(r"(<\?xml[^>]*\?>\n?)?", lambda head: f"{head[0]}<!--\n{comment}\n-->\n", text, count=1)
+
+
+def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str]:
+    """The URDF text of a chain with constant error twists (6,), m and rad, by slot, and its measured link. Raises
+    InputError as `urdf_text`."""
+    bare = bare_of(mechanism)
     if not isinstance(bare, ExportsUrdf):
         raise InputError(f"{bare.name} cannot be written as URDF")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "calibrated.urdf"
-        frame = bare.write_urdf(path, rigid.twists)
-        text = path.read_text(encoding="utf-8")
-    comment = f"{note}\n{LINK}{frame}".replace("--", "- -")
-    return re.sub(r"(<\?xml[^>]*\?>\n?)?", lambda head: f"{head[0]}<!--\n{comment}\n-->\n", text, count=1)
+        frame = bare.write_urdf(path, twists)
+        return path.read_text(encoding="utf-8"), frame
 
 
 def measured_link(text: str) -> str:
@@ -36,8 +46,9 @@ def measured_link(text: str) -> str:
     return text.partition(LINK)[2].partition("\n")[0]
 
 
-def note_of(rigid: Rigid) -> str:
-    """What the geometry holds, how far it is off, and what is missing, in lines."""
+def note_of(rigid: Rigid, link: str = "the measured link", at: Array | None = None) -> str:
+    """What the geometry holds, how far it is off, and what is missing, in lines. link: that the tool point is said in;
+    at: the measured link there, (4, 4), m."""
     fit = rigid.fit
     lines = [f"Geometry of {fit.model.mechanism.name}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
@@ -47,6 +58,6 @@ def note_of(rigid: Rigid) -> str:
         lines.append("No poses were held out: its error on other poses is not known.")
     lines.append(f"Missing: {'; '.join(rigid.missing)}." if rigid.missing else "Nothing of the model is missing.")
     for name, tool in fit.placement.tool.items():
-        point = ", ".join(f"{1e3 * v:.4f}" for v in tool[:3, 3])
-        lines.append(f"Tool point{f' {name}' if name else ''} in the measured link, mm: {point}.")
+        point = ", ".join(f"{1e3 * v:.4f}" for v in ((np.eye(4) if at is None else at) @ tool)[:3, 3])
+        lines.append(f"Tool point{f' {name}' if name else ''} in {link}, mm: {point}.")
     return "\n".join(lines)

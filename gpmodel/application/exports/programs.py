@@ -1,0 +1,108 @@
+"""Compensated targets as the data of a robot program: a RAPID module, a KRL data list.
+
+Joint targets say where the drives go and nothing else. Beside them stands the frame that the controller's own, nominal
+kinematics has there: the measured link in the root, without tool and work object.
+Sources: ABB, Technical reference manual RAPID, data types jointtarget, robtarget, confdata; KUKA, Operating and
+programming instructions KSS, E6AXIS and FRAME, whose A, B, C turn about z, y', x''.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.numerics import se3
+from gpmodel.table.units import factor, split_header
+
+Language = Literal["RAPID", "KRL"]
+LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
+
+AXES = 6
+"""Of a robot in either; others are external."""
+NAME = 24
+"""Characters of a name in KRL; RAPID has 32."""
+
+
+def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
+    """Targets of a frame that `compensate` gave, j1 and p1 of its first row and so on. Rows without corrected values
+    are left out and named in a comment.
+
+    Raises InputError: another mechanism's joints, more than six of them, or no row with corrected values.
+    """
+    q, status = _joints(mechanism, corrected), [str(s) for s in corrected.get("status", [""] * len(corrected))]
+    there: Mask = np.asarray(np.isfinite(q).all(axis=1))
+    if not there.any():
+        raise InputError(f"none of the {len(q)} targets has corrected joint values; expected one at least")
+    name = re.sub(r"\W", "_", name, flags=re.ASCII)[:NAME]
+    name = name if name[:1].isalpha() else f"p_{name}"[:NAME]
+    notes = [f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status)]
+    write = _rapid if language == "RAPID" else _krl
+    frames = se3.chain(mechanism.transforms(q[there]))[-1]
+    values = q[there] * [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in mechanism.joints]
+    lines = write(name, notes, np.flatnonzero(there) + 1, values, frames)
+    return "\n".join(line.encode("ascii", "replace").decode() for line in lines) + "\n"
+
+
+def _joints(mechanism: Mechanism, corrected: pd.DataFrame) -> Array:
+    """(N, n), rad and m, of the columns corrected_JOINT, in the order of the joints."""
+    columns = [str(c) for c in corrected.columns if str(c).startswith("corrected_")]
+    if len(columns) != len(mechanism.joints) or len(columns) > AXES:
+        raise InputError(
+            f"{len(columns)} columns corrected_JOINT and {len(mechanism.joints)} joints; expected what compensate "
+            f"gives for a robot of {AXES} joints at most"
+        )
+    out = []
+    for column, joint in zip(columns, mechanism.joints, strict=True):
+        unit, kind = split_header(column)[1] or "", "angle" if joint.kind == "revolute" else "length"
+        out.append(pd.to_numeric(corrected[column]).to_numpy(dtype=float) * factor(unit, kind, column))
+    return np.column_stack(out)
+
+
+def _said(there: Mask, status: list[str]) -> Iterator[str]:
+    for row, (given, word) in enumerate(zip(there.tolist(), status, strict=True), start=1):
+        if not given or word != "ok":
+            yield f"Row {row}: {'no target, ' if not given else ''}{word}."
+
+
+def _rapid(name: str, notes: list[str], rows: IntArray, values: Array, frames: Array) -> Iterator[str]:
+    yield f"MODULE {name}"
+    yield from (f"  ! {note}" for note in notes)
+    yield "  ! p: frames of tool0 in wobj0 by the nominal kinematics. The fourth number of their configurations is not"
+    yield "  ! known: before MoveL or MoveJ to them, ConfL \\Off and ConfJ \\Off. MoveAbsJ to j needs none."
+    none = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+    turns = Rotation.from_matrix(frames[:, :3, :3]).as_quat(canonical=True, scalar_first=True)
+    for row, joints, point, turn in zip(rows, _padded(values), 1e3 * frames[:, :3, 3], turns, strict=True):
+        quarters = [int(np.floor(joints[axis] / 90.0)) for axis in (0, 3, 5)]
+        yield f"  CONST jointtarget j{row}:=[[{_numbers(joints)}],{none}];"
+        turned = f"[{_numbers(turn)}],[{','.join(map(str, quarters))},0]"
+        yield f"  CONST robtarget p{row}:=[[{_numbers(point)}],{turned},{none}];"
+    yield "ENDMODULE"
+
+
+def _krl(name: str, notes: list[str], rows: IntArray, values: Array, frames: Array) -> Iterator[str]:
+    yield f"DEFDAT {name} PUBLIC"
+    yield from (f"  ; {note}" for note in notes)
+    yield "  ; p: frames of the flange, $TOOL=$NULLFRAME, in $BASE=$NULLFRAME by the nominal kinematics"
+    turns = np.degrees([se3.roll_pitch_yaw(frame[:3, :3]) for frame in frames])[:, ::-1]
+    for row, joints, point, turn in zip(rows, _padded(values), 1e3 * frames[:, :3, 3], turns, strict=True):
+        yield f"  DECL GLOBAL E6AXIS j{row}={{{_fields([f'A{i + 1}' for i in range(AXES)], joints)}}}"
+        yield f"  DECL GLOBAL FRAME p{row}={{{_fields('XYZABC', [*point, *turn])}}}"
+    yield "ENDDAT"
+
+
+def _padded(values: Array) -> Array:
+    return np.pad(values, ((0, 0), (0, AXES - values.shape[1])))
+
+
+def _numbers(values: Array) -> str:
+    return ",".join(f"{v:.9f}" for v in values)
+
+
+def _fields(names: list[str] | str, values: Array | list[float]) -> str:
+    return ",".join(f"{name} {v:.9f}" for name, v in zip(names, values, strict=True))

@@ -1,0 +1,130 @@
+"""The refitted geometry as ROS reads it beside a URDF: origins of joints, offsets of them, UR's kinematics.
+
+Sources: xacro.load_yaml; mikeferguson/robot_calibration, optimization/offsets.cpp, whose updateURDF applies offsets;
+UniversalRobots/Universal_Robots_ROS2_Description, config/ur5e/default_kinematics.yaml and urdf/ur_macro.xacro.
+"""
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.numerics import se3
+
+UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""Links of ur_description without their `_link`, each moved by the joint before it."""
+
+
+@dataclass(frozen=True)
+class JointOrigin:
+    """A joint of a URDF and where it sits on its parent link, (4, 4), m. axis: its three numbers."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    axis: tuple[float, ...]
+    frame: Array
+
+
+def origins(text: str) -> dict[str, JointOrigin]:
+    """The joints of a URDF text by name, in the order of the file."""
+    return {o.name: o for o in map(_origin, ET.fromstring(text).findall("joint"))}
+
+
+def kinematics_text(calibrated: str, note: str) -> str:
+    """YAML of the origin of every joint of a URDF text: x, y, z, m, and roll, pitch, yaw, rad, as xacro puts them into
+    `<origin xyz rpy>`. note: its first comment."""
+    use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
+    lines = [*_comment(f"{note}\nIn xacro: {use} and so on."), "kinematics:"]
+    return (
+        "\n".join([*lines, *(line for o in origins(calibrated).values() for line in _row(json.dumps(o.name), o.frame))])
+        + "\n"
+    )
+
+
+def offsets_text(nominal: str, calibrated: str, note: str) -> str:
+    """robot_calibration's offsets, NAME_x .. NAME_z, m, and NAME_a .. NAME_c, a rotation vector, rad, of every joint of
+    a nominal URDF text whose origin is another in the calibrated one: origin = nominal · offset."""
+    before, lines = origins(nominal), _comment(note)
+    for name, after in origins(calibrated).items():
+        if name in before and not np.array_equal(before[name].frame, after.frame):
+            offset: Array = np.linalg.inv(before[name].frame) @ after.frame
+            values = [*offset[:3, 3], *se3.rotation_vector(offset[None, :3, :3])[0]]
+            lines += [f"{name}_{axis}: {float(v)!r}" for axis, v in zip("xyzabc", values, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def ur_text(nominal: str, calibrated: str, note: str) -> str:
+    """The kinematics file of ur_description: where each of the six links sits on the one before. What the fit changes
+    before the first joint is put into that joint's origin; ur_macro.xacro keeps all others.
+
+    Raises InputError where the arm is not the chain of ur_description.
+    """
+    chain, before = _ur_chain(calibrated), origins(nominal)
+    fixed = np.linalg.solve(_placed(before, chain[0].parent), _placed(origins(calibrated), chain[0].parent))
+    frames = [fixed @ chain[0].frame, *(o.frame for o in chain[1:])]
+    hashed = "hash: gpmodel  # the driver expects that of the controller here, and says so when it connects"
+    lines = [*_comment(note), "kinematics:"]
+    rows = (line for name, frame in zip(UR_LINKS, frames, strict=True) for line in _row(name, frame))
+    return "\n".join([*lines, *rows, f"  {hashed}"]) + "\n"
+
+
+def beyond(text: str, link: str, measured: str) -> Array:
+    """The measured link in another before it, (4, 4), m, of a URDF text; all joints between them are fixed."""
+    known = origins(text)
+    return np.asarray(np.linalg.inv(_placed(known, link)) @ _placed(known, measured))
+
+
+def last_ur_link(text: str) -> str:
+    """The link that the kinematics file of ur_description ends at. Raises InputError as `ur_text`."""
+    return _ur_chain(text)[-1].child
+
+
+def _ur_chain(text: str) -> tuple[JointOrigin, ...]:
+    moving = [o for o in origins(text).values() if o.kind != "fixed"]
+    found = tuple(next((o for o in moving if o.child.endswith(f"{name}_link")), None) for name in UR_LINKS)
+    chain = tuple(o for o in found if o is not None)
+    if len(chain) < len(UR_LINKS):
+        raise InputError(f"no arm of ur_description; expected links {', '.join(f'{name}_link' for name in UR_LINKS)}")
+    for o, last in zip(chain, (None, *chain), strict=False):
+        if o.axis != (0.0, 0.0, 1.0) or (last and o.parent != last.child):
+            raise InputError(f"'{o.name}' is not as in ur_description; expected a turn about z on the link before")
+    return chain
+
+
+def _origin(joint: ET.Element) -> JointOrigin:
+    parent, child, place, axis = (joint.find(tag) for tag in ("parent", "child", "origin", "axis"))
+    given: Mapping[str, str] = {} if place is None else place.attrib
+    frame = np.eye(4)
+    frame[:3, 3] = [float(v) for v in given.get("xyz", "0 0 0").split()]
+    frame[:3, :3] = Rotation.from_euler("xyz", [float(v) for v in given.get("rpy", "0 0 0").split()]).as_matrix()
+    along = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    return JointOrigin(
+        joint.get("name", ""), joint.get("type", ""), "" if parent is None else parent.get("link", ""),
+        "" if child is None else child.get("link", ""), tuple(float(v) for v in along.split()), frame,
+    )  # fmt: skip
+
+
+def _placed(known: Mapping[str, JointOrigin], link: str) -> Array:
+    """A link in the root with every joint at zero, (4, 4), m."""
+    above, frame = {o.child: o for o in known.values()}, np.eye(4)
+    while link in above:
+        frame, link = above[link].frame @ frame, above[link].parent
+    return frame
+
+
+def _row(name: str, frame: Array) -> Iterator[str]:
+    yield f"  {name}:"
+    numbers = [*frame[:3, 3], *se3.roll_pitch_yaw(frame[:3, :3])]
+    for word, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True):
+        yield f"    {word}: {float(value)!r}"
+
+
+def _comment(note: str) -> list[str]:
+    return [f"# {line}" for line in note.splitlines()]
