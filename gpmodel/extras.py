@@ -12,6 +12,7 @@ EXTRAS = {
     "joints": ("rich",),
     "cluster": ("distributed",),
     "excel": ("openpyxl",),
+    "ros": ("rosbags", "yaml"),
 }
 """Extra -> the modules that it brings, as they are imported."""
 

@@ -1,26 +1,44 @@
-"""`gpmodel import`: a measured file of another program as a table this program reads."""
+"""`gpmodel import`: a file of another program as a table, a camera or a mechanism this program reads."""
 
 from pathlib import Path
 
 import click
 
 from gpmodel.cli.console import write_frame
-from gpmodel.cli.options import quiet_option
+from gpmodel.cli.options import mechanism_options, quiet_option
 from gpmodel.errors import InputError
+from gpmodel.files import write_text
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.table.figaroh import figaroh_table, is_figaroh
 from gpmodel.table.foreign import import_file, read_map
+from gpmodel.table.imported import Imported
+from gpmodel.table.opencv import camera_or_corners
+from gpmodel.table.ros_bag import bag_table, is_bag
+from gpmodel.table.units import parse_quantity
+from gpmodel.table.ur_conf import calibrated_rows
+from gpmodel.texts import toml_text
 
 
 @click.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--map", "map_file", required=True, type=click.Path(path_type=Path), help="TOML: [columns], [orientation]."
-)
+@click.option("--map", "map_file", type=click.Path(path_type=Path), help="TOML: [columns], [orientation].")
+@mechanism_options(required=False)
+@click.option("--joints", type=click.Path(path_type=Path), help="Of corners: joint values, a row a view.")
+@click.option("--square", metavar="SIZE", help="Of corners: from one to the next, as in 24mm.")
+@click.option("--topic", help="Of a ROS bag: the measurements, where several topics hold some.")
+@click.option("--nominal", type=click.Path(path_type=Path), help="Of UR's calibration.conf: urcontrol.conf.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="The table, .csv. [default: print it]")
 @quiet_option
-def import_table(file: Path, map_file: Path, out: Path | None, quiet: bool) -> None:
-    """Turn a measured FILE of any layout into a table of poses, by a map of its columns.
+def import_table(
+    file: Path, map_file: Path | None, mechanism: Mechanism | None, joints: Path | None, square: str | None,
+    topic: str | None, nominal: Path | None, out: Path | None, quiet: bool,
+) -> None:  # fmt: skip
+    """Turn a FILE of another program into what this one reads.
 
-    The map names for every column of the table the file's column, or a formula of its columns, and the unit:
+    A table of FIGAROH and a ROS bag (--mechanism M says which joints slide), corners of OpenCV (--joints, --square)
+    become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf (--nominal) a mechanism.
+    A table of any other layout goes by a map, which names for every column the file's column, or a formula of its
+    columns, and the unit:
 
     \b
         [columns]
@@ -32,7 +50,34 @@ def import_table(file: Path, map_file: Path, out: Path | None, quiet: bool) -> N
     """
     if out is not None and out.exists() and out.samefile(file):
         raise InputError(f"--out {out}: is the file itself; expected another name")
-    frame = import_file(file, read_map(map_file))
-    path = write_frame(frame, out, f"{file.stem}.table.csv")
+    if map_file is not None:
+        made = Imported(import_file(file, read_map(map_file)))
+    elif is_bag(file):
+        made = bag_table(file, mechanism, topic)
+    elif file.suffix.lower() == ".conf":
+        made = calibrated_rows(file, nominal)
+    elif file.suffix.lower() in (".yaml", ".yml"):
+        made = camera_or_corners(file, joints, None if square is None else parse_quantity(square, "length", "square"))
+    elif is_figaroh(file):
+        made = figaroh_table(file, mechanism)
+    else:
+        raise InputError(f"{file.name}: of no layout that is known here; expected --map MAP.toml beside it")
+    _write(made, file, out, quiet)
+
+
+def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
+    if isinstance(made.content, str):
+        if out is None:
+            click.echo(made.content, nl=False)
+        else:
+            write_text(out, made.content)
+        said, path = "written", out
+    else:
+        path = write_frame(made.content, out, f"{file.stem}.table.csv")
+        said = f"{len(made.content)} rows, {len(made.content.columns)} columns"
+    beside = {} if path is None else {name: path.with_suffix(f".{name}.toml") for name in made.described}
+    for name, where in beside.items():
+        write_text(where, toml_text(made.described[name]))
     if not quiet and path is not None:
-        click.echo(f"{len(frame)} rows, {len(frame.columns)} columns in {path}")
+        options = "".join(f" --{name} {where}" for name, where in beside.items())
+        click.echo(f"{said} in {path}{options and f'; read with{options}'}")

@@ -21,7 +21,7 @@ from gpmodel.errors import GpModelError, InputError  # noqa: E402
 from gpmodel.extras import extra_for  # noqa: E402
 
 COMMANDS = {
-    "import": ("import_:import_table", "Turn a measured file of any layout into a table, by a map of its columns."),
+    "import": ("import_:import_table", "Turn a file of another program into a table, a camera or a mechanism."),
     "check": ("check", "Judge a measured table before anything is fitted to it."),
     "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; before and after."),
     "discover": ("discover", "Find what the model is missing, name it, prove it on poses never seen."),

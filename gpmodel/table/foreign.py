@@ -15,6 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.dataset import LABELS
+from gpmodel.table.imported import cells
 from gpmodel.table.units import factor, known_unit, split_header
 from gpmodel.texts import read_toml
 
@@ -105,10 +106,10 @@ def import_file(path: Path, columns: ColumnMap) -> pd.DataFrame:
         if unit is None or not known_unit(unit):
             problem = "no unit" if unit is None else f"'[{unit}]' is no known unit"
             raise InputError(f"{where}: {problem}; write for example {EXAMPLE}")
-        out[f"{name} [{unit}]"] = _cells(values)
+        out[f"{name} [{unit}]"] = cells(values)
     if columns.orientation is not None:
         vectors = _rotation_vectors(frame, columns.orientation, path, f"{columns.source}: [orientation]")
-        out |= {f"r{axis} [deg]": _cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
+        out |= {f"r{axis} [deg]": cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
     return pd.DataFrame(out)
 
 
@@ -149,7 +150,3 @@ def _column(frame: pd.DataFrame, name: str, path: Path, where: str) -> pd.Series
     if name not in frame.columns:
         raise InputError(f"{where}: {path.name} has no column '{name}'; it has {', '.join(frame.columns)}")
     return frame[name]
-
-
-def _cells(values: Array) -> list[str]:
-    return ["" if np.isnan(v) else repr(float(v)) for v in values]

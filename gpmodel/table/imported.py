@@ -1,0 +1,39 @@
+"""What files of other programs, whose layout is known, become: a table, or the description of something."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+
+
+@dataclass(frozen=True)
+class Imported:
+    """content: a table of text cells, or the text of a TOML file. described: what stands beside a table, "cameras" and
+    "board", as their TOML files have it."""
+
+    content: pd.DataFrame | str
+    described: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+
+
+def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where: str) -> dict[str, list[str]]:
+    """Joint columns with units, of values (N,) by joint name, rad and m.
+
+    Raises InputError without a mechanism, which says which joints there are and which of them slide, or where one of
+    its joints is missing.
+    """
+    if mechanism is None:
+        raise InputError(f"{where}: joint values without units; expected --mechanism M, whose joints turn or slide")
+    if missing := [j.name for j in mechanism.joints if j.name not in values]:
+        raise InputError(f"{where}: no values of joint '{missing[0]}'; it has {', '.join(values) or 'none'}")
+    units = {"revolute": "rad", "prismatic": "m"}
+    return {f"{j.name} [{units[j.kind]}]": cells(values[j.name]) for j in mechanism.joints}
+
+
+def cells(values: Array) -> list[str]:
+    """Numbers as text, nothing where there is none."""
+    return ["" if np.isnan(v) else repr(float(v)) for v in values]
