@@ -74,3 +74,23 @@ def test_the_coverage_of_the_placement_is_that_of_the_file() -> None:
 def test_the_film_without_clearance_is_that_of_the_file() -> None:
     inlet = results("joint_design/results.json")["sphere_against_flat"]["sphere_inlet_at_50_um_without_clearance_atm"]
     assert re.search(rf"no clearance at all still {inlet:.1f}\b", DESIGN_PAGE)
+
+
+def test_the_measured_ur10_is_that_of_the_file() -> None:
+    page, told = (
+        (ROOT / "ur10_measured" / "README.md").read_text(encoding="utf-8"),
+        results("ur10_measured/results.json"),
+    )
+    keys = ("mean_mm", "median_mm", "p95_mm", "max_mm")
+    rows = [[f"{row[key]:.3f}" for key in keys] for row in (*told["after_discovery"], *told["heldout"].values())]
+    plain = page.replace("**", "")
+    assert all(f"| {' | '.join(row)} |" in plain for row in rows)
+    for block in told["blocks"]:
+        means = (f"{block[name]['mean_mm']:.3f}" for name in ("standard", "found"))
+        assert f"| {block['rows'][0]}-{block['rows'][1]} | {' | '.join(means)} |" in page
+    assert f"**{told['series_d']['found in A, shapes frozen']['mean_mm']:.3f}** mm mean" in page
+    before, after, more = (
+        row["mean_mm"] for row in (told["after_discovery"][1], told["after_discovery"][-1], told["heldout"]["found"])
+    )
+    said = f"mean error {before:.3f} → **{after:.3f} mm**; the same effects fitted to 1500, {more:.3f} |"
+    assert said in (ROOT.parent / "README.md").read_text(encoding="utf-8")
