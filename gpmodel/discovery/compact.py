@@ -14,7 +14,6 @@ from gpmodel.evolution.laws import laws_at
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
-from gpmodel.formula.expression import ONE
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.programs import as_candidate, without_poles
@@ -22,11 +21,11 @@ from gpmodel.selection.programs import as_candidate, without_poles
 
 @dataclass(frozen=True)
 class LawTask:
-    """The search for a law of one curve: all that a worker needs. response: (N,) what the curve does at its place and
-    what is left there, at each pose. written: its inputs as the table has them."""
+    """The search for a law of one curve: all that a worker needs. shape: (N,) what the curve does at its place at each
+    pose. written: its inputs as the table has them."""
 
     problem: SlotProblem
-    response: Array
+    shape: Array
     inputs: tuple[str, ...]
     seed: int
     site: Site
@@ -35,7 +34,7 @@ class LawTask:
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
     """Laws in the inputs of the curve; the same wherever it runs."""
-    return laws_at(task.problem, 0, task.inputs, task.response, np.random.default_rng(task.seed))
+    return laws_at(task.problem, 0, task.inputs, task.shape, np.random.default_rng(task.seed))
 
 
 def compact_laws(
@@ -67,19 +66,14 @@ def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> LawTa
         return None
     site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-    return LawTask(problem, _response(left, curve, site)[rows], curve.inputs, seed, site, written)
+    return LawTask(problem, _shape(left, curve)[rows], curve.inputs, seed, site, written)
 
 
-def _response(left: Residual, curve: Candidate, site: Site) -> Array:
-    """What a curve does at its place and what is left there, (N,): φ + sᵀr / sᵀs, s what a unit twist there does."""
-    calibration, pose = left.calibration, left.problem.pose_of_row
+def _shape(left: Residual, curve: Candidate) -> Array:
+    """What a curve does at its place, (N,)."""
+    calibration, states = left.calibration, left.poses.states
     theta = dict(zip((e.name for e in calibration.model.effects), calibration.theta.tolist(), strict=True))
-    states = left.poses.states
-    shape = np.sum([theta[e.name] * e.terms[0].basis(states) for e in curve.effects], axis=0)
-    unit = left.columns([site.effect("", ONE, "")])[:, 0]
-    count = len(left.poses)
-    along = np.bincount(pose, unit * left.values[: left.measured], count)
-    return np.asarray(shape + along / np.maximum(np.bincount(pose, unit**2, count), np.finfo(float).tiny))
+    return np.asarray(np.sum([theta[e.name] * e.terms[0].basis(states) for e in curve.effects], axis=0))
 
 
 def _candidates(

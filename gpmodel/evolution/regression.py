@@ -18,6 +18,7 @@ from gpmodel.evolution.links import LINKS
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population
+from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Program
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def regression_front(
     columns = inputs.mapping()
     response = np.asarray(response, dtype=float)
     islands: list[Island] = []
-    found: list[Law] = []
+    found = _judged((parse(repr(name)) for name in inputs.names), columns, response)
     for link in LINKS:
         if link.applies(response):
             island = Island(LinkedProblem(inputs, response, link), representation, rng)

@@ -1,13 +1,8 @@
 """Free functions of one or two inputs at any place: what a model leaves there, without a shape or a name.
 
-A smooth function φ with the covariance exp(-(u - v)² / 2l²) per input, u scaled to [-1, 1] over the poses, as a sum of
-sines over a wider interval [-c, c], whose coefficients have deviations that fall as the spectrum of the covariance:
-
-    φ_j(u) = sin(ω_j (u + c)),    ω_j = π j / 2c,    spread_j = exp(-l² ω_j² / 4)
-
-and of two inputs the products. The marginal likelihood of one beside a model says whether anything there depends
-on those inputs, whatever its form. Source: Solin and Särkkä (2020), Hilbert-space Gaussian processes; Riutort-Mayol et
-al. (2023) for c = max(1.5, 3.2 l) and 1.75 c / l sines.
+A function of one input is a sum of sines with the deviations of a smooth one (``gpmodel.evolution.sines``), one of two
+inputs a sum of their products. The marginal likelihood of one beside a model says whether anything there depends
+on those inputs, whatever its form.
 """
 
 import math
@@ -20,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
+from gpmodel.evolution.sines import Sines
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, axis_unit
 from gpmodel.model.memory import read_by
@@ -42,54 +38,28 @@ NEGLIGIBLE = 0.02
 
 
 @dataclass(frozen=True)
-class Waves:
-    """The sines of one input. values: (N, m) times their deviations. rates: rad per unit; start: where they are 0."""
-
-    name: str
-    values: Array
-    rates: Array
-    start: float
-    spreads: Array
-
-    @staticmethod
-    def of(name: str, column: Array, length: float) -> "Waves":
-        """The sines of a column (N,) for a correlation length over half its range."""
-        half, reach = 0.5 * float(np.ptp(column)), max(1.5, 3.2 * length)
-        omega = np.pi * np.arange(1, math.ceil(1.75 * reach / length) + 1) / (2.0 * reach)
-        start = float(column.min()) - (reach - 1.0) * half
-        spreads = np.exp(-((length * omega) ** 2) / 4.0)
-        rates = np.array([float(f"{w / half:.6g}") for w in omega])
-        start = float(f"{start:.12g}")  # clocks count from far away
-        return Waves(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
-
-    def text(self, k: int) -> str:
-        """Sine k as an expression."""
-        return f"sin({float(self.rates[k])!r}*({self.name} - ({self.start!r})))"
-
-
-@dataclass(frozen=True)
 class FreeFunction:
     """Sines of one input or products of those of two: index (m, 1 or 2) of each, with its relative deviation (m,)."""
 
-    waves: tuple[Waves, ...]
+    sines: tuple[Sines, ...]
     index: IntArray
     spreads: Array
 
     @staticmethod
-    def of(waves: tuple[Waves, ...]) -> "FreeFunction":
+    def of(sines: tuple[Sines, ...]) -> "FreeFunction":
         """All products whose deviation is not negligible."""
-        grid = np.array(list(np.ndindex(*(len(w.rates) for w in waves))))
-        spread = np.prod([w.spreads[grid[:, i]] for i, w in enumerate(waves)], axis=0)
+        grid = np.array(list(np.ndindex(*(len(w.rates) for w in sines))))
+        spread = np.prod([w.spreads[grid[:, i]] for i, w in enumerate(sines)], axis=0)
         kept = spread > NEGLIGIBLE * spread.max()
-        return FreeFunction(waves, grid[kept], spread[kept])
+        return FreeFunction(sines, grid[kept], spread[kept])
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        return tuple(w.name for w in self.waves)
+        return tuple(w.name for w in self.sines)
 
     def values(self) -> Array:
         """Its columns (N, m), scaled so that the variances over the poses add up to 1."""
-        parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.waves)]
+        parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.sines)]
         out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
@@ -98,7 +68,7 @@ class FreeFunction:
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
-            text = "*".join(w.text(k) for w, k in zip(self.waves, row, strict=True))
+            text = "*".join(w.text(k) for w, k in zip(self.sines, row, strict=True))
             terms = site.effect("", Expression(text), "").terms
             effects.append(Effect(f"{name}, {number}", terms, axis_unit(site.axis), "", spread))
         return group_of(name, effects, cost, shapes, found_by="surface")
@@ -140,10 +110,10 @@ def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) 
         if f.nats > 0 and here < OF_ONE_PLACE and len(out) < OFFERED:
             out.setdefault((f.site.name, *f.function.inputs), f)
     cost = math.log(max(len(sites) * len(inputs), 1))
-    for f in [f for f in out.values() if len(f.function.waves) > 1]:
-        for wave in f.function.waves:
-            alone = _Found(0.0, cost, f.site, FreeFunction.of((wave,)))
-            out.setdefault((f.site.name, wave.name), alone)
+    for f in [f for f in out.values() if len(f.function.sines) > 1]:
+        for one in f.function.sines:
+            alone = _Found(0.0, cost, f.site, FreeFunction.of((one,)))
+            out.setdefault((f.site.name, one.name), alone)
     groups = (f.function.group(f.site, f.cost, active.pool.rows.shapes) for f in out.values())
     return [g for g in groups if g is not None]
 
@@ -163,7 +133,7 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
         if not there:
             continue
         functions = [
-            FreeFunction.of(tuple(Waves.of(n, columns[n], length) for n, length in zip(names, lengths, strict=True)))
+            FreeFunction.of(tuple(Sines.of(n, columns[n], length) for n, length in zip(names, lengths, strict=True)))
             for names, _ in there
         ]
         products = [

@@ -17,8 +17,7 @@ INPUTS = Inputs(NAMES, np.random.default_rng(5).uniform(-2.0, 2.0, (4, 90)), KIN
 
 def laws_of(problem: SlotProblem, names: tuple[str, ...], seed: int) -> tuple[Solution, ...]:
     """Laws at the second place, of what each pose says of it."""
-    response = problem.targets.pull[1] / problem.targets.weight[1]
-    return laws_at(problem, 1, names, response, np.random.default_rng(seed))
+    return laws_at(problem, 1, names, problem.targets.pull[1] / problem.targets.weight[1], np.random.default_rng(seed))
 
 
 def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:

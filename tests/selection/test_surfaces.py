@@ -18,13 +18,13 @@ from gpmodel.selection.group import CAP
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
-from gpmodel.selection.surfaces import FreeFunction, Places, Waves
+from gpmodel.selection.surfaces import FreeFunction, Places, Sines
 
 
 @pytest.mark.parametrize("length", [0.35, 0.6, 0.9, 1.5])
 def test_the_sines_have_the_covariance_of_a_gaussian_kernel(length: float) -> None:
     u = np.linspace(-1.0, 1.0, 41)
-    values = Waves.of("J1", 3.0 * u + 1.0, length).values
+    values = Sines.of("J1", 3.0 * u + 1.0, length).values
     covariance = values @ values.T
     wanted = np.exp(-((u[:, None] - u) ** 2) / (2 * length**2))
     assert np.abs(covariance / covariance[20, 20] - wanted).max() < 0.02
@@ -33,7 +33,7 @@ def test_the_sines_have_the_covariance_of_a_gaussian_kernel(length: float) -> No
 def test_its_effects_are_its_columns_at_the_measured_poses() -> None:
     active, _ = problem()
     states = active.pool.rows.shapes.states
-    function = FreeFunction.of(tuple(Waves.of(n, states[n], 0.6) for n in ("J2", "J5")))
+    function = FreeFunction.of(tuple(Sines.of(n, states[n], 0.6) for n in ("J2", "J5")))
     group = function.group(Site((("J4.moving", "Rx", 1.0),)), 3.0, active.pool.rows.shapes)
     assert group is not None
     values = np.array([s * e.terms[0].basis(states) for s, e in zip(group.spreads, group.effects, strict=True)]).T
@@ -45,7 +45,7 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
     sites, states = sites_of(mechanism(ARM)), active.pool.rows.shapes.states
     places = Places.of(active, sites)
     for k, names in ((4, ("J2", "J3")), (17, ("J2", "torque_J5")), (30, ("J3",))):
-        function = FreeFunction.of(tuple(Waves.of(n, states[n], 0.9) for n in names))
+        function = FreeFunction.of(tuple(Sines.of(n, states[n], 0.9) for n in names))
         group = function.group(sites[k], 0.0, active.pool.rows.shapes)
         assert group is not None
         pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.criteria)

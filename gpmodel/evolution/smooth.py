@@ -1,0 +1,115 @@
+"""Smooth functions at a place without a shape: of one input, as factors of a product, and of a weighted sum of two.
+
+A function φ is a sum of sines (``gpmodel.evolution.sines``) of the most likely variance. With D, B, g of
+``projection.Targets`` at their first site, Φ (N, m) the sines, σ² the noise:
+
+    a = (Φᵀ(D - BᵀB)Φ + σ²/τ I)⁻¹ Φᵀg,    φ = Φa
+
+Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (1981) for functions of weighted sums.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.sines import Sines
+
+Array = NDArray[np.float64]
+
+LENGTH = 0.35
+"""Correlation length over half the range of an input: of a bump of a fifth of the range."""
+LIKELIEST = 20
+"""Steps of expectation and maximisation to the most likely variance."""
+TURNS, STARTS = 15, 3
+"""Turns of each factor; first guesses at the second, its slowest sines."""
+DIRECTIONS, ANGLE = 24, 0.01
+"""Directions of a weighted sum that are tried, evenly over half a turn, and how near the best is found, rad."""
+LEAST = float(np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A function at a place: coefficients (m,) of its sines, nats that it saves, the noise variance that it leaves."""
+
+    coefficients: Array
+    nats: float
+    noise: float
+
+
+def smooth(targets: Targets, basis: Array, noise: float) -> Smooth:
+    """The most likely function in the span of a basis (N, m), of which the variance of the noise is known."""
+    seen = targets.cross[0] @ basis
+    sizes, turn = np.linalg.eigh(basis.T @ (targets.weight[0][:, None] * basis) - seen.T @ seen)
+    sizes, pull = np.maximum(sizes, 0.0), turn.T @ (basis.T @ targets.pull[0])
+    variance = noise * len(sizes) / max(float(sizes.sum()), LEAST)
+    for _ in range(LIKELIEST):
+        spread = noise * variance / (noise + variance * sizes)
+        variance = float(np.mean((spread * pull / noise) ** 2 + spread))
+    mean = variance * pull / (noise + variance * sizes)
+    nats = 0.5 * float(np.sum(mean * pull / noise - np.log1p(variance * sizes / noise)))
+    determined = float(np.sum(variance * sizes / (noise + variance * sizes)))
+    left = targets.energy - 2.0 * float(mean @ pull) + float(mean**2 @ sizes)
+    return Smooth(turn @ mean, nats, max(left, LEAST) / max(targets.components - determined, 1.0))
+
+
+def smooth_of(targets: Targets, column: Array) -> Array:
+    """The most likely function (N,) of a column (N,)."""
+    basis = Sines.of("", column, LENGTH).values
+    noise = smooth(targets, basis, targets.energy / targets.components).noise
+    return np.asarray(basis @ smooth(targets, basis, noise).coefficients)
+
+
+def factors(targets: Targets, columns: Array) -> tuple[Array, Array]:
+    """Functions (N,) of each of two columns (2, N), of mean square 1, whose product leaves least noise, by turns."""
+    bases = [Sines.of("", column, LENGTH).values for column in columns]
+    return min((_in_turn(targets, bases, start) for start in bases[1].T[:STARTS]), key=lambda found: found[0])[1]
+
+
+def _in_turn(targets: Targets, bases: list[Array], second: Array) -> tuple[float, tuple[Array, Array]]:
+    """The noise variance that a product leaves, and its factors, from a first guess (N,) at the second."""
+    noise, first = targets.energy / targets.components, second
+    for _ in range(TURNS):
+        first = _unit(bases[0] @ smooth(targets, bases[0] * second[:, None], noise).coefficients)
+        found = smooth(targets, bases[1] * first[:, None], noise)
+        second, noise = _unit(bases[1] @ found.coefficients), found.noise
+    return noise, (first, second)
+
+
+def _unit(values: Array) -> Array:
+    """Values (N,) over the root of their mean square."""
+    return np.asarray(values / max(float(np.sqrt(np.mean(values**2))), LEAST))
+
+
+def through(targets: Targets, factor: Array) -> Targets:
+    """The targets of the other factor of a product (N,): what one pose says of it grows with this one."""
+    return Targets(
+        targets.weight * factor**2, targets.cross * factor, targets.pull * factor, targets.energy, targets.names,
+        targets.samples, targets.unique_share,
+    )  # fmt: skip
+
+
+def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
+    """Weights of two columns (2, N) in the sum of which a function saves most."""
+    spread, noise = columns.std(axis=1), targets.energy / targets.components
+
+    def weights(angle: float) -> Array:
+        return np.array([np.cos(angle), np.sin(angle)]) / spread
+
+    def cost(angle: float) -> float:
+        return -smooth(targets, Sines.of("", weights(angle) @ columns, LENGTH).values, noise).nats
+
+    step = np.pi / DIRECTIONS
+    best = min((step * k for k in range(DIRECTIONS)), key=cost)
+    found = minimize_scalar(cost, bounds=(best - step, best + step), method="bounded", options={"xatol": ANGLE})
+    first, second = weights(float(found.x)).tolist()
+    return first, second
+
+
+def said_by_poses(targets: Targets, shape: Array) -> Array:
+    """A function (N,) and what each pose says beyond it, (N,): φ + (g - (D - BᵀB)φ) / D."""
+    cross, weight = targets.cross[0], targets.weight[0]
+    beyond = targets.pull[0] - weight * shape + cross.T @ (cross @ shape)
+    return np.asarray(shape + beyond / np.maximum(weight, LEAST))

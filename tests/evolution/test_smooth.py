@@ -1,0 +1,98 @@
+"""Smooth functions at a place: their factors and weighted sums are those that were planted, at noise and under columns
+that the model has already."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.sines import Sines
+from gpmodel.evolution.smooth import LENGTH, factors, said_by_poses, smooth, smooth_of, through, weighted_sum
+
+Array = NDArray[np.float64]
+POSES, NOISE = 150, 0.05
+
+
+def planted(shape: Array, noise: float, seed: int) -> tuple[Targets, Array, Array]:
+    """A place that moves each pose by another amount, beside five columns that the model has; its motions and rows."""
+    rng = np.random.default_rng(seed)
+    motion = rng.uniform(0.5, 1.5, (POSES, 3))
+    enabled = np.linalg.qr(rng.normal(size=(3 * POSES, 5)))[0]
+    rows = (motion * shape[:, None] + noise * shape.std() * rng.normal(size=(POSES, 3))).ravel()
+    rows -= enabled @ (enabled.T @ rows)
+    cross = np.einsum("nik,ni->kn", enabled.reshape(POSES, 3, 5), motion)
+    pull = np.einsum("ni,ni->n", motion, rows.reshape(POSES, 3))
+    weight = np.sum(motion**2, axis=1)
+    targets = Targets(weight[None], cross[None], pull[None], float(rows @ rows), ("here",), 3 * POSES)
+    return targets, motion, rows
+
+
+def alike(first: Array, second: Array) -> float:
+    """Size of the cosine between two functions."""
+    return abs(float(first @ second) / float(np.linalg.norm(first) * np.linalg.norm(second)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_factors_of_a_product_are_found(seed: int) -> None:
+    u, v = np.random.default_rng(100 + seed).uniform(-2.0, 2.0, (2, POSES))
+    wanted = np.tanh(3.0 * u) + 0.4, np.sqrt(2.2 + v) * np.sin(v)
+    found = factors(planted(wanted[0] * wanted[1], NOISE, seed)[0], np.array([u, v]))
+    for one, other in zip(found, wanted, strict=True):
+        assert alike(one, other) > 0.99
+        assert np.mean(one**2) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("weights", [(1.0, 0.3), (0.2, -1.0), (1.0, 1.0)])
+def test_the_weights_of_a_sum_are_found(weights: tuple[float, float]) -> None:
+    columns = np.random.default_rng(7).uniform(-2.0, 2.0, (2, POSES)) * np.array([[1.0], [50.0]])
+    scaled = np.array(weights) / np.array([1.0, 50.0])
+    targets, _, _ = planted(np.tanh(2.0 * (scaled @ columns) - 0.5), NOISE, 1)
+    first, second = weighted_sum(targets, columns)
+    assert second / first == pytest.approx(scaled[1] / scaled[0], rel=0.05, abs=1e-4)
+
+
+def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
+    """Gains of g on the problem through f are those of f·g on the problem itself."""
+    u, v = np.random.default_rng(3).uniform(-1.0, 1.0, (2, POSES))
+    targets, _, _ = planted(u * np.exp(v), NOISE, 2)
+    some = np.array([v, np.exp(v), np.cos(3.0 * v)])
+    np.testing.assert_allclose(through(targets, u).gains(some), targets.gains(some * u), rtol=1e-12)
+
+
+def test_without_noise_a_function_is_itself_and_poses_say_the_residual_beside_it() -> None:
+    u = np.random.default_rng(4).uniform(-1.0, 1.0, POSES)
+    shape = np.sin(2.0 * u) + u
+    targets, motion, rows = planted(shape, 1e-6, 3)
+    np.testing.assert_allclose(smooth_of(targets, u), shape, atol=0.02 * np.abs(shape).max())
+    np.testing.assert_allclose(said_by_poses(targets, shape), shape, atol=1e-3)
+    nothing = said_by_poses(targets, np.zeros(POSES))
+    np.testing.assert_allclose(nothing, np.sum(motion * rows.reshape(POSES, 3), axis=1) / np.sum(motion**2, axis=1))
+
+
+def test_nats_are_those_of_the_gaussian_process() -> None:
+    """Against the marginal likelihood of the rows with a covariance of N x N, at the variance that was found."""
+    u = np.random.default_rng(5).uniform(-1.0, 1.0, POSES)
+    targets, motion, rows = planted(np.tanh(3.0 * u), 0.3, 4)
+    basis = Sines.of("", u, LENGTH).values
+    noise = targets.energy / targets.components
+    found = smooth(targets, basis, noise)
+    enabled_free = Targets(targets.weight, np.zeros_like(targets.cross), targets.pull, targets.energy, ("here",), 450)
+    free = smooth(enabled_free, basis, noise)
+    columns = (motion[:, :, None] * basis[:, None, :]).reshape(3 * POSES, -1)
+
+    def likelihood(variance: float) -> float:
+        both = noise * np.eye(3 * POSES) + variance * columns @ columns.T
+        return float(-0.5 * rows @ np.linalg.solve(both, rows) - 0.5 * np.linalg.slogdet(both)[1])
+
+    best = max(likelihood(v) for v in np.geomspace(1e-4, 1e4, 200)) - likelihood(0.0)
+    assert free.nats == pytest.approx(best, abs=0.5)
+    assert 0.0 < found.nats <= free.nats + 5.0
+
+
+def test_of_noise_a_function_is_nothing() -> None:
+    rng = np.random.default_rng(6)
+    u, v = rng.uniform(-1.0, 1.0, (2, POSES))
+    targets, _, _ = planted(rng.normal(size=POSES), 10.0, 5)
+    basis = Sines.of("", u, LENGTH).values
+    assert smooth(targets, basis, targets.energy / targets.components).nats < 3.0
+    assert all(np.isfinite(one).all() for one in factors(targets, np.array([u, v])))
