@@ -2,9 +2,15 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis
 from gpmodel.mechanism.protocol import AXES, Mechanism, closed
 from gpmodel.model.effect import Effect, Term
+
+SAME = 1e-9
+"""m and rad that a unit twist has along another axis by rounding alone."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,8 @@ class Site:
 
 
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
-    """The base, every joint (its own drive first, then the other axes of its moving side), the tool.
+    """The base, every joint (its own drive first, then the other axes of its moving side, then those of its fixed side
+    that are no axis of the frame before it), the tool.
 
     Where loops close, the places of its constants stand for the joints.
     """
@@ -42,9 +49,19 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     if loops := closed(mechanism):
         out += [Site(((slot, axis, 1.0),)) for slot, axis in loops.constants]
         return (*out, *(Site((("tool", axis, 1.0),)) for axis in AXES[:3]))
+    steps = dict(zip(mechanism.slots, mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0], strict=True))
     for joint in mechanism.joints:
+        drive = joint.drive[0][1]
         out.append(Site(joint.drive))
-        slot = f"{joint.name}.moving"
-        out += [Site(((slot, axis, 1.0),)) for axis in AXES if axis != joint.drive[0][1]]
+        out += [Site(((f"{joint.name}.moving", axis, 1.0),)) for axis in AXES if axis != drive]
+        fixed = f"{joint.name}.fixed"
+        out += [Site(((fixed, axis, 1.0),)) for axis in AXES if axis[1] != drive[1] and _is_new(steps[fixed], axis)]
     out += [Site((("tool", axis, 1.0),)) for axis in AXES[:3]]
     return tuple(out)
+
+
+def _is_new(step: Array, axis: str) -> bool:
+    """Whether a twist along an axis of a frame is along none of the frame before it. step: (4, 4) from that to it."""
+    along = step[:3, "xyz".index(axis[1])]
+    turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
+    return int(np.sum(np.abs([*along, *turned]) > SAME)) > 1
