@@ -33,9 +33,10 @@ Array = NDArray[np.float64]
 FORMS = (
     "{q}", "square({q} - {a})", "sin({n}*({q} - {a}))", "exp(-{w}*square({q} - {a}))", "tanh({k}*({q} - {a}))",
     "max({q} - {a}, 0)", "min({q} - {a}, 0)", "abs({q} - {a})", "{q} - max(min({q}, {a}), -{a})", "exp({k}*{q})",
-    "exp(-{k}*{q})", "reciprocal({q} - {low})", "reciprocal({high} - {q})", "sqrt({q} - {low})", "sqrt({high} - {q})",
+    "exp(-{k}*{q})", "reciprocal(1 + {w}*square({q} - {a}))", "reciprocal({q} - {low})", "reciprocal({high} - {q})",
+    "sqrt({q} - {low})", "sqrt({high} - {q})",
 )  # fmt: skip
-"""Line, parabola, harmonic, bump, step, ramps, kink, dead band, growth, decay, pole, root."""
+"""Line, parabola, harmonic, bump, step, ramps, kink, dead band, growth, decay, resonance, poles, roots."""
 
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles of the input at which the forms start."""
