@@ -31,6 +31,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
 from gpmodel.model.geometric import standard_effects
+from gpmodel.model.naming import in_mechanism_names, names_of, translate
 from gpmodel.report.build import Ladder
 from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.origin import Origin
@@ -138,7 +139,7 @@ def calibrate(
     else:
         steps = further_machine(known, arm, seen, unseen, seed).steps
         machine = further_machine(known, arm, poses, unseen, seed)
-        final, note = machine.final, machine.in_words(poses)
+        final, note = machine.final, translate(machine.in_words(poses), names_of(poses.dataset))
         groups = [(e.name, (e,)) for e in final.model.effects if not e.constant]
     for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
@@ -176,6 +177,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
     """A step of the ladder: what it is called, and its effects. Raises InputError for what is no effect here."""
     with naming("effects"):
         if isinstance(effect, Effect):
+            effect = in_mechanism_names(effect, mechanism, poses.states)
             check_defined(effect, mechanism, poses.states)
             return effect.name, (effect,)
         if isinstance(effect, str):

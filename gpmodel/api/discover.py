@@ -27,12 +27,15 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.families.by_name import check_defined
+from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, distinct, instances
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.geometric import standard_effects
+from gpmodel.model.naming import in_mechanism_names, names_of, translate
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
@@ -164,10 +167,11 @@ def discover(
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     arm, poses = checked_poses(arm, table, geometry)
     with naming("candidates"):
+        offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=geometry,
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
-    whole_run = partial(run, search=search, progress=progress, journal=journal)
+    whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
     fraction, parts = _split(holdout, folds, poses.dataset)
     if parts:
         again = partial(run, search=replace(search or Search(), runs=0) if offers else search)
@@ -175,6 +179,23 @@ def discover(
     else:
         found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(seed)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
+
+
+def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
+    """What is offered with the mechanism's names of its joints; families make theirs of the mechanism itself."""
+    match offer:
+        case Effect():
+            return in_mechanism_names(offer, arm, states)
+        case Candidate():
+            return replace(offer, effects=tuple(in_mechanism_names(e, arm, states) for e in offer.effects))
+        case _:
+            return offer
+
+
+def _in_table_names(progress: Say, dataset: Dataset) -> Say:
+    """The same progress with the joints as the table calls them."""
+    names = names_of(dataset)
+    return lambda line: progress(replace(line, text=translate(line.text, names)))
 
 
 def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> None:

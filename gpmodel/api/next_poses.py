@@ -12,12 +12,11 @@ from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
+from gpmodel.model.naming import names_of, translate
 from gpmodel.planning.design import Question, at_best
 from gpmodel.planning.poses import pool_of
 from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach
-from gpmodel.report.origin import names_of
-from gpmodel.report.quantity import translate
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
@@ -93,12 +92,12 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
     """The findings of a report with their close rivals; without one every effect beside the geometry by itself."""
     saved = outlook.saved
     effects = saved.model.effects
+    names = names_of(outlook.measured.dataset)
     if record is None or record.kind != "discover" or not record.effects:
         stems: dict[str, list[int]] = {}
         for i in (i for i, e in enumerate(effects) if not e.constant and saved.theta[i]):
             stems.setdefault(without_phase(effects[i].name), []).append(i)
-        return [Questioned(name, np.array(own)) for name, own in stems.items()]
-    names = names_of(outlook.measured.dataset)
+        return [Questioned(translate(name, names), np.array(own)) for name, own in stems.items()]
     by_mechanism = {translate(c, names): c for c in outlook.candidates}
     found = []
     for effect in record.effects:

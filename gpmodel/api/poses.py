@@ -39,7 +39,8 @@ ROWS = 9
 class PosesResult:
     """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
     alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit:
-    what no choice of as many poses of the pool could do better than, in the unit of the curve."""
+    what no choice of as many poses of the pool could do better than, in the unit of the curve. columns: what the joints
+    are called, after a result as its table does."""
 
     mechanism: Mechanism
     q: Array
@@ -47,11 +48,12 @@ class PosesResult:
     curve: pd.DataFrame
     said: str
     limit: float
+    columns: tuple[str, ...]
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a pose, headers with units as measured tables have them."""
-        joints = zip(self.mechanism.joints, self.q.T, strict=True)
-        return pd.DataFrame(dict(joint_column(j.name, j.kind, values) for j, values in joints))
+        joints = zip(self.columns, self.mechanism.joints, self.q.T, strict=True)
+        return pd.DataFrame(dict(joint_column(name, j.kind, values) for name, j, values in joints))
 
     def summary(self) -> str:
         """How many, what for, and the curve of what is known against their number."""
@@ -127,7 +129,8 @@ def choose_poses(
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
     limit = float(asked.said_of(np.array(least_deviation(asked.measure, wanted))))
     curve = _curve(asked, order, len(pool), rng)
-    return PosesResult(arm, pool[order], spacing(arm, pool[order]), curve, asked.said, limit)
+    columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
+    return PosesResult(arm, pool[order], spacing(arm, pool[order]), curve, asked.said, limit, columns)
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

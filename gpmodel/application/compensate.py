@@ -113,9 +113,8 @@ def of_frame(saved: SavedModel) -> SavedModel:
 
 def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
     """What the targets call the joints; where they name none, what the table of the fit does."""
-    own = saved.measured.dataset.columns if saved.measured is not None else ()
     given = dataset.columns or dataset.joints
-    return own if own and given == dataset.joints else given
+    return saved.columns if given == dataset.joints else given
 
 
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:

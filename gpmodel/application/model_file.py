@@ -22,6 +22,7 @@ from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
+from gpmodel.model.naming import table_names
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import SEAL, seal
 
@@ -53,6 +54,17 @@ class SavedModel:
     def mechanism(self) -> Mechanism:
         """The mechanism that the model corrects."""
         return self.model.mechanism
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What the table of the fit calls the joints; where there is none, the mechanism's names."""
+        named = self.measured.dataset.columns if self.measured is not None else ()
+        return named or tuple(joint.name for joint in self.mechanism.joints)
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """That table's names of joints and of what is named after them, by the mechanism's."""
+        return table_names([joint.name for joint in self.mechanism.joints], self.columns)
 
 
 def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
@@ -181,12 +193,8 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
 
 def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     about = part.mechanism
-    mechanism = (
-        given
-        or MechanismChoice(
-            about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or ""
-        ).load()
-    )
+    choice = MechanismChoice(about.name, about.frame, about.payload_kg, about.payload_com_m, about.description or "")
+    mechanism = given or choice.load()
     known = same_machine(tip_at_probe(mechanism), about.tip_at_probe_m)
     if tuple(j.name for j in mechanism.joints) != about.joints or not known:
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")

@@ -169,12 +169,13 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def outside(saved: SavedModel, states: States) -> tuple[str, ...]:
-    """Of each pose, the inputs of the model beyond the ranges it was fitted in, as text; empty where there are none."""
+    """Of each pose, the inputs of the model beyond the ranges it was fitted in, as text by the names
+    of the table of the fit; empty where there are none."""
     read = {name for effect in saved.model.effects for name in effect.inputs}
-    words = np.full(len(states), "", dtype=object)
+    words, called = np.full(len(states), "", dtype=object), saved.names
     for name, (low, high) in saved.ranges.items():
         if name in read or name in {joint.name for joint in saved.mechanism.joints}:
             margin = MARGIN * (high - low) + 1e-9
             beyond = (states[name] < low - margin) | (states[name] > high + margin)
-            words[beyond] = [f"{word} {name}".strip() for word in words[beyond]]
+            words[beyond] = [f"{word} {called.get(name, name)}".strip() for word in words[beyond]]
     return tuple(words.tolist())

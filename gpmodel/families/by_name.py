@@ -7,6 +7,7 @@ from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.naming import in_mechanism_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
@@ -21,7 +22,10 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     """
     if "=" in name and name.count(":") != 2:
         raise InputError(f"effect '{name}': '=VALUE' is simulate's; here the value is fitted, expected the name alone")
-    effects = _written_out(name) if name.count(":") == 2 else _of_catalogue(name, mechanism, states)
+    if name.count(":") == 2:
+        effects = tuple(in_mechanism_names(effect, mechanism, states) for effect in _written_out(name))
+    else:
+        effects = _of_catalogue(name, mechanism, states)
     for effect in effects:
         check_defined(effect, mechanism, states, name)
     return effects

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Literal
 
 import sympy
@@ -27,13 +28,11 @@ def latex(program: Program) -> str:
     return ";\\; ".join([*(f"{name} = {text}" for name, text in parts), ", ".join(outputs)])
 
 
-def latex_lines(program: Program) -> tuple[list[tuple[str, str]], list[str]]:
-    """The same as names and texts of the parts, and one text an output."""
-    written = {
-        sympy.Symbol(name, real=True): "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
-        for name in program.inputs
-        if not _ONE_LETTER.match(name)
-    }
+def latex_lines(
+    program: Program, names: Mapping[str, str] = MappingProxyType({})
+) -> tuple[list[tuple[str, str]], list[str]]:
+    """The same as names and texts of the parts, and one text an output. names: others of the inputs."""
+    written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 
     def line(expression: sympy.Basic) -> str:
@@ -41,6 +40,12 @@ def latex_lines(program: Program) -> tuple[list[tuple[str, str]], list[str]]:
         return str(sympy.latex(named, symbol_names=written))
 
     return [(line(symbol), line(expression)) for symbol, expression in pieces.items()], list(map(line, outputs))
+
+
+def _symbol(name: str) -> str:
+    if _ONE_LETTER.match(name):
+        return str(sympy.latex(sympy.Symbol(name)))
+    return "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
 
 
 def as_in_latex(program: Program) -> Program:

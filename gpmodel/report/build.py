@@ -12,13 +12,13 @@ from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.calibration.unseen import unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
-from gpmodel.report.origin import Origin, data_record, floor_mm, mechanism_record, names_of, versions
-from gpmodel.report.quantity import translate
+from gpmodel.report.origin import Origin, data_record, floor_mm, mechanism_record, versions
 from gpmodel.report.schema import Kind, MimicRecord, Report, StepRecord
 from gpmodel.report.schema_poses import ReadingRecord
 

@@ -11,9 +11,9 @@ from scipy import stats
 from gpmodel import wording
 from gpmodel.errors import InputError
 from gpmodel.mechanism.identity import same_machine
+from gpmodel.model.naming import table_names, translate
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.report.page import render
-from gpmodel.report.quantity import table_names, translate
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 

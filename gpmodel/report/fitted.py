@@ -11,9 +11,9 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.model.naming import translate
 from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.numerics.se3 import chain
-from gpmodel.report.quantity import translate
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
 from gpmodel.report.schema_accuracy import BoundMm, FurtherRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors

@@ -8,10 +8,11 @@ from gpmodel.calibration.result import resolved
 from gpmodel.families.candidate import Candidate, without_phase
 from gpmodel.families.catalogue import explained
 from gpmodel.model.effect import Effect
+from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
-from gpmodel.report.origin import Origin, names_of, ranges
-from gpmodel.report.quantity import indices, quantity, translate
+from gpmodel.report.origin import Origin, ranges
+from gpmodel.report.quantity import indices, quantity
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, TermRecord
 from gpmodel.report.workspace import over_the_workspace

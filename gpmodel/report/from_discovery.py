@@ -11,10 +11,11 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import explained
+from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
-from gpmodel.report.origin import Origin, names_of, ranges
-from gpmodel.report.quantity import quantity, read_columns, translate
+from gpmodel.report.origin import Origin, ranges
+from gpmodel.report.quantity import quantity, read_columns
 from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import ConfirmationRecord, ErrorsMm, Report
 from gpmodel.report.schema_poses import ShapeRecord

@@ -11,10 +11,10 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
 from gpmodel.model.error_model import Poses
+from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
-from gpmodel.report.origin import Origin, names_of
-from gpmodel.report.quantity import translate
+from gpmodel.report.origin import Origin
 from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import HistogramRecord, ProgramRecord

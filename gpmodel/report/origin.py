@@ -12,8 +12,8 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.mechanism.identity import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
+from gpmodel.model.naming import names_of
 from gpmodel.model.states import States
-from gpmodel.report.quantity import table_names
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_search import Range
 from gpmodel.table.bundles import noise_floor
@@ -41,11 +41,6 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return out
-
-
-def names_of(data: Dataset) -> Mapping[str, str]:
-    """Names of joints, loads and extra columns in the table, by the mechanism's."""
-    return {**table_names(data.joints, data.columns or data.joints), **data.extra_names}
 
 
 def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:

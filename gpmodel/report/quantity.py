@@ -1,7 +1,6 @@
 """Findings in an engineer's terms: one number, its deviation and a basis, whatever the number of unknowns."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +8,10 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.families.candidate import Candidate
-from gpmodel.model.memory import read_by
 from gpmodel.model.states import PAYLOAD_SHARE, States
 
 MOST_WRITTEN = 6
 """Bases of a curve that are written out one by one; more are counted."""
-
-_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 
 
 @dataclass(frozen=True)
@@ -89,40 +85,3 @@ def read_columns(inputs: Sequence[str]) -> list[str]:
         own = name.startswith(f"{PAYLOAD_SHARE}torque_")
         out += ["payload", name.removeprefix(PAYLOAD_SHARE)] if own else [name]
     return list(dict.fromkeys(out))
-
-
-def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, str]:
-    """Translation of joint names, and of the loads named after them, into the names of the table's columns."""
-    out = {}
-    for joint, column in zip(joints, columns, strict=True):
-        out[joint] = column
-        for prefix in ("torque", "payload_torque", "approach", "last_move"):
-            out[f"{prefix}_{joint}"] = f"{prefix}_{column}"
-        for axis in "xyz":
-            for prefix in ("force", "moment"):
-                out[f"{prefix}_{joint}_{axis}"] = f"{prefix}_{column}_{axis}"
-    return {**out, **_unit_loads(dict(zip(joints, columns, strict=True)))}
-
-
-def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
-    """The loads of one link each: `torque_J2_of_J4`, of its first moment of mass `torque_J2_of_J4_x`."""
-    at = {f"torque_{j}": f"torque_{c}" for j, c in columns.items()}
-    at |= {f"moment_base_{a}": f"moment_base_{a}" for a in "xy"}
-    return {
-        f"{here}_of_{link}{axis}": f"{shown}_of_{column}{axis}"
-        for here, shown in at.items()
-        for link, column in columns.items()
-        for axis in ("", "_x", "_y", "_z")
-    }
-
-
-def translate(text: str, names: Mapping[str, str]) -> str:
-    """`text` with whole words replaced, those inside remembered columns too: `J1` is never matched inside `J10`."""
-
-    def said(match: re.Match[str]) -> str:
-        word = match[0]
-        for source in () if word in names else read_by(word):
-            word = word.replace(f"_{source}", f"_{names.get(source, source)}", 1)
-        return names.get(word, word)
-
-    return _WORD.sub(said, text)

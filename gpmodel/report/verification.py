@@ -13,10 +13,10 @@ from gpmodel import files
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
-from gpmodel.report.origin import mechanism_record, names_of, versions
-from gpmodel.report.quantity import translate
+from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_accuracy import Repeatability
 from gpmodel.report.schema_search import NotNegative, Share

@@ -12,7 +12,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect, effect_at
-from gpmodel.report.quantity import quantity, read_columns, shape, table_names, translate
+from gpmodel.model.naming import table_names, translate
+from gpmodel.report.quantity import quantity, read_columns, shape
 
 JOINT = mechanism("ur5").joints[3]
 J = JOINT.name

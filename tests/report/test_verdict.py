@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from report_runs import calibrated, discovered, quickly
 
-from gpmodel.report.quantity import table_names, translate
+from gpmodel.model.naming import table_names, translate
 from gpmodel.report.schema import ConfirmationRecord, Report
 from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
 

@@ -16,6 +16,7 @@ from gpmodel.mechanism.protocol import AXES, Massive
 from gpmodel.mechanism.source import bare_of
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import read_by
+from gpmodel.model.naming import translate
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Forward:
 
     computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
     inputs: names and units of what has to be given beside the joint values. bodies: the last one is 1 kg of payload.
-    missing: effects left out.
+    missing: effects left out, by the names of the table of the fit.
     """
 
     saved: SavedModel
@@ -74,7 +75,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
         e.name for e in kept.model.effects if all(_written(t.basis) is not None for t in e.terms)
     }
     values = zip(saved.model.effects, saved.theta.tolist(), strict=True)
-    missing = tuple(e.name for e, value in values if e.name in left and value)
+    missing = tuple(translate(e.name, saved.names) for e, value in values if e.name in left and value)
     return Forward(kept, chain, lines, computed, inputs, bodies, gravity, missing, place)
 
 

@@ -165,8 +165,8 @@ class _Held:
 
 def _frame(saved: SavedModel, points: Array, q: Array, moves: Array) -> pd.DataFrame:
     columns = {f"{a} [mm]": 1e3 * points[:, i] for i, a in enumerate("xyz")}
-    for i, joint in enumerate(saved.mechanism.joints):
-        columns |= dict([joint_column(joint.name, joint.kind, q[:, i])])
-    for i, joint in enumerate(saved.mechanism.joints):
-        columns |= dict([joint_column(f"delta_{joint.name}", joint.kind, moves[:, i])])
+    kinds = [joint.kind for joint in saved.mechanism.joints]
+    for before, values in (("", q), ("delta_", moves)):
+        named = zip(saved.columns, kinds, values.T, strict=True)
+        columns |= dict(joint_column(f"{before}{name}", kind, of) for name, kind, of in named)
     return pd.DataFrame(columns)

@@ -21,7 +21,7 @@ from gpmodel.application.exports.rigid import Rigid, refitted
 from gpmodel.application.exports.robodk import robodk_text
 from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_link, offsets_text, ur_text
 from gpmodel.application.exports.sample import Place, fresh_poses
-from gpmodel.application.exports.sources import c_text, header_text, latex_text, numpy_text, to_the_digits
+from gpmodel.application.exports.sources import c_text, header_text, input_names, latex_text, numpy_text, to_the_digits
 from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text, written
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
@@ -150,7 +150,7 @@ def _executed(text: str, check: Check) -> Array:
     """Points (N, 3) that a NumPy source of ours predicts."""
     module = types.ModuleType("exported")
     exec(compile(text, "model.py", "exec"), module.__dict__)
-    inputs = dict(zip(check.forward.inputs, check.inputs.T, strict=True))
+    inputs = dict(zip(input_names(check.forward), check.inputs.T, strict=True))
     return np.asarray(module.predict(check.dataset.q, **inputs))
 
 

@@ -13,12 +13,13 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.naming import translate
 
 
 @dataclass(frozen=True)
 class Rigid:
     """fit: to all rows. twists: constant error twist (6,), m and rad, of every slot that has one. heldout: 3-D errors
-    on rows held out of a fit to the others, m. missing: effects left out, by name."""
+    on rows held out of a fit to the others, m. missing: effects left out, by the names of the table of the fit."""
 
     fit: Calibration
     twists: Mapping[str, Array]
@@ -43,7 +44,7 @@ def refitted(saved: SavedModel) -> Rigid:
         heldout = errors_on(seen, poses.subset(measured.heldout))
     fit = calibrate(model, poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
-    missing = tuple(e.name for e, value in values if e not in kept and value != 0.0)
+    missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     return Rigid(fit, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing)
 
 

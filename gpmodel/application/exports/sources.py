@@ -18,6 +18,7 @@ from gpmodel.formula.printing import as_in_latex, inline, latex_lines
 from gpmodel.formula.program import Builder, Program
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.naming import translate
 
 _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), {2!r})"}
 
@@ -28,11 +29,11 @@ def numpy_text(forward: Forward, note: str) -> str:
     for k in _own_weights(forward):
         weighs.append(f"weight_of_{k} = {_weights(forward, k, 'np.ones(len(q))', 'np.zeros(len(q))')}")
     lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
-    lines += [f's_{n} = inputs["{n}"]' for n in forward.inputs]
+    lines += [f's_{n} = inputs["{called}"]' for n, called in zip(forward.inputs, input_names(forward), strict=True)]
     lines += weighs + [f"s_{n} = {text}" for n, text in forward.computed.items()]
     terms = [f"twists[{t.slot}, :, {t.axis}] += {_term(t, 'numpy')}" for t in forward.lines]
     return _filled("model.py.txt", {
-        "NOTE": note, "JOINTS": list(_joints(forward)), "INPUTS": _defaults(forward),
+        "NOTE": note, "JOINTS": list(forward.saved.columns), "INPUTS": _defaults(forward),
         "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
         "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
         "GRAVITY": forward.gravity.tolist(), "REGISTRATION": _registration(forward), "TOOL": _tool(forward),
@@ -75,18 +76,20 @@ def header_text(forward: Forward, note: str) -> str:
 
 
 def _said(forward: Forward, note: str) -> dict[str, object]:
-    inputs = ", ".join(f"{n} [{unit}]" for n, unit in forward.inputs.items())
-    joints = ", ".join(_joints(forward))
+    units = zip(input_names(forward), forward.inputs.values(), strict=True)
+    inputs = ", ".join(f"{name} [{unit}]" for name, unit in units)
+    joints = ", ".join(forward.saved.columns)
     return {"NOTE": note.replace("*/", "* /"), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE}
 
 
 def latex_text(forward: Forward) -> str:
     """One equation a slot and axis: its error twist, m or rad, in numbers of DIGITS; first the parts it is made of."""
     places, program = equations(forward)
-    parts, outputs = latex_lines(program)
+    names = forward.saved.names
+    parts, outputs = latex_lines(program, names)
     rows = [f"{name} &= {text}" for name, text in parts]
     for (slot, axis), text in zip(places, outputs, strict=True):
-        name = forward.chain.slots[slot].replace("_", "\\_")
+        name = translate(forward.chain.slots[slot], names).replace("_", "\\_")
         rows.append(f"\\xi_{{\\mathrm{{{name}}},\\,{AXES[axis]}}} &= {text}")
     return "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}\n"
 
@@ -123,11 +126,17 @@ def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
 
 
 def _joints(forward: Forward) -> tuple[str, ...]:
+    """The mechanism's names, which bases are written in."""
     return tuple(joint.name for joint in forward.saved.mechanism.joints)
 
 
 def _defaults(forward: Forward) -> dict[str, float]:
-    return {name: _carried(forward) if name == "payload" else 0.0 for name in forward.inputs}
+    return {name: _carried(forward) if name == "payload" else 0.0 for name in input_names(forward)}
+
+
+def input_names(forward: Forward) -> tuple[str, ...]:
+    """What has to be given beside the joint values, by the names of the table of the fit."""
+    return tuple(translate(name, forward.saved.names) for name in forward.inputs)
 
 
 def _carried(forward: Forward) -> float:
