@@ -66,8 +66,11 @@ def is_aside(seed: int) -> bool:
     return seed % 2 == 1
 
 
-def make(seed: int, factors: int, index: int) -> Robot:
-    """The robot of a seed, a number of factors (0, 1, 2) and an index; always the same one."""
+def make(seed: int, factors: int, index: int, size_mm: float | None = None) -> Robot:
+    """The robot of a seed, a number of factors (0, 1, 2) and an index; always the same one.
+
+    size_mm: that its law leaves after a geometric fit, None for what was drawn.
+    """
     rng = np.random.default_rng([zlib.crc32(b"random laws"), seed, factors, index])
     arm = list(ARMS)[(5 * index + 3 * seed + factors) % len(ARMS)]
     poses = round(float(np.exp(rng.uniform(np.log(FEWEST_POSES), np.log(MOST_POSES)))))
@@ -83,6 +86,8 @@ def make(seed: int, factors: int, index: int) -> Robot:
     if factors:
         size = float(rng.uniform(0.15, 0.5))
         law, place, kind, amount = _findable(machine, factors, size, names, rng)
+        if size_mm is not None:
+            amount, size = amount * size_mm / size, size_mm
         machine = replace(machine, shapes=[_shape(law, place)])
     train = _measured(machine, amount, case.poses, names, rng)
     if case.walk_mm:

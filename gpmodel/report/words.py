@@ -10,7 +10,7 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
 
 _NUMBER = r"\(?(?P<{}>[-+]?[0-9.]+(?:e[-+]?[0-9]+)?)\)?"
-_BUMP = re.compile(rf"exp\({_NUMBER.format('a')}\*square\((?P<of>\w+)-{_NUMBER.format('c')}\)\)")
+_BUMP = re.compile(rf"exp\({_NUMBER.format('a')}\*square\((?P<of>\w+)(?P<sign>[-+]){_NUMBER.format('c')}\)\)")
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
@@ -145,7 +145,8 @@ def law(report: Report, effect: EffectRecord) -> str:
         return ""
     units = {r.input: r.unit for r in effect.ranges}
     factor, unit = (1e3, " mm") if units.get(match["of"]) == "mm" else (180 / math.pi, "°")
-    at, width = factor * float(match["c"]), factor / math.sqrt(-2 * float(match["a"]))
+    centre = float(match["c"]) if match["sign"] == "-" else -float(match["c"])
+    at, width = factor * centre, factor / math.sqrt(-2 * float(match["a"]))
     return wording.minus(f"bump of {match['of']} at {at:.1f}{unit}, width {width:.3g}{unit}")
 
 

@@ -11,6 +11,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.formula.program import Program
+from gpmodel.formula.signs import with_plain_signs
 from gpmodel.model.effect import axis_unit
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
@@ -99,4 +100,4 @@ def expression_text(program: Program, names: Mapping[str, str]) -> str:
         return str(program)
     rounded = program.with_constants(float(f"{value:.{DIGITS}g}") for value in program.constants)
     written = {name: Expression(names[name]).program for name in rounded.inputs}
-    return rounded.with_inputs(written).written_out()
+    return with_plain_signs(rounded.with_inputs(written)).written_out()

@@ -83,6 +83,7 @@ def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
     ("basis", "said"),
     [
         ("exp((-13.195)*square(J2 - (-1.6662)))", "bump of J2 at −95.5°, width 11.2°"),
+        ("exp((-13.195)*square(J2 + 1.6662))", "bump of J2 at −95.5°, width 11.2°"),
         ("exp(-2*square(J4 - 0.5))", "bump of J4 at 28.6°, width 28.6°"),
         ("exp((13.195)*square(J2 - (-1.6662)))", ""),
         ("exp((-13.195)*square(temperature - (20)))", ""),
