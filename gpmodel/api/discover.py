@@ -207,8 +207,9 @@ def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> No
                 check_defined(effect, arm, states)
 
 
-ENOUGH_HELD, FOLDS = 25, 5
-"""Poses held out below which a paired test proves little, and folds where the usual share is fewer."""
+ENOUGH_HELD, FOLDS = 45, 5
+"""Poses held out below which what they prove costs more than it is worth to those that choose, and folds where the
+usual share is fewer: of 88 poses the law of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:

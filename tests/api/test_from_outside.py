@@ -52,7 +52,7 @@ def test_they_are_as_short_as_is_promised() -> None:
 
 
 def test_a_family_from_outside_is_found_named_and_explained() -> None:
-    found = gp.discover(ARM, CABLE.table, candidates=(*gp.catalogue, FAMILY), search=QUICK)
+    found = gp.discover(ARM, CABLE.table, holdout=0.3, candidates=(*gp.catalogue, FAMILY), search=QUICK)
     assert [(f.name, f.catalogue) for f in found.findings] == [("cable drag, J4", "cable_drag")]
     assert found.findings[0].explanation == "a stiff cable pulls at the wrist (own measurements, 2024)"
     assert found.findings[0].value == pytest.approx(5e-4, abs=5 * found.findings[0].stderr)
@@ -61,7 +61,7 @@ def test_a_family_from_outside_is_found_named_and_explained() -> None:
 def test_the_loop_evolves_with_a_selection_scheme_from_outside() -> None:
     search = gp.Search(runs=4, population=256, generations=20, selection=Roulette())
     made = gp.simulate(ARM, ["J4.moving:Rx:tanh(3*sin(J4))*J2=0.5 mrad"], poses=90, seed=4)
-    found = gp.discover(ARM, made.table, candidates=(), search=search)
+    found = gp.discover(ARM, made.table, holdout=0.3, candidates=(), search=search)
     assert found.findings[0].slot == "J4.moving"
     assert "J4" in found.findings[0].inputs
     assert found.record.ladder[-1].heldout.rms_mm < 0.6 * found.record.ladder[1].heldout.rms_mm
