@@ -209,7 +209,7 @@ def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> No
 
 ENOUGH_HELD, FOLDS = 45, 5
 """Poses held out below which what they prove costs more than it is worth to those that choose, and folds where the
-usual share is fewer: of 88 poses the law of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
+usual share is fewer: of 88 poses a law of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:

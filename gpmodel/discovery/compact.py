@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.programs import as_candidate, without_poles
+
+TOGETHER, MOST_INPUTS = 2, 3
+"""Inputs of a law; and of what was evolved, of which a law in two may say as much: its third may be there by chance."""
 
 
 @dataclass(frozen=True)
@@ -46,27 +50,33 @@ def compact_laws(
     left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
     its nodes and of the place: the curve's own, and of terms without a name one of all places.
     """
-    tasks = [(curve, task) for curve in curves if (task := _posed(left, curve, search, seed))]
-    found = dict(search.side_by_side(run_law_task, [task for _, task in tasks]))
-    for number, (curve, task) in enumerate(tasks):
+    posed = [(curve, task) for curve in curves for task in _posed(left, curve, search, seed)]
+    found = dict(search.side_by_side(run_law_task, [task for _, task in posed]))
+    for curve in curves:
         residual = left.without(curve.effects)
-        laws = tuple(_candidates(residual, curve, task, found[number], search))
+        laws: list[Candidate] = []
+        for number, (asked, task) in enumerate(posed):
+            if asked is curve:
+                laws += _candidates(residual, curve, task, found[number], search)
         if laws:
-            yield curve, residual, laws
+            yield curve, residual, tuple(laws)
 
 
-def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> LawTask | None:
-    """What is searched for a curve; None where it has several places or more than two inputs."""
+def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> list[LawTask]:
+    """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
+    has several places or more inputs."""
     residual = left.without(curve.effects)
     sites = {tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in curve.effects}
     count = len(residual.poses)
     rows = np.unique(np.linspace(0, count - 1, min(count, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
-    if len(sites) > 1 or len(curve.inputs) > 2 or not set(curve.inputs) <= set(inputs.names):
-        return None
-    site = Site(next(iter(sites)))
+    most = TOGETHER if curve.family else MOST_INPUTS
+    if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
+        return []
+    site, shape = Site(next(iter(sites))), _shape(left, curve)[rows]
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-    return LawTask(problem, _shape(left, curve)[rows], curve.inputs, seed, site, written)
+    some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
+    return [LawTask(problem, shape, names, seed, site, written) for names in some]
 
 
 def _shape(left: Residual, curve: Candidate) -> Array:
