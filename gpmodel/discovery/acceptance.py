@@ -7,16 +7,15 @@ import numpy as np
 
 from gpmodel import wording
 from gpmodel.arrays import Array
-from gpmodel.discovery.naming import named, rivals
-from gpmodel.discovery.pool import Pool
+from gpmodel.discovery.naming import Scored, plainest, rivals
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.walk import beyond_a_walk
-from gpmodel.evidence.criteria import Criteria, Test, Verdict
+from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.evidence.dependence import inflation, order_matters
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import Score, deflated
-from gpmodel.evolution.chance import Chance, larger
+from gpmodel.evidence.score import Score, deflated, scores
+from gpmodel.evolution.chance import Chance, chance, larger
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
@@ -68,30 +67,25 @@ class Hypothesis:
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
-def judge(residual: Residual, pool: Pool, search: Search) -> tuple[Hypothesis, ...]:
-    """The distinct best candidates, best first, each with its verdict; naming and rivals included.
+def judge(
+    residual: Residual, candidates: Sequence[Candidate], null_nats: Array, search: Search
+) -> tuple[Hypothesis, ...]:
+    """The distinct best of what was evolved, best first, each with its verdict; rivals included.
 
-    Candidates whose projected columns correlate above 0.95 are one finding with several possible places. An expression
-    that nobody named has to save 5 nats more than a named effect to come before it.
+    Candidates whose projected columns correlate above 0.95 are one finding with several possible places. null_nats:
+    (T,) the most that any saves on each of T permuted residuals.
     """
-    groups = _distinct(residual, pool, search)
+    pool = tuple(zip(candidates, scores(residual, candidates), strict=True))
     before = cross_validated(residual, ())
-    return tuple(_judged(residual, pool, search, group, before) for group in groups)
-
-
-def worth(criteria: Criteria, nats: float, *candidates: Candidate) -> float:
-    """Net nats: gain in description length less the head start of named effects for every unnamed candidate."""
-    return nats - criteria.head_start * sum(not candidate.family for candidate in candidates)
+    return tuple(_judged(residual, alike, search, null_nats, before) for alike in _distinct(residual, pool, search))
 
 
 def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
-    """Whether every part of an unnamed expression acts at more than a few poses.
+    """Whether every part of an evolved expression acts at more than a few poses.
 
     Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost as much
     in cross-validation as is asked of the whole: else a term fitted to a few outlying poses comes in with a true shape.
     """
-    if candidate.family:
-        return True
     criteria, effects = residual.criteria, candidate.effects
     fewest = max(criteria.fewest_poses, criteria.fewest_share * len(residual.poses))
     if residual.poses_at_work(effects).min() < fewest:
@@ -102,44 +96,38 @@ def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
     return all(better_by(residual, effects, fewer) > criteria.clear_cv_t for fewer in rest)
 
 
-def _distinct(residual: Residual, pool: Pool, search: Search) -> list[list[int]]:
-    """Indices of the pool's best in groups of alike candidates, each after its leader, the best group first."""
-    likeness = residual.criteria.likeness
-    order = sorted(range(len(pool.scores)), key=lambda i: -_worth(residual, pool, i))
-    order = [i for i in order if np.isfinite(pool.scores[i].nats)]
-    of_a_kind = {kind: [i for i in order if bool(pool.candidates[i].family) is kind] for kind in (True, False)}
-    considered = {i for kind in of_a_kind.values() for i in kind[: search.considered]}
-    spans = {i: ident.orthonormal(residual.projected(pool.candidates[i].effects)[0]) for i in order if i in considered}
-    groups: list[list[int]] = []
-    for i, span in spans.items():
-        like = next((g for g in groups if ident.canonical_correlation(span, spans[g[0]]) > likeness), None)
+def _distinct(residual: Residual, pool: Sequence[Scored], search: Search) -> list[list[Scored]]:
+    """The pool's best in groups of alike candidates, each after its leader, the best group first."""
+    order = sorted((one for one in pool if np.isfinite(one[1].nats)), key=lambda one: -one[1].nats)
+    groups: list[list[Scored]] = []
+    leaders: list[Array] = []
+    for candidate, score in order[: search.considered]:
+        span = ident.orthonormal(residual.projected(candidate.effects)[0])
+        alike = (ident.canonical_correlation(span, other) > residual.criteria.likeness for other in leaders)
+        like = next((group for group, same in zip(groups, alike, strict=True) if same), None)
         if like is not None:
-            like.append(i)
-            continue
-        kind = bool(pool.candidates[i].family)
-        led = sum(bool(pool.candidates[group[0]].family) is kind for group in groups)
-        if led < search.shortlist and every_part_counts(residual, pool.candidates[i]):
-            groups.append([i])
+            like.append((candidate, score))
+        elif len(groups) < search.shortlist and every_part_counts(residual, candidate):
+            groups.append([(candidate, score)])
+            leaders.append(span)
     return groups
 
 
-def _worth(residual: Residual, pool: Pool, i: int) -> float:
-    return worth(residual.criteria, pool.scores[i].nats, pool.candidates[i])
-
-
-def _judged(residual: Residual, pool: Pool, search: Search, group: Sequence[int], before: Predicted) -> Hypothesis:
-    """The verdict on a group of alike candidates, its leader first; before: predictions without any of them."""
-    chosen, candidate = named(residual.criteria, pool, group)
-    others = rivals(residual, pool, candidate, group, search.rivals)
-    hypothesis = tested(residual, candidate, pool.scores[chosen], pool.chance(group[0]), before, others)
-    share, limit = hypothesis.score.share, residual.criteria.minimum_share
+def _judged(
+    residual: Residual, alike: Sequence[Scored], search: Search, null_nats: Array, before: Predicted
+) -> Hypothesis:
+    """The verdict on alike candidates, their leader first; before: predictions without any of them."""
+    candidate, score = plainest(residual.criteria, alike)
+    others = rivals(residual, candidate, alike, search.rivals)
+    hypothesis = tested(residual, candidate, score, chance(alike[0][1].nats, null_nats), before, others)
+    share, limit = score.share, residual.criteria.minimum_share
     tests = hypothesis.verdict.tests
     verdict = Verdict((*tests, Test("unique share", share, limit, share > limit)))
     return replace(hypothesis, verdict=verdict, offered=True)
 
 
 def tested(
-    residual: Residual, candidate: Candidate, score: Score, chance: Chance, before: Predicted,
+    residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted,
     others: tuple[tuple[str, float], ...],
 ) -> Hypothesis:  # fmt: skip
     """A candidate with its verdict: every test of the criteria but that of its unique share, which is for candidates
@@ -150,7 +138,7 @@ def tested(
     inflated = inflation(residual, candidate)
     predicts = criteria.minimum_cv_t if candidate.family else criteria.clear_cv_t
     tests = [
-        Test("chance", chance.p, criteria.significance, chance.p < criteria.significance),
+        Test("chance", by_chance.p, criteria.significance, by_chance.p < criteria.significance),
         Test("nats", score.nats, criteria.minimum_nats, score.nats > criteria.minimum_nats),
         Test("cross-validation", cv_t, predicts, cv_t > predicts),
     ]
@@ -171,7 +159,7 @@ def tested(
             Test("coefficient", sigmas, criteria.minimum_sigmas, sigmas > criteria.minimum_sigmas),
             Test("sign", float(sign), 1.0, sign),
         ]
-    return Hypothesis(candidate, score, chance, after.rms, before.rms, others, Verdict(tuple(tests)))
+    return Hypothesis(candidate, score, by_chance, after.rms, before.rms, others, Verdict(tuple(tests)))
 
 
 def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:

@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.acceptance import Hypothesis, tested, worth
+from gpmodel.discovery.acceptance import Hypothesis, tested
 from gpmodel.discovery.compact import compact_laws
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
@@ -230,5 +230,5 @@ def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Select
     rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
-    by_chance = chance(worth(residual.criteria, nats, candidate), chosen.by_chance)
+    by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), chosen.by_chance)
     return tested(residual, candidate, score, by_chance, before, rivals)

@@ -16,7 +16,6 @@ from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Journal, NullJournal
-from gpmodel.discovery.pool import pool_of
 from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
@@ -203,11 +202,10 @@ def _round(loop: State, standard_fit: Calibration, calibration: Calibration) -> 
 
 
 def _one_a_place(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """The first unnamed candidate at each place; others there are equivalent, or are found in the next round."""
-    out: dict[object, Candidate] = {}
+    """The first candidate at each place; others there are equivalent, or are found in the next round."""
+    out: dict[tuple[str, str], Candidate] = {}
     for candidate in candidates:
-        place = candidate.place
-        out.setdefault(candidate.name if candidate.family else (place.slot, place.axis), candidate)
+        out.setdefault((candidate.place.slot, candidate.place.axis), candidate)
     return tuple(out.values())
 
 
@@ -246,5 +244,4 @@ def _explored(
     exploration = explore(residual, sites, loop.search, rng, turn)
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
-    nulls = {"evolved": np.concatenate([exploration.null_nats, *earlier])}
-    return exploration, judge(residual, pool_of(residual, pool, nulls), loop.search)
+    return exploration, judge(residual, pool, np.concatenate([exploration.null_nats, *earlier]), loop.search)

@@ -27,8 +27,8 @@ class Search:
     after which no new round begins. workers: GP runs side by side, which change no number. executor: runs them
     elsewhere.
 
-    shortlist: hypotheses of a kind, named or not, that are judged. considered: candidates of a kind from which they
-    are taken, best first. rivals: alternatives kept beside a finding.
+    shortlist: evolved hypotheses that are judged. considered: candidates from which they are taken, best first.
+    rivals: alternatives kept beside one.
     """
 
     runs: int = 8
