@@ -15,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.planning.poses import spread_poses
 from joints.kinematics import PARAMETERS, parameter, tooling_ball_position
 from joints.passive_joint import PassiveJoint, vector
-from joints.reduction import thesis_columns
+from joints.sensitivity import thesis_columns
 from joints.settings import Settings, load_settings
 
 KINDS = ("systematic", "stochastic")

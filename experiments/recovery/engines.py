@@ -12,7 +12,7 @@ from experiments.recovery.operon import OPERON
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.regression import regress
+from gpmodel.evolution.regression import regression_front
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
@@ -49,7 +49,8 @@ def here(representation: Linear | Tree, population: int) -> Engine:
 def under_links(columns: dict[str, Array], response: Array, seconds: float, seed: int) -> Found:
     """Our regression: a population a link, coefficients solved; seconds are of the processor."""
     inputs = Inputs(tuple(columns), np.array(list(columns.values())))
-    law = regress(inputs, response, np.random.default_rng(seed), seconds, clock=time.thread_time)
+    laws = regression_front(inputs, response, np.random.default_rng(seed), seconds, clock=time.thread_time)
+    law = min(laws, key=lambda law: law.nats)
     return Found(lambda new: law.program.evaluate(new)[0], law.program, (1.0, 0.0))
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.spherical_joint.reductions import most_common_reduction, observable_in_words
+from experiments.spherical_joint.reductions import most_common_reduction, observable_in_words, reduce_in_order
 from experiments.spherical_joint.rig import Rig
 from experiments.spherical_joint.sphere_fit import fit_sphere
 from gpmodel.calibration.gauss_newton import calibrate
@@ -13,7 +13,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.planning.poses import spread_poses
 from joints import spherical_joint
 from joints.kinematics import THESIS_PARAMETERS, parameter
-from joints.reduction import reduce_in_order, thesis_columns
+from joints.sensitivity import thesis_columns
 
 JOINT = spherical_joint()
 OFFSETS = {14: -2.54e-6, 15: -25.4e-6, 19: 20.32e-6}

@@ -9,7 +9,6 @@ Q takes out the span of V^(-1/2) F. While the model holds, |z|² is chi-square d
 freedom and, σ being an estimate of ν itself, |z|² over its degrees is distributed as F. Source: Rao (1973), ch. 4a.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,7 +22,6 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.errors import InputError
-from gpmodel.model.effect import Effect
 from gpmodel.numerics import rank
 from gpmodel.table.bundles import sharing
 
@@ -114,10 +112,6 @@ class Recheck:
         component = np.nonzero(self.problem.weights > 0)[1]
         first = np.unique(self.blocks.block, return_index=True)[1]
         return np.asarray(self.problem.observed.turns[component[first]])
-
-    def columns_of(self, effects: Sequence[Effect]) -> Array:
-        """Whitened columns (M, E) of any effects, less what was taken out."""
-        return self.whitened(self.problem.effect_rows(effects, self.session.saved.model))
 
     def whitened(self, columns: Array) -> Array:
         """Columns of the problem whitened, less what was taken out."""

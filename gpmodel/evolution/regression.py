@@ -50,19 +50,6 @@ class Law:
         return self.program.complexity + len(self.program.constants)
 
 
-def regress(
-    inputs: Inputs,
-    response: Array,
-    rng: np.random.Generator,
-    seconds: float = 5.0,
-    representation: Linear = SEQUENCES,
-    clock: Callable[[], float] = time.perf_counter,
-) -> Law:
-    """The law of least description length of a response (N,): the last of those of ``regression_front`` but for
-    longer ones that fit no better than their length costs."""
-    return min(regression_front(inputs, response, rng, seconds, representation, clock), key=lambda law: law.nats)
-
-
 def regression_front(
     inputs: Inputs,
     response: Array,

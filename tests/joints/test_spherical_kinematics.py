@@ -12,7 +12,7 @@ from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics import se3
 from joints.kinematics import FRAMES, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
-from joints.reduction import thesis_columns
+from joints.sensitivity import thesis_columns
 
 BALL = np.asarray(JOINT.tooling_ball)
 POSES = np.random.default_rng(0).uniform(-1.2, 1.2, (40, 3))

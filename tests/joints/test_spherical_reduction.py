@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from spherical_cases import JOINT
 
-from experiments.spherical_joint.reductions import most_common_reduction, observable_in_words
-from gpmodel.errors import InputError
-from gpmodel.planning.poses import spread_poses
-from joints.reduction import (
+from experiments.spherical_joint.reductions import (
     COINCIDENT,
     condition_number,
+    most_common_reduction,
+    observable_in_words,
     reduce_by_svd,
     reduce_in_order,
-    thesis_columns,
 )
+from gpmodel.errors import InputError
+from gpmodel.planning.poses import spread_poses
+from joints.sensitivity import thesis_columns
 
 PUBLISHED = (1, 2, 3, 4, 5, 6, 11, 12, 14, 15, 19, 22, 25, 26, 27)
 POSES = spread_poses(JOINT, 100, np.random.default_rng(0))
