@@ -10,10 +10,11 @@ from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.inner_constants import InnerChange, inner_changes
 from gpmodel.discovery.refinement import WINDOW, profile, refined_fit
-from gpmodel.discovery.result import FinalFit, Known
+from gpmodel.discovery.result import FinalFit
 from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import FittedConstant
 from gpmodel.model.error_model import ErrorModel
 
 
@@ -52,23 +53,23 @@ def _beside_events(state: State) -> Mask:
     return np.any([np.abs(rows - event) <= WINDOW for event in events], axis=0) if events else np.zeros(len(rows), bool)
 
 
-def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[Known]:
+def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[FittedConstant]:
     """The constants that a fit corrected, with their deviations."""
     at = {e.name: k for k, e in enumerate(fit.model.effects)}
     for change in changes:
         k, constant = at[change.effect.name], change.constant
         deviation = float(fit.stderr[k]) if fit.kept[k] else None
-        yield Known(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
+        yield FittedConstant(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
 
 
-def _event(candidate: Candidate, left: Callable[[], Residual]) -> tuple[Known, ...]:
+def _event(candidate: Candidate, left: Callable[[], Residual]) -> tuple[FittedConstant, ...]:
     """The row of its event, if it has one, with those that may be it. left: what the model leaves."""
     event = next((c for c in candidate.inner.constants if c.whole), None) if candidate.inner else None
     rows = profile(left().without(candidate.effects), candidate.inner) if candidate.inner and event else None
-    return (Known(event.name, event.unit, event.value, None, *rows.interval),) if event and rows else ()
+    return (FittedConstant(event.name, event.unit, event.value, None, *rows.interval),) if event and rows else ()
 
 
-def _told(candidate: Candidate, events: Sequence[Known]) -> Candidate:
+def _told(candidate: Candidate, events: Sequence[FittedConstant]) -> Candidate:
     """The candidate with the interval of its event's row in its name and in those of its effects."""
     inner = candidate.inner
     if inner is None or not any(known.high != known.low for known in events):

@@ -62,7 +62,7 @@ def discover_by_folds(
     )
     standard, last = steps[1].heldout_error, steps[-1].heldout_error
     doubt = paired(standard, last, poses.dataset, criteria) if found.findings else None
-    final = found.final if doubt is None or doubt.confirmed else steps[1].calibration
+    final = found.final if doubt is None or doubt.passed else steps[1].calibration
     seconds = time.monotonic() - started
     return replace(
         found, heldout=everything, steps=steps, confirmation=doubt, final=final, folds=count, seconds=seconds

@@ -90,7 +90,7 @@ def discover(
     doubt = None
     if loop.findings and len(heldout):
         doubt = confirmation(standard_fit, calibration, poses.subset(heldout), loop.criteria)
-    final = last.calibration if doubt is None or doubt.confirmed else loop.standard_to_all()
+    final = last.calibration if doubt is None or doubt.passed else loop.standard_to_all()
     return Discovery(
         mechanism, poses, train, heldout, tuple(loop.steps), tuple(loop.findings), tuple(loop.rounds), last, final,
         doubt, loop.standard, time.monotonic() - started, stopped,

@@ -9,6 +9,7 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import FittedConstant
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -46,25 +47,12 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Known:
-    """A constant inside a finding, as all poses have it: value ± stderr, or for the row of an event the first and last
-    that may be it, at 95 %. name: what it is, empty for one of an evolved law."""
-
-    name: str
-    unit: str
-    value: float
-    stderr: float | None = None
-    low: int | None = None
-    high: int | None = None
-
-
-@dataclass(frozen=True)
 class FinalFit:
     """The fit to all poses; the findings as they are in it, and the constants inside each, in their order."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
-    constants: tuple[tuple[Known, ...], ...]
+    constants: tuple[tuple[FittedConstant, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -99,4 +87,4 @@ class Discovery:
     @property
     def confirmed(self) -> bool:
         """Whether the held-out poses bear out all that was added; nothing added is nothing to doubt."""
-        return self.confirmation is None or self.confirmation.confirmed
+        return self.confirmation is None or self.confirmation.passed

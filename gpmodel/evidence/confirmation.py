@@ -18,22 +18,16 @@ from gpmodel.table.dataset import Dataset
 class Confirmation:
     """Paired test of two models on held-out poses.
 
-    before, after: 3-D RMS error, m, of the standard model and of what was found. t: mean of what the squared error
-    falls by over independent units of poses, in standard deviations of that mean. p: one-sided chance of it where the
-    models are equally good. units: how many there are. confirmed: whether p is below its limit.
+    t: mean of (squared error of the first - of the second) over `units` independent units of poses, in standard
+    errors of that mean. p_value: one-sided chance of it between equally good models. passed: whether it is below its
+    limit.
     """
 
-    before: float
-    after: float
     t: float
-    p: float
+    p_value: float
     limit: float
     units: int
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether the gain on held-out poses is beyond chance."""
-        return self.p < self.limit
+    passed: bool
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
@@ -56,5 +50,4 @@ def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) ->
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
     t = float(gain.mean()) / spread if spread > 0 else 0.0
     p = float(stats.t.sf(t, len(gain) - 1)) if spread > 0 else 1.0
-    rms = [float(np.sqrt(np.mean(e**2))) for e in errors]
-    return Confirmation(rms[0], rms[1], t, p, criteria.confirmation, len(gain))
+    return Confirmation(t, p, criteria.confirmation, len(gain), p < criteria.confirmation)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpmodel.arrays import NotNegative
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.memory import constant_of, word
@@ -36,6 +37,19 @@ class Constant:
     def symbol(self) -> str:
         """What stands for it in the names and bases of a template."""
         return symbol(self.number)
+
+
+@dataclass(frozen=True)
+class FittedConstant:
+    """A constant inside a finding, as all poses have it: value ± stderr, or for the row of an event the first and last
+    that may be it, at 95 %. name: what it is, empty for one of an evolved law."""
+
+    name: str
+    unit: str
+    value: float
+    stderr: NotNegative | None = None
+    low: int | None = None
+    high: int | None = None
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,10 @@ from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin, ranges
 from gpmodel.report.quantity import quantity, read_columns
 from gpmodel.report.referenced import histogram_record
-from gpmodel.report.schema import ConfirmationRecord, ErrorsMm, Report
+from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
-    ConstantRecord,
     EffectRecord,
     HistogramRecord,
     RivalRecord,
@@ -51,7 +50,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         rounds=tuple(_round(r, names) for r in discovery.rounds),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
-        confirmation=_confirmation(discovery),
+        confirmation=discovery.confirmation,
         unobservable=unobservable,
         plots=replace(common.plots, shapes=_shapes(discovery, names)),
     )
@@ -67,12 +66,6 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
         data=replace(report.data, heldout=count, folds=discovery.folds),
         plots=replace(plots, heldout_mask=(True,) * count, error_mm=errors),
     )
-
-
-def _confirmation(discovery: Discovery) -> ConfirmationRecord | None:
-    """Whether what was added predicts held-out poses better than the standard model; None where nothing was added."""
-    found = discovery.confirmation
-    return None if found is None else ConfirmationRecord(found.t, found.p, found.limit, found.units, found.confirmed)
 
 
 def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[HistogramRecord, ...]:
@@ -143,9 +136,7 @@ def _effect(
         workspace_rms_mm=anywhere.rms_mm,
         workspace_max_mm=anywhere.max_mm,
         ranges=ranges(states, inputs, names),
-        constants=tuple(
-            ConstantRecord(k.name, k.unit, k.value, k.stderr, k.low, k.high) for k in discovery.fitted.constants[i]
-        ),
+        constants=discovery.fitted.constants[i],
     )
 
 

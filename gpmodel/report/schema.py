@@ -7,14 +7,14 @@ beside it; names of joints and inputs are those of the table. None stands where 
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gpmodel.arrays import Count, NotNegative
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.schema_accuracy import FurtherRecord, Positioning, Repeatability
 from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 from gpmodel.report.schema_search import (
     Correlation,
-    Count,
     EffectRecord,
     HistogramRecord,
-    NotNegative,
     ProgramRecord,
     Range,
     RoundRecord,
@@ -113,21 +113,6 @@ class RankRecord:
 
 
 @dataclass(frozen=True)
-class ConfirmationRecord:
-    """Paired test on the held-out poses of the last step against the standard model, which is shipped where it fails.
-
-    t: mean of (squared error before - after) over `units` independent poses, in standard deviations of that
-    mean. p_value: one-sided chance of it between equally good models; limit: of the p-value.
-    """
-
-    t: float
-    p_value: float
-    limit: float
-    units: int
-    passed: bool
-
-
-@dataclass(frozen=True)
 class MimicRecord:
     """A constant of the standard model, and the effect of the catalogue that it could equally be, by their names."""
 
@@ -186,7 +171,7 @@ class Report:
     repeatability: Repeatability | None = None
     positioning: Positioning | None = None
     further: FurtherRecord | None = None
-    confirmation: ConfirmationRecord | None = None
+    confirmation: Confirmation | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     mimics: tuple[MimicRecord, ...] = ()

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gpmodel.report.schema_search import Count, NotNegative
+from gpmodel.arrays import Count, NotNegative
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from gpmodel.report.schema_search import Count, NotNegative
+from gpmodel.arrays import Count, NotNegative
 
 Vectors = tuple[tuple[float | None, ...], ...]
 

@@ -5,6 +5,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from gpmodel.arrays import Count, NotNegative
+from gpmodel.families.inner import FittedConstant
 from gpmodel.wording import measured, shortened
 
 ROUNDING = 1e-9
@@ -13,8 +15,6 @@ RIVAL_MARGIN = 0.1
 """A rival fits about as well when its cross-validated RMS is at most this share above the finding's own; the RMS of 60
 poses is itself known to about a tenth (1 / √(2·60))."""
 
-NotNegative = Annotated[float, Meta(ge=0)]
-Count = Annotated[int, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]
 
 
@@ -66,19 +66,6 @@ class TestRecord:
 
 
 @dataclass(frozen=True)
-class ConstantRecord:
-    """A constant inside an effect's law: value ± stderr, or for the row of an event the first and last that may be it,
-    at 95 %. name: empty where nobody named it."""
-
-    name: str
-    unit: str
-    value: float
-    stderr: NotNegative | None = None
-    low: int | None = None
-    high: int | None = None
-
-
-@dataclass(frozen=True)
 class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
@@ -123,7 +110,7 @@ class EffectRecord:
     workspace_rms_mm: NotNegative | None = None
     workspace_max_mm: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
-    constants: tuple[ConstantRecord, ...] = ()
+    constants: tuple[FittedConstant, ...] = ()
 
     def __repr__(self) -> str:
         """One line."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpmodel import files
 from gpmodel.application.verify import Verified
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, NotNegative
 from gpmodel.errors import InputError
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import optional, statistics_mm
@@ -19,7 +19,7 @@ from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_accuracy import Repeatability
-from gpmodel.report.schema_search import NotNegative, Share
+from gpmodel.report.schema_search import Share
 
 NAME, KIND = "verify.json", "verify"
 SCHEMA = 1

@@ -12,11 +12,12 @@ from report_runs import calibrated, discovered
 
 from gpmodel import wording
 from gpmodel.errors import InputError
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report import certificate
 from gpmodel.report.accuracy import accuracy, before_and_after
 from gpmodel.report.certificate_pdf import write_pdf
 from gpmodel.report.particulars import Particulars, read_particulars
-from gpmodel.report.schema import ConfirmationRecord, Report
+from gpmodel.report.schema import Report
 
 GIVEN = Particulars(machine="IRB 6400R", serial="64-10291", instrument="tracker", operator="A. N. <Other>")
 
@@ -41,7 +42,7 @@ def test_before_is_registration_and_after_the_last_step_on_held_out_poses() -> N
 
 
 def test_what_is_not_confirmed_is_not_certified() -> None:
-    refused = dataclasses.replace(discovered(), confirmation=ConfirmationRecord(0.2, 0.4, 0.1, 27, False))
+    refused = dataclasses.replace(discovered(), confirmation=Confirmation(0.2, 0.4, 0.1, 27, False))
     assert certificate.certificate(discovered(), GIVEN).effects
     assert certificate.certificate(refused, GIVEN).effects == ()
     pair = before_and_after(refused)

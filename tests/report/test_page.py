@@ -12,11 +12,12 @@ from report_runs import REPORTS, calibrated, discovered, quickly
 
 from gpmodel import wording
 from gpmodel.cli.report import report as report_command
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report import explore
 from gpmodel.report.figures import draw, pictures
 from gpmodel.report.page import html
 from gpmodel.report.saved import to_json
-from gpmodel.report.schema import ConfirmationRecord, ErrorsMm, ParameterRecord, Report
+from gpmodel.report.schema import ErrorsMm, ParameterRecord, Report
 from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, RivalRecord, RoundRecord
 from gpmodel.report.words import beforehand, input_tests, place
 
@@ -108,7 +109,7 @@ def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() 
     assert "noise floor unknown give repeats or --noise" in head
     assert "Confirmed on the held-out poses" in head
     assert "something alike" in head
-    doubted = page(dataclasses.replace(report, confirmation=ConfirmationRecord(0.4, 0.35, 0.1, 20, False))).text
+    doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 0.35, 0.1, 20, False))).text
     assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard deviations" in doubted
     known = page(quickly()).text
     assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known

@@ -9,8 +9,8 @@ from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.fitted import moves_alone
-from gpmodel.report.schema import ConfirmationRecord
 from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord
 from gpmodel.report.text import summary
 from gpmodel.report.words import noise_floor, rivals
@@ -94,7 +94,7 @@ def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
 
 @pytest.mark.parametrize("passed", [True, False])
 def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> None:
-    report = dataclasses.replace(discovered(), confirmation=ConfirmationRecord(1.3, 0.12, 0.1, 20, passed))
+    report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 0.12, 0.1, 20, passed))
     text = summary(report)
     assert ("NOT CONFIRMED" in text) is not passed
     assert "1.3 standard deviations over 20 independent poses" in " ".join(text.split())

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from report_runs import calibrated, discovered, quickly
 
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.model.naming import table_names, translate
-from gpmodel.report.schema import ConfirmationRecord, Report
+from gpmodel.report.schema import Report
 from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
 
 JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
@@ -49,7 +50,7 @@ def test_joints_in_a_row_are_a_span() -> None:
 
 
 def test_what_is_not_confirmed_is_not_called_missing() -> None:
-    report = replace(discovered(), confirmation=ConfirmationRecord(0.3, 0.4, 0.1, 20, False))
+    report = replace(discovered(), confirmation=Confirmation(0.3, 0.4, 0.1, 20, False))
     said = of_discovery(report)
     assert said.startswith("One effect was found but not confirmed on held-out poses: the standard model is kept, ")
     assert "missing" not in said
