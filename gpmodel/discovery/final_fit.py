@@ -36,13 +36,12 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     found = tuple(refined.values())
     changes = [inner_changes(c, settled, state.poses.states) for c in found]
-    events = [_event(c, partial(left, settled)) for c in found]
-    told = tuple(_told(c, rows) for c, rows in zip(found, events, strict=True))
+    located = tuple(_located(c, partial(left, settled)) for c in found)
     whole, further = settled, tuple(change.effect for own in changes for change in own)
-    if further or told != found:
-        whole = state.to_all(ErrorModel(state.mechanism, (*state.model(told).effects, *further)), settled)
-    known = [(*_known(own, whole), *rows) for own, rows in zip(changes, events, strict=True)]
-    return FinalFit(whole, told, tuple(known))
+    if further or [c.name for c in located] != [c.name for c in found]:
+        whole = state.to_all(ErrorModel(state.mechanism, (*state.model(located).effects, *further)), settled)
+    known = [(*_known(own, whole), *_events(c)) for own, c in zip(changes, located, strict=True)]
+    return FinalFit(whole, located, tuple(known))
 
 
 def _beside_events(state: State) -> Mask:
@@ -62,20 +61,18 @@ def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[FittedC
         yield FittedConstant(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
 
 
-def _event(candidate: Candidate, left: Callable[[], Residual]) -> tuple[FittedConstant, ...]:
-    """The row of its event, if it has one, with those that may be it. left: what the model leaves."""
-    event = next((c for c in candidate.inner.constants if c.whole), None) if candidate.inner else None
-    rows = profile(left().without(candidate.effects), candidate.inner) if candidate.inner and event else None
-    return (FittedConstant(event.name, event.unit, event.value, None, *rows.interval),) if event and rows else ()
-
-
-def _told(candidate: Candidate, events: Sequence[FittedConstant]) -> Candidate:
-    """The candidate with the interval of its event's row in its name and in those of its effects."""
+def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
+    """The candidate with the rows that its event may be, if it has one. left: what the model leaves."""
     inner = candidate.inner
-    if inner is None or not any(known.high != known.low for known in events):
+    if inner is None or not any(c.whole for c in inner.constants):
         return candidate
-    for constant, known in zip((c for c in inner.constants if c.whole), events, strict=True):
-        rows = f"{constant.symbol} ({known.low} to {known.high})"
-        template = tuple(replace(e, name=e.name.replace(constant.symbol, rows)) for e in inner.template)
-        inner = replace(inner, name=inner.name.replace(constant.symbol, rows), template=template)
-    return candidate.at(inner)
+    rows = profile(left().without(candidate.effects), inner)
+    constants = tuple(replace(c, rows=rows.interval) if c.whole and rows else c for c in inner.constants)
+    return candidate.at(replace(inner, constants=constants))
+
+
+def _events(candidate: Candidate) -> Iterator[FittedConstant]:
+    """The row of its event, if it has one, with those that may be it."""
+    for constant in candidate.inner.constants if candidate.inner else ():
+        if constant.rows:
+            yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)

@@ -29,8 +29,10 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
     lengths = [column for name, column in states.columns.items() if states.units[name] == "m"]
+    torques = {f"torque_{name}" for name in states.columns}
+    reactions = states.loads - torques - {"moment_base_x", "moment_base_y"}
     for name, column in states.columns.items():
-        if name.startswith(("force_", "moment_")) and name not in ("moment_base_x", "moment_base_y"):
+        if name in reactions:
             continue
         spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
         if spread < 1e-9 * max(largest, 1.0):

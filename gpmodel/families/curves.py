@@ -88,9 +88,8 @@ def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"}
-    extra = [c for c in states.columns if c not in known and not c.startswith(("torque_", "moment_", "force_"))]
-    for column in (c for c in extra if np.ptp(states[c]) > 0):
+    known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"} | states.loads
+    for column in (c for c in states.columns if c not in known and np.ptp(states[c]) > 0):
         for site in sites_of(mechanism):
             name = f"{site.name} following {column}"
             effect = site.effect(name, Expression(column), f"1/{states.units[column]}", "following")

@@ -23,7 +23,7 @@ class Constant:
 
     name: what it is, as in "time constant"; unit: of it. step: from its value to the next that was offered, 0 where it
     is as fine as the poses tell apart. whole: it is the row before an event; bases hold the middle to the next row.
-    number: of its symbol in the template.
+    rows: the first and the last that may be it at 95 %, where they are told. number: of its symbol in the template.
     """
 
     name: str
@@ -32,6 +32,7 @@ class Constant:
     step: float = 0.0
     whole: bool = False
     number: int = 0
+    rows: tuple[int, int] | None = None
 
     @property
     def symbol(self) -> str:
@@ -73,12 +74,10 @@ class Inner:
     def without(self, k: int) -> "Inner":
         """The template without a constant and the effects that read it."""
         symbol = self.constants[k].symbol
-        left = tuple(
-            replace(e, name=_less(e.name, symbol))
-            for e in self.template
-            if not any(_reads(str(t.basis), symbol) for t in e.terms)
-        )
-        return Inner(_less(self.name, symbol), left, (*self.constants[:k], *self.constants[k + 1 :]))
+        left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
+        unnamed = self.name == law_name(self.template)
+        name, left = (law_name(left), numbered(left)) if unnamed else (self.name, left)
+        return Inner(name, left, (*self.constants[:k], *self.constants[k + 1 :]))
 
     @property
     def said(self) -> str:
@@ -96,13 +95,18 @@ class Inner:
 
     def _put(self, text: str, between: bool = False) -> str:
         """A text with the constants in it. between: rows of events are the middle to the next one."""
-        values = {c.symbol: c.value + 0.5 if c.whole and between else c.value for c in self.constants}
+        constants = {c.symbol: c for c in self.constants}
 
         def written(found: re.Match[str]) -> str:
             before, symbol = found.groups()
-            if symbol not in values:
+            if symbol not in constants:
                 return found[0]
-            return f"_{word(values[symbol], DIGITS)}" if before else f"{values[symbol]:.{DIGITS}g}"
+            constant = constants[symbol]
+            value = constant.value + 0.5 if constant.whole and between else constant.value
+            if before:
+                return f"_{word(value, DIGITS)}"
+            first, last = constant.rows or (0, 0)
+            return f"{value:.{DIGITS}g}" + (f" ({first} to {last})" if first != last and not between else "")
 
         return re.sub(rf"(_?)({SYMBOL}\d+)", written, text)
 
@@ -119,10 +123,16 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
         yield Constant(name, unit, float(f"{value:.3g}"), float(value * (ratio - 1.0)))
 
 
-def _less(name: str, symbol: str) -> str:
-    """The name of a law, `f and g on slot axis`, without the terms that hold a symbol; any other as it is."""
-    terms, on, place = name.rpartition(" on ")
-    return f"{' and '.join(t for t in terms.split(' and ') if not _reads(t, symbol))}{on}{place}"
+def law_name(effects: Sequence[Effect]) -> str:
+    """What a law of effects at one place is called that nobody has named: `f and g on slot axis`."""
+    place = effects[0].terms[0]
+    return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
+
+
+def numbered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects of a law that nobody has named, called after it."""
+    name = law_name(effects)
+    return tuple(replace(e, name=f"{name} [{k}]" if len(effects) > 1 else name) for k, e in enumerate(effects, 1))
 
 
 def _reads(text: str, symbol: str) -> bool:

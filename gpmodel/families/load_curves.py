@@ -14,8 +14,9 @@ from gpmodel.model.states import States
 
 def compliances(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Each axis of a joint shifts under the force along it; each axis of the base turns under its own moment."""
+    joints = {f"{j.name}.{side}": j.name for j in mechanism.joints for side in ("fixed", "moving")}
     for site in sites_of(mechanism):
-        owner, along = site.slot.split(".")[0], site.axis[0] == "T"
+        owner, along = joints.get(site.slot, site.slot), site.axis[0] == "T"
         load = f"{'force' if along else 'moment'}_{owner}_{site.axis[1]}"
         if loaded(states, load) and along != (owner == "base"):
             name = f"compliance of {site.name}"

@@ -14,7 +14,7 @@ from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_gro
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, drive_effect, effect_at
-from gpmodel.model.memory import temperatures
+from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States
 
 PLAY = 1e-4
@@ -89,7 +89,7 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     session = float(np.ptp(times))
     unit = "rows" if states.past.clock == "row" else states.units[states.past.clock]
     for column in temperatures(states.units):
-        if column.startswith("lag_") or not session * np.ptp(states.past.columns[column]) > 0:
+        if read_by(column) or not session * np.ptp(states.past.columns[column]) > 0:
             continue
         lags = tuple(geometric("lag", unit, (max(session / 100, 2 * session / len(times)), session), LAGS))
         where = f"({column}, lag of {symbol()} {unit})"

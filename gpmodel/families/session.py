@@ -10,7 +10,7 @@ from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
-from gpmodel.model.memory import temperatures
+from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States
 
 MOST_STEPS = 200
@@ -137,4 +137,4 @@ def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[E
 
 
 def _measured_temperatures(states: States) -> list[str]:
-    return [c for c in temperatures(states.units) if not c.startswith("lag_")]
+    return [c for c in temperatures(states.units) if not read_by(c)]

@@ -48,7 +48,8 @@ class States:
     what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
     that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
     what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
-    point (`seen`) by those of gpmodel.model.instrument. None of these is listed in `columns`.
+    point (`seen`) by those of gpmodel.model.instrument. None of these is listed in `columns`. loads: columns that are
+    loads of the mechanism, computed or measured.
     """
 
     columns: Mapping[str, Array]
@@ -58,6 +59,7 @@ class States:
     seen: Seen | None = None
     carried: Carried | None = None
     rows: IntArray | None = None
+    loads: frozenset[str] = frozenset()
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def value(self, basis: Basis) -> Array:
@@ -196,7 +198,7 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
         if name not in torques:
             put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")
-    states = _remembering(columns, units, mechanism, dataset, same)
+    states = replace(_remembering(columns, units, mechanism, dataset, same), loads=frozenset(loads) | set(measured))
     alone = dataset.payload_given and not np.ptp(dataset.payload) > 0
     return replace(states, carried=Carried(_carried(mechanism, dataset, loads))) if alone else states
 

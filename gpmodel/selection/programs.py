@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import law_name, numbered
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.formula.program import Program
 from gpmodel.formula.signs import with_plain_signs
@@ -31,11 +32,8 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
     bases = [b for b in bases if b.inputs]
     if not bases:
         return None
-    label = " and ".join(b.text for b in bases)
-    name = f"{label} on {site.name}"
-    unit = axis_unit(site.axis)
-    effects = tuple(site.effect(_numbered(name, k, len(bases)), b, unit) for k, b in enumerate(bases, 1))
-    return Candidate(name, effects, "", cost, "evolved")
+    effects = [site.effect("", basis, axis_unit(site.axis)) for basis in bases]
+    return Candidate(law_name(effects), numbered(effects), "", cost, "evolved")
 
 
 def parts(program: Program) -> list[Program]:
@@ -68,17 +66,9 @@ def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate
 
 def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
     """A candidate of some of the terms of another."""
-    label, _, place = candidate.name.rpartition(" on ")
-    bases = [label.split(" and ")[k] for k in own]
-    name = f"{' and '.join(bases)} on {place}"
-    effects = tuple(replace(candidate.effects[k], name=_numbered(name, i, len(own))) for i, k in enumerate(own, 1))
-    nodes = sum(Expression(basis).program.complexity for basis in bases)
-    return replace(candidate, name=name, effects=effects, cost=cost(nodes))
-
-
-def _numbered(name: str, number: int, count: int) -> str:
-    """The name of one effect of several."""
-    return f"{name} [{number}]" if count > 1 else name
+    effects = [candidate.effects[k] for k in own]
+    nodes = sum(Expression(str(effect.terms[0].basis)).program.complexity for effect in effects)
+    return replace(candidate, name=law_name(effects), effects=numbered(effects), cost=cost(nodes))
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
