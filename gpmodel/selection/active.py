@@ -1,4 +1,4 @@
-"""What is in the model: its posterior, its evidence, and what each group in it is worth.
+"""What is in the model: its posterior, its evidence, and what each group in it gains.
 
 With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹:
 C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
@@ -148,7 +148,7 @@ class Active:
         return ((1.0 - h) / h / a)[None], ((turn.T @ self.mean[at]) / h / np.sqrt(a))[None]
 
     @cached_property
-    def worth(self) -> dict[int, tuple[float, float]]:
+    def gains(self) -> dict[int, tuple[float, float]]:
         """Gain of each active group over the model without it, at its best variance, and that variance.
 
         Groups of few columns are scored beside those of many: a column of zeros gains nothing.
@@ -158,3 +158,7 @@ class Active:
         s, q = (np.array([np.pad(pair[i][0], (0, width - pair[i].shape[1])) for pair in own]) for i in (0, 1))
         gains, at = best(s, q, self.pool.cap[list(self.variances)])
         return {g: (float(gain), float(a)) for g, gain, a in zip(self.variances, gains, at, strict=True)}
+
+    def net_nats(self, g: int) -> float:
+        """What a group in the model gains beyond its cost."""
+        return self.gains[g][0] - float(self.pool.cost[g])

@@ -9,8 +9,8 @@ from gpmodel.arrays import Array
 from gpmodel.selection.active import Active
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import (
-    SETTLED,
     backward_eliminated,
+    first_better,
     found,
     split,
     stepwise,
@@ -35,7 +35,7 @@ class Alternative:
 def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
     """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
     active = replacements.active
-    own = active.worth[g][0] - active.pool.cost[g]
+    own = active.net_nats(g)
     margin = active.criteria.rival_nats
     gains, variances = replacements.of(g, own - margin)
     losses = own - (gains - active.pool.cost)
@@ -59,9 +59,10 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
             rivals[g], variances = instead_of(replacements, g)
             h = _successor(active, g, rivals[g])
             if h is not None:
-                trial = backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
-                if trial.evidence > active.evidence + SETTLED:
-                    active, changed, replacements = trial, True, Replacements(trial)
+                swapped = with_optimal_variances(active.without(g).added(h, float(variances[h])), 4)
+                better = first_better(active, [backward_eliminated(swapped)])
+                if better is not active:
+                    active, changed, replacements = better, True, Replacements(better)
         if not changed:
             break
         active = stepwise(active)

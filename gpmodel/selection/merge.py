@@ -1,14 +1,15 @@
 """Moves that replace several groups by one, or one by several, where no exchange of one for one raises the evidence."""
 
 from collections import defaultdict
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group
 from gpmodel.selection.moves import (
-    SETTLED,
     backward_eliminated,
+    first_better,
     forward_selected,
     found,
     parts_left,
@@ -36,44 +37,44 @@ def merged(active: Active) -> Active:
     the rest; then none can be exchanged alone.
     """
     for place, several in _together(active).items():
-        fewer = active
-        for g in several:
-            fewer = fewer.without(g)
-        groups = active.pool.groups
-        others = [h for h, group in enumerate(groups) if group.place == place and h not in active.variances]
-        if not others:
-            continue
-        gains, variances, _ = scan(fewer, np.array(others))
-        saved = gains - active.pool.cost
-        for h in np.argsort(-saved)[:TRIED]:
-            if saved[h] < active.evidence - fewer.evidence - LEEWAY:
-                break
-            trial = backward_eliminated(with_optimal_variances(fewer.added(int(h), float(variances[h]))))
-            if trial.evidence > active.evidence + SETTLED:
-                active = trial
-                break
+        active = first_better(active, _by_one(active, place, several))
     return active
+
+
+def _by_one(active: Active, place: str, several: Sequence[int]) -> Iterator[Active]:
+    """The model with one group at a place instead of several, the best first."""
+    fewer = active
+    for g in several:
+        fewer = fewer.without(g)
+    others = [h for h, group in enumerate(active.pool.groups) if group.place == place and h not in active.variances]
+    if not others:
+        return
+    gains, variances, _ = scan(fewer, np.array(others))
+    saved = gains - active.pool.cost
+    for h in np.argsort(-saved)[:TRIED]:
+        if saved[h] < active.evidence - fewer.evidence - LEEWAY:
+            return
+        yield backward_eliminated(with_optimal_variances(fewer.added(int(h), float(variances[h]))))
 
 
 def curves_to_laws(active: Active) -> Active:
     """Replace each curve by a law in its inputs and regrow, keep that if the evidence rises.
 
-    A law that needs another effect beside it loses to a curve that has both in it. One that saves nothing in the place
-    of the curve is no trial: what would grow is what grows without it.
+    A law that needs another effect beside it loses to a curve that has both in it.
     """
     for g in found(active):
-        group = active.pool.groups[g]
-        if g not in active.variances or len(group.effects) <= LAW:
-            continue
-        for h in _laws_in(active, group):
-            fewer = backward_eliminated(with_optimal_variances(active.without(g).added(h, active.variances[g])))
-            if h not in fewer.variances:
-                continue
-            trial = forward_selected(fewer, but={g})
-            if trial.evidence > active.evidence + SETTLED:
-                active = trial
-                break
+        if g in active.variances and len(active.pool.groups[g].effects) > LAW:
+            active = first_better(active, _by_laws(active, g))
     return active
+
+
+def _by_laws(active: Active, g: int) -> Iterator[Active]:
+    """The model with a law instead of a curve, regrown. One that saves nothing in the place of the curve is no trial:
+    what would grow is what grows without it."""
+    for h in _laws_in(active, active.pool.groups[g]):
+        fewer = backward_eliminated(with_optimal_variances(active.without(g).added(h, active.variances[g])))
+        if h in fewer.variances:
+            yield forward_selected(fewer, but={g})
 
 
 def replace_catch_alls(active: Active) -> Active:
@@ -86,9 +87,8 @@ def replace_catch_alls(active: Active) -> Active:
     for g in found(active):
         if g in active.variances and _broad(active.pool.groups[g]):
             fewer = backward_eliminated(with_optimal_variances(active.without(g)))
-            trial = max((forward_selected(s, but={g}) for s in (fewer, _with_two(fewer, g))), key=lambda a: a.evidence)
-            if trial.evidence > active.evidence + SETTLED:
-                active = trial
+            grown = [forward_selected(start, but={g}) for start in (fewer, _with_two(fewer, g))]
+            active = first_better(active, [max(grown, key=lambda trial: trial.evidence)])
     return active
 
 

@@ -1,6 +1,6 @@
 """Moves of the selection: re-estimate, prune, add, split; each raises the evidence, until none does."""
 
-from collections.abc import Set
+from collections.abc import Iterable, Set
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +22,7 @@ def with_optimal_variances(active: Active, sweeps: int = SWEEPS) -> Active:
     """The model with optimal variances and noise: all at once in log a, halving the step where the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
-        target = {g: variance for g, (_, variance) in active.worth.items()}
+        target = {g: variance for g, (_, variance) in active.gains.items()}
         sigma2 = max(active.energy / max(active.pool.rows.freedom - active.unknowns, 1.0), LEAST_NOISE**2)
         moved = {g: a * (target[g] / a) ** step for g, a in active.variances.items()}
         trial = replace(active, variances=moved, sigma2=active.sigma2 * (sigma2 / active.sigma2) ** step)
@@ -41,9 +41,8 @@ def with_optimal_variances(active: Active, sweeps: int = SWEEPS) -> Active:
 def backward_eliminated(active: Active) -> Active:
     """Backward elimination of groups that gain less than the least nats, the worst first, and of idle parts."""
     while True:
-        worth = {g: active.worth[g][0] - active.pool.cost[g] for g in found(active)}
-        worst = min(worth, key=lambda g: worth[g], default=None)
-        if worst is None or worth[worst] >= active.criteria.minimum_nats:
+        worst = min(found(active), key=active.net_nats, default=None)
+        if worst is None or active.net_nats(worst) >= active.criteria.minimum_nats:
             return _without_idle_parts(active)
         active = with_optimal_variances(active.without(worst), 3)
 
@@ -111,6 +110,11 @@ def stepwise(active: Active) -> Active:
     return backward_eliminated(with_optimal_variances(forward_selected(active)))
 
 
+def first_better(active: Active, trials: Iterable[Active]) -> Active:
+    """The first trial that raises the evidence by what settles it, else the model as it is."""
+    return next((trial for trial in trials if trial.evidence > active.evidence + SETTLED), active)
+
+
 def split(active: Active) -> Active:
     """Groups of several places as one group a place where each place stands on its own: said by name."""
     number = {group.name: g for g, group in enumerate(active.pool.groups)}
@@ -124,7 +128,7 @@ def split(active: Active) -> Active:
             trial = trial.added(number[parts[part].name], active.variances[g] / len(parts))
         trial = with_optimal_variances(trial)
         new = [h for h in trial.variances if h not in active.variances]
-        if all(trial.worth[h][0] - trial.pool.cost[h] >= active.criteria.minimum_nats for h in new):
+        if all(trial.net_nats(h) >= active.criteria.minimum_nats for h in new):
             active = trial
     return active
 

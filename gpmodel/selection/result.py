@@ -75,7 +75,7 @@ def summarised(
         others = tuple((active.pool.groups[r.number], r.loss) for r in rivals.get(g, ()))
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
-        gain = active.worth[g][0]
+        gain = active.gains[g][0]
         kept.append(Kept(group, gain, variance, fit.point.theta[own], deviation[own], others, determined))
     geometry = tuple(k for k in kept if k.group.standing)
     found = tuple(sorted((k for k in kept if not k.group.standing), key=lambda k: -k.gain))

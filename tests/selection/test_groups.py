@@ -101,7 +101,7 @@ def test_at_its_own_noise_a_group_gains_what_the_density_does_once_everything_is
 
 def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> None:
     active, target = problem()
-    worth, variance = active.worth[9]
+    worth, variance = active.gains[9]
     there = replace(active, variances={**active.variances, 9: variance})
     lost = dense(there, target) - dense(active.without(9), target)
     assert worth - active.pool.cost[9] == pytest.approx(lost, abs=1e-3)
