@@ -17,9 +17,9 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, geometry_groups
+from gpmodel.selection.offers import Offering, of_offers, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.standing import Offering, of_offers, offered
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"

@@ -18,7 +18,7 @@ from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.simulate import simulate
 from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.explore import Turn, explore
+from gpmodel.discovery.explore import RoundContext, explore
 from gpmodel.discovery.journal import NullJournal
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
@@ -59,7 +59,7 @@ def speedup() -> dict[str, object]:
     def run(name: str, workers: Workers, runs: int = 8) -> None:
         search = Search(runs=runs, executor=workers)
         began = time.perf_counter()
-        found = explore(residual, sites, search, np.random.default_rng(0), Turn(1, Teller(), NullJournal()))
+        found = explore(residual, sites, search, np.random.default_rng(0), RoundContext(1, Teller(), NullJournal()))
         if runs == 8:
             seconds[name] = time.perf_counter() - began
             results.add((tuple(c.name for c in found.candidates), found.null_nats.tobytes()))

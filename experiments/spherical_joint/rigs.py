@@ -28,8 +28,8 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.report.origin import versions
+from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import Offering, of_offers
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import hold_out
 from joints import spherical_joint

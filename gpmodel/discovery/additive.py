@@ -29,10 +29,10 @@ from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.group import Group
+from gpmodel.selection.offers import Offering, of_evolved, of_offers, only
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import Offering, of_evolved, of_offers, only
-from gpmodel.selection.waves import combs_of
+from gpmodel.selection.waves import grids_of
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
@@ -134,9 +134,9 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     states = choice.train.states
     inputs = readable_inputs(states, np.arange(len(states)))[0].names
     sites = [s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still)]
-    combs = combs_of(choice.offers, mechanism, choice.train.states)
-    combs = [c for c in combs if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
-    offering = Offering(single, sites, inputs, combs)
+    grids = grids_of(choice.offers, mechanism, choice.train.states)
+    grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
+    offering = Offering(single, sites, inputs, grids)
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)
 
 

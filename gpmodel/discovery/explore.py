@@ -32,7 +32,7 @@ from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 
 @dataclass(frozen=True)
-class Turn:
+class RoundContext:
     """Which round this is, where its messages go, and where its finished runs are kept.
 
     late: whether the time is up. opening: the first round where named effects are offered, explored with a small
@@ -61,7 +61,7 @@ class Exploration:
 
 
 def explore(
-    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, turn: Turn
+    residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, context: RoundContext
 ) -> Exploration:
     """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
 
@@ -79,22 +79,22 @@ def explore(
     problem, _ = question
     if not search.runs:
         return Exploration((), np.zeros(0), without_runs(problem.inputs.names, residual.criteria.input_significance))
-    budget = search.budget(turn.opening)
+    budget = search.budget(context.opening)
     settings = [Settings(strategy, search.selection, budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
-    chances = max(1, search.runs // 2) if turn.pooled else max(search.runs, -(-FEWEST // len(settings)))
+    chances = max(1, search.runs // 2) if context.pooled else max(search.runs, -(-FEWEST // len(settings)))
     orders = shuffled(residual, rng, chances * len(settings)).T
     shuffles = [
         Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])
         for s, order in zip(np.repeat(np.array(settings, dtype=object), chances).tolist(), orders, strict=True)
     ]
     tasks = dict(enumerate([*real, *shuffles]))
-    first = tasks if turn.number == 1 else dict(list(tasks.items())[: len(real)])
-    found = run(first, search, turn)
+    first = tasks if context.number == 1 else dict(list(tasks.items())[: len(real)])
+    found = run(first, search, context)
     candidates = candidates_of(residual, sites, search, question, found[: len(real)])
     by_chance = found[len(real) :]
-    if turn.number > 1 and _could_be_accepted(residual, candidates):
-        by_chance = run(dict(list(tasks.items())[len(real) :]), search, turn)
+    if context.number > 1 and _could_be_accepted(residual, candidates):
+        by_chance = run(dict(list(tasks.items())[len(real) :]), search, context)
 
     ran = [*zip(real, found, strict=False), *zip(shuffles, by_chance, strict=False)]
     strengths = [_most_saved(residual, search, evolution, len(sites)) for _, evolution in ran]
@@ -114,16 +114,16 @@ def posed(
     return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
 
 
-def run(tasks: Mapping[int, Task], search: Search, turn: Turn) -> list[Evolution]:
+def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
     """All runs by number; each is kept as it finishes and told of, and those kept before are not repeated."""
 
     def said(done: int) -> None:
-        if 0 < done < len(tasks) and turn.late():
+        if 0 < done < len(tasks) and context.late():
             raise OutOfTime
-        turn.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
+        context.tell(f"evolving, {done} of {len(tasks)} runs done", passing=True)
 
-    numbered = {(turn.number, n): task for n, task in tasks.items()}
-    found = dict(run_all(numbered, search.side_by_side, turn.kept, said))
+    numbered = {(context.number, n): task for n, task in tasks.items()}
+    found = dict(run_all(numbered, search.side_by_side, context.kept, said))
     return [found[number] for number in numbered]
 
 

@@ -13,7 +13,7 @@ from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
-from gpmodel.discovery.explore import Exploration, OutOfTime, Turn, explore
+from gpmodel.discovery.explore import Exploration, OutOfTime, RoundContext, explore
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.journal import Journal, NullJournal
 from gpmodel.discovery.result import Discovery, FinalFit, Finding, Round
@@ -238,10 +238,11 @@ def _explored(
     opening = bool(loop.offers) and number == 1
     earlier = [r.exploration.null_nats for r in loop.rounds[bool(loop.offers) :]]
     pooled = sum(len(nats) for nats in earlier) > 0
-    turn = Turn(number, Teller(loop.say.say, f"round {number}: "), loop.journal, lambda: loop.late, opening, pooled)
+    tell = Teller(loop.say.say, f"round {number}: ")
+    context = RoundContext(number, tell, loop.journal, lambda: loop.late, opening, pooled)
     still = still_joints(loop.mechanism, residual.poses.dataset)
     sites = tuple(s for s in sites_of(loop.mechanism) if not stands_still((t[0] for t in s.terms), still))
-    exploration = explore(residual, sites, loop.search, rng, turn)
+    exploration = explore(residual, sites, loop.search, rng, context)
     known = {c.name for c in (*loop.known_effects, *loop.found, *loop.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     return exploration, judge(residual, pool, np.concatenate([exploration.null_nats, *earlier]), loop.search)

@@ -15,7 +15,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.residual import Residual
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import DIGITS, Inner
+from gpmodel.families.inner import DIGITS, NonlinearParameters
 from gpmodel.model.effect import Effect
 from gpmodel.numerics import rank as ident
 
@@ -116,7 +116,7 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
     return candidate.at(_written(residual, inner))
 
 
-def profile(residual: Residual, inner: Inner) -> Profile | None:
+def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
     """The likelihood of an event over the rows beside it, in a residual without it; None where there is no event.
 
     As many rows as it takes for those at both ends to be out of the interval.
@@ -144,7 +144,7 @@ def _movable(candidate: Candidate) -> bool:
     return candidate.inner is not None and any(c.step > 0 for c in candidate.inner.constants)
 
 
-def _settled(residual: Residual, inner: Inner) -> Inner:
+def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
     """Events by their most likely row, the other constants by a simplex that begins half a step wide."""
     event = profile(residual, inner)
     if event is not None:
@@ -162,7 +162,7 @@ def _settled(residual: Residual, inner: Inner) -> Inner:
     return inner.at(found.x.tolist())
 
 
-def _written(residual: Residual, inner: Inner) -> Inner:
+def _written(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
     """The constants in as few digits as the data tell apart."""
     best = _nats(residual, inner.effects)
     for digits in range(2, DIGITS):

@@ -61,9 +61,9 @@ def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
     return np.maximum(at_left, at_right), np.exp(where)
 
 
-def rotated(inner: Array, pull: Array) -> tuple[Array, Array]:
-    """Eigenvalues s (G, K) of S (G, K, K) and q = Vᵀ pull (G, K)."""
+def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:
+    """Eigenvalues s (G, K) of S (G, K, K) and q = Vᵀ rhs (G, K)."""
     if inner.shape[-1] == 1:
-        return inner[:, :, 0], pull
+        return inner[:, :, 0], rhs
     s, turn = np.linalg.eigh(inner)
-    return s, np.matmul(pull[:, None, :], turn)[:, 0]
+    return s, np.matmul(rhs[:, None, :], turn)[:, 0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
-from gpmodel.families.comb import Comb, comb
+from gpmodel.families.frequency_grid import FrequencyGrid, frequency_grid
 from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
@@ -55,14 +55,14 @@ def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candid
             yield pair(name, j, f"{n}*{j.name}", "transmission_ripple", cost)
 
 
-def ripple_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
+def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
     """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
     for j in revolute(mechanism):
         travel = float(np.ptp(states[j.name]))
         name = f"transmission ripple, {symbol()} per turn, {j.name}"
         lowest = max(3.0, 4 * np.pi / travel) if travel > 0 else np.inf
         wave = pair(name, j, f"{symbol()}*{j.name}", "transmission_ripple", 4.0)
-        found = comb(wave, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate)
+        found = frequency_grid(wave, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate)
         if found is not None:
             yield found
 

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from gpmodel.families.candidate import Candidate, pair
-from gpmodel.families.comb import Comb, comb
+from gpmodel.families.frequency_grid import FrequencyGrid, frequency_grid
 from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
@@ -90,13 +90,13 @@ def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 yield pair(name, j, argument, "cyclic_error", 4.0 + float(np.log(len(LEADS))), LENGTH)
 
 
-def cyclic_combs(mechanism: Mechanism, states: States) -> Iterator[Comb]:
+def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
     """A wave of positioning of any period from SHORTEST to a third of the travel: screws, racks, scales."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         argument = f"{2e3 * np.pi:.8g}/{symbol()}*({j.name} - {start:.6g})"
         wave = pair(f"cyclic error, every {symbol()} mm, {j.name}", j, argument, "cyclic_error", 4.0, LENGTH)
         span = (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST)
-        found = comb(wave, j, (start, travel), span, lambda rate: 2e3 * np.pi / rate)
+        found = frequency_grid(wave, j, (start, travel), span, lambda rate: 2e3 * np.pi / rate)
         if found is not None:
             yield found

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.families.inner import Inner
+from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
@@ -39,12 +39,12 @@ class Candidate:
     cost: float
     found_by: str = "catalogue"
     explanation: str = ""
-    inner: Inner | None = None
+    inner: NonlinearParameters | None = None
 
-    def at(self, inner: Inner) -> "Candidate":
+    def at(self, inner: NonlinearParameters) -> "Candidate":
         """The candidate with other constants inside, its unknowns free of priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
-        return replace(self, name=inner.said, effects=effects, inner=inner)
+        return replace(self, name=inner.full_name, effects=effects, inner=inner)
 
     @property
     def has_priors(self) -> bool:
@@ -112,9 +112,9 @@ class Candidate:
                 return size, shapes @ total / (len(total) * size) if size else np.zeros(len(theta))
 
 
-def inside(inner: Inner, family: str, cost: float) -> Candidate:
+def inside(inner: NonlinearParameters, family: str, cost: float) -> Candidate:
     """A candidate with constants inside its bases."""
-    return Candidate(inner.said, inner.effects, family, cost, inner=inner)
+    return Candidate(inner.full_name, inner.effects, family, cost, inner=inner)
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.comb import Comb
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -16,8 +16,8 @@ PROVIDERS = "gpmodel.families"
 Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 
 
-def no_combs(mechanism: Mechanism, states: States) -> Iterable[Comb]:
-    """No combs: every instance of the family can be named."""
+def no_grids(mechanism: Mechanism, states: States) -> Iterable[FrequencyGrid]:
+    """No grids: every instance of the family can be named."""
     return ()
 
 
@@ -27,7 +27,7 @@ class Family:
 
     name: one word, as written on a command line. explanation: what happens physically. source: who described it.
     build: every instance that a mechanism and these columns allow; an effect alone is a candidate of one effect.
-    combs: waves of it at more rates than can be named, which a selection of groups looks through.
+    grids: waves of it at more rates than can be named, which a selection of groups looks through.
     offered: the instances that a search is offered, where these are not those that can be named.
 
     generic: it says how an error looks and names no part; only a search is offered it. needs_pointing: it stands
@@ -40,7 +40,7 @@ class Family:
     explanation: str
     source: str
     build: Builder
-    combs: Callable[[Mechanism, States], Iterable[Comb]] = no_combs
+    grids: Callable[[Mechanism, States], Iterable[FrequencyGrid]] = no_grids
     offered: Builder | None = None
     generic: bool = False
     needs_pointing: bool = False

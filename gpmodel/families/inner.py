@@ -54,7 +54,7 @@ class FittedConstant:
 
 
 @dataclass(frozen=True)
-class Inner:
+class NonlinearParameters:
     """The constants of a candidate, its name and its effects with their symbols in their places."""
 
     name: str
@@ -66,23 +66,23 @@ class Inner:
         """Values of the constants."""
         return tuple(c.value for c in self.constants)
 
-    def at(self, values: Sequence[float]) -> "Inner":
+    def at(self, values: Sequence[float]) -> "NonlinearParameters":
         """The template with other values of its constants."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 
-    def without(self, k: int) -> "Inner":
+    def without(self, k: int) -> "NonlinearParameters":
         """The template without a constant and the effects that read it."""
         symbol = self.constants[k].symbol
         left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
         unnamed = self.name == law_name(self.template)
         name, left = (law_name(left), numbered(left)) if unnamed else (self.name, left)
-        return Inner(name, left, (*self.constants[:k], *self.constants[k + 1 :]))
+        return NonlinearParameters(name, left, (*self.constants[:k], *self.constants[k + 1 :]))
 
     @property
-    def said(self) -> str:
+    def full_name(self) -> str:
         """The candidate's name with the constants in it."""
-        return self._put(self.name)
+        return self._substituted(self.name)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -90,10 +90,10 @@ class Inner:
         return tuple(self._filled(effect) for effect in self.template)
 
     def _filled(self, effect: Effect) -> Effect:
-        terms = tuple(replace(t, basis=Expression(self._put(str(t.basis), between=True))) for t in effect.terms)
-        return replace(effect, name=self._put(effect.name), terms=terms)
+        terms = tuple(replace(t, basis=Expression(self._substituted(str(t.basis), between=True))) for t in effect.terms)
+        return replace(effect, name=self._substituted(effect.name), terms=terms)
 
-    def _put(self, text: str, between: bool = False) -> str:
+    def _substituted(self, text: str, between: bool = False) -> str:
         """A text with the constants in it. between: rows of events are the middle to the next one."""
         constants = {c.symbol: c for c in self.constants}
 
@@ -144,7 +144,7 @@ NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
 """What the constant of a remembered column is."""
 
 
-def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> Inner | None:
+def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
     """The constants in the names of the remembered columns that effects read, as `lag_temperature_40` does; None where
     they read none.
 
@@ -157,15 +157,15 @@ def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], 
         constants.append(Constant(NAMES[what], unit(what, of), value, 0.5 * value, number=number))
         symbols[column] = f"{what}_{of}_{symbol(number)}"
     template = tuple(
-        replace(e, name=_said(e.name, symbols), terms=tuple(_term(t, symbols) for t in e.terms)) for e in effects
+        replace(e, name=_replaced(e.name, symbols), terms=tuple(_term(t, symbols) for t in e.terms)) for e in effects
     )
-    return Inner(_said(name, symbols), template, tuple(constants)) if constants else None
+    return NonlinearParameters(_replaced(name, symbols), template, tuple(constants)) if constants else None
 
 
 def _term(term: Term, symbols: Mapping[str, str]) -> Term:
-    return replace(term, basis=Expression(_said(str(term.basis), symbols)))
+    return replace(term, basis=Expression(_replaced(str(term.basis), symbols)))
 
 
-def _said(text: str, symbols: Mapping[str, str]) -> str:
+def _replaced(text: str, symbols: Mapping[str, str]) -> str:
     """A text with whole words replaced."""
     return re.sub(r"\w+", lambda match: symbols.get(match[0], match[0]), text)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
-from gpmodel.families.inner import Constant, Inner, geometric, symbol
+from gpmodel.families.inner import Constant, NonlinearParameters, geometric, symbol
 from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
@@ -78,7 +78,7 @@ def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                     )
                     for c in constants
                 )  # fmt: skip
-                yield inside(Inner(name, effects, constants), "hysteresis", 5.0)
+                yield inside(NonlinearParameters(name, effects, constants), "hysteresis", 5.0)
 
 
 def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -95,7 +95,7 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         where = f"({column}, lag of {symbol()} {unit})"
         for name, effects, cost in _following(mechanism, f"lag_{column}_{symbol()}", where, states.units[column]):
             for lag in lags:
-                yield inside(Inner(name, effects, (lag,)), "lagged_growth", cost)
+                yield inside(NonlinearParameters(name, effects, (lag,)), "lagged_growth", cost)
 
 
 def _following(

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.families.candidate import Candidate, inside, one, revolute
-from gpmodel.families.inner import Constant, Inner, symbol
+from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
@@ -39,9 +39,9 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
     for row in rows:
         last = (Constant("last row before it", "row", row, 1.0, whole=True),)
-        yield inside(Inner(name, effects, last), family, 3.0 + np.log(len(rows)))
+        yield inside(NonlinearParameters(name, effects, last), family, 3.0 + np.log(len(rows)))
         for effect in effects:
-            yield inside(Inner(effect.name, (effect,), last), family, 3.0 + np.log(len(axes) * len(rows)))
+            yield inside(NonlinearParameters(effect.name, (effect,), last), family, 3.0 + np.log(len(axes) * len(rows)))
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -106,7 +106,7 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for effect in (*zeros, *places, *links):
         for share in (0.05, 0.1, 0.2, 0.4):
             tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span)
-            yield inside(Inner(effect.name, (effect,), (tau,)), "warm_up", 7.0)
+            yield inside(NonlinearParameters(effect.name, (effect,), (tau,)), "warm_up", 7.0)
 
 
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -125,7 +125,7 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         for share in (0.05, 0.15, 0.45):
             tau = Constant("time constant", unit, float(f"{share * span:.3g}"), share * span, number=1)
             for effect in _settling(mechanism, basis, after):
-                inner = Inner(effect.name, (effect,), (moment, tau))
+                inner = NonlinearParameters(effect.name, (effect,), (moment, tau))
                 yield inside(inner, "settling", float(np.log(3 * EVENTS)) + 4.0)
 
 

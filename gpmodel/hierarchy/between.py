@@ -41,7 +41,7 @@ Judge = Callable[[Mask], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
-class Standing:
+class Deviations:
     """Machines among the others, (m, K): z by the others' mean and spread, chance of it anywhere in an innocent fleet,
     and whether the machine is one of the `inside`."""
 
@@ -86,7 +86,7 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
     return float(root) * most
 
 
-def standing(judges: Sequence[Judge], machines: int) -> Standing:
+def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
     """Of every machine in everything that it is judged by.
 
     A judge's residuals are each against the other machines, its chances are corrected for all machines and judges
@@ -96,7 +96,7 @@ def standing(judges: Sequence[Judge], machines: int) -> Standing:
     inside = np.ones((machines, len(judges)), dtype=bool)
     z, chance = np.zeros(inside.shape), np.ones(inside.shape)
     if machines < FEWEST:
-        return Standing(z, chance, inside)
+        return Deviations(z, chance, inside)
     stale = list(range(len(judges)))
     while True:
         for k in stale:
@@ -105,7 +105,7 @@ def standing(judges: Sequence[Judge], machines: int) -> Standing:
         open_ones = np.where(inside & (inside.sum(axis=0) >= FEWEST), corrected, np.inf)
         i, k = (int(j) for j in np.unravel_index(int(np.argmin(open_ones)), chance.shape))
         if open_ones[i, k] >= SIGNIFICANCE:
-            return Standing(z, corrected, inside)
+            return Deviations(z, corrected, inside)
         inside[i, k] = False
         stale = [k]
 

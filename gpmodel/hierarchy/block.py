@@ -23,7 +23,7 @@ would only dilute what is asked of a machine."""
 
 
 @dataclass(frozen=True)
-class Told:
+class BlockInformation:
     """What poses say of a block: values (m, E) with unit variance about root (m, E, E) times the block's effects, zero
     in directions that the poses do not tell; count (m,) of those they do."""
 
@@ -31,9 +31,9 @@ class Told:
     root: Array
     count: Array
 
-    def of(self, machines: Mask) -> "Told":
+    def subset(self, machines: Mask) -> "BlockInformation":
         """The same of some machines (m,)."""
-        return Told(self.values[machines], self.root[machines], self.count[machines])
+        return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ def _alike(names: list[str]) -> str:
     return ", ".join(at[0] for at in same) or names[0]
 
 
-def told(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> Told:
-    """Of a block in fits with its priors and with known noise: Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ of each, Λ = Rᵀ R."""
+def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
+    """What fits say of a block, with its priors and with known noise: Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ of each, Λ = Rᵀ R."""
     values, roots = [], []
     prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))
     for fit in fits:
@@ -76,10 +76,10 @@ def told(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> Told:
         values.append(np.divide(seen, size, out=np.zeros(len(at)), where=size > 0))
         roots.append(size[:, None] * directions.T)
     root = np.array(roots)
-    return Told(np.array(values), root, np.sum(root.any(axis=2), axis=1))
+    return BlockInformation(np.array(values), root, np.sum(root.any(axis=2), axis=1))
 
 
-def shared(of: Told) -> tuple[float, float, float]:
+def shared(of: BlockInformation) -> tuple[float, float, float]:
     """τ and its interval of INTERVAL coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
     those of χ² with m - 1 degrees of freedom, as if all effects of a machine differed in one proportion."""
     tail, free = (1.0 - INTERVAL) / 2.0, len(of.values) - 1
@@ -87,18 +87,18 @@ def shared(of: Told) -> tuple[float, float, float]:
     return _common(of).spread, low, high
 
 
-def deleted(of: Told, inside: Mask) -> tuple[Array, Array]:
+def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
     """Distance (m,) of each machine from the others `inside`, and its chance."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
         others = inside & (np.arange(len(inside)) != i)
-        type_ = _common(of.of(others))
+        type_ = _common(of.subset(others))
         spread = type_.covariance + type_.spread**2 * np.eye(len(type_.mean))
         distances[i], chance[i] = distance(of, i, type_.mean, spread, int(others.sum()))
     return distances, chance
 
 
-def distance(of: Told, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
+def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
     """√(χ² / n) of a machine's n told directions about a mean (E,) with a covariance (E, E) known from `machines`
     others, and its chance.
 
@@ -121,10 +121,10 @@ def further_distance(
         np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
     )
     centre = (mean - np.array([e.mean for e in effects])) / own
-    return distance(told([fit], effects), 0, centre, np.diag((deviation / own) ** 2), machines)
+    return distance(block_information([fit], effects), 0, centre, np.diag((deviation / own) ** 2), machines)
 
 
-def _common(of: Told, share: float = 1.0) -> Common:
+def _common(of: BlockInformation, share: float = 1.0) -> Common:
     """What machines have in common, τ² being where Q = Σ r² / (1 + τ² λ) is `share` of its expectation; zero where it
     is below that without any."""
 
@@ -141,7 +141,7 @@ def _common(of: Told, share: float = 1.0) -> Common:
     return Common(mean, covariance, float(np.sqrt(variance)))
 
 
-def _weighed(of: Told, variance: float) -> tuple[Array, Array, float, float]:
+def _weighed(of: BlockInformation, variance: float) -> tuple[Array, Array, float, float]:
     """Mean beside μ ~ N(0, 1), its covariance, Q, and Q's expectation: told directions less those the mean takes."""
     weight = 1.0 / (1.0 + variance * np.sum(of.root**2, axis=2))
     weighed = weight[:, :, None] * of.root

@@ -12,7 +12,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
 from gpmodel.hierarchy import block
-from gpmodel.hierarchy.between import Shared, Standing, between, deleted, standing
+from gpmodel.hierarchy.between import Deviations, Shared, between, deleted, deviations
 from gpmodel.hierarchy.prior import learned
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -37,8 +37,8 @@ class Fleet:
     effects. shrunken: with the type's `prior` beside its poses, geometry complete.
 
     values, stderr: (m, K + 1) of the `effects` without priors of their own and, last, the logarithm of the noise.
-    shared: of each of these. blocks: of all other effects. standing: of each machine in each of both. left_out: effects
-    that not every machine's poses can tell.
+    shared: of each of these. blocks: of all other effects. deviations: of each machine in each of both. left_out:
+    effects that not every machine's poses can tell.
     """
 
     alone: tuple[Calibration, ...]
@@ -50,7 +50,7 @@ class Fleet:
     stderr: Array
     shared: tuple[Shared, ...]
     blocks: tuple[SharedBlock, ...]
-    standing: Standing
+    deviations: Deviations
     left_out: tuple[str, ...]
 
 
@@ -76,13 +76,13 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence
         [[*fit.stderr[bare], _of_logarithm(fit, poses)] for fit, (_, poses) in zip(own, machines, strict=True)]
     )
     groups = block.blocks(common)
-    told = [block.told(own, group) for _, group in groups]
+    information = [block.block_information(own, group) for _, group in groups]
     alike = [partial(deleted, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
-    found = standing([*alike, *(partial(block.deleted, of) for of in told)], len(machines))
+    found = deviations([*alike, *(partial(block.deleted, of) for of in information)], len(machines))
     shared = tuple(between(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False))
     spread = tuple(
-        SharedBlock(name, group, *block.shared(of.of(inside)))
-        for (name, group), of, inside in zip(groups, told, found.inside.T[len(shared) :], strict=True)
+        SharedBlock(name, group, *block.shared(of.subset(inside)))
+        for (name, group), of, inside in zip(groups, information, found.inside.T[len(shared) :], strict=True)
     )
     plain = tuple(effect for effect, k in zip(common, bare, strict=True) if k)
     names = [*({e.name} for e in plain), set(), *({e.name for e in of.effects} for of in spread)]

@@ -12,8 +12,8 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
     noise = Effect(NOISE, (), "1")
     out = []
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
-        z, chances = final.standing.z[:, k], final.standing.chance[:, k]
-        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
+        z, chances = final.deviations.z[:, k], final.deviations.chance[:, k]
+        outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
         fits = () if effect.constant else final.shrunken
         at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
         both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
@@ -33,7 +33,7 @@ def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
     """Every block of effects with priors of their own."""
     out = []
     for k, block in enumerate(final.blocks, len(final.shared)):
-        outside = np.flatnonzero(np.logical_not(final.standing.inside[:, k]))
-        of = (tuple(a.tolist()) for a in (final.standing.z[:, k], final.standing.chance[:, k], outside))
+        outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
+        of = (tuple(a.tolist()) for a in (final.deviations.z[:, k], final.deviations.chance[:, k], outside))
         out.append(BlockPart(block.name, prior_parts(block.effects), block.spread, block.low, block.high, *of))
     return tuple(out)

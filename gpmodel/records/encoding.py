@@ -15,7 +15,7 @@ from gpmodel.evolution.chance import Chance
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.pareto import Solution
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import Constant, Inner
+from gpmodel.families.inner import Constant, NonlinearParameters
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.program import Node, Program
 from gpmodel.model.effect import Effect, Term
@@ -30,7 +30,7 @@ _TYPES = {
         Test,
         Chance,
         Candidate,
-        Inner,
+        NonlinearParameters,
         Constant,
         Effect,
         Term,

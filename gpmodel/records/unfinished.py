@@ -14,7 +14,7 @@ from gpmodel.texts import read_json, seal, write_json
 
 FOLDER = "unfinished"
 REQUEST = "request.json"
-SCHEMA = 5
+SCHEMA = 6
 _DIGITS = 64
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 

@@ -70,14 +70,14 @@ class Active:
         return root[:, None] * self.pool.gram(self.chosen) * root
 
     @cached_property
-    def pull(self) -> Array:
+    def rhs(self) -> Array:
         """Aᵀy (K,)."""
-        return self.scale * self.pool.pull[self.index]
+        return self.scale * self.pool.rhs[self.index]
 
     @cached_property
     def lower(self) -> Array:
         """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
-        count = len(self.pull)
+        count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
         return linalg.cholesky(self.inner + (self.sigma2 + rounding) * np.eye(count), lower=True, check_finite=False)
 
@@ -95,7 +95,7 @@ class Active:
     @cached_property
     def mean(self) -> Array:
         """Posterior mean H Aᵀy (K,), in the same units."""
-        return self.inverse.T @ (self.inverse @ self.pull)
+        return self.inverse.T @ (self.inverse @ self.rhs)
 
     @cached_property
     def left(self) -> Array:
@@ -124,12 +124,12 @@ class Active:
     def mismatch(self) -> float:
         """yᵀC⁻¹y of the cleaned target."""
         y2 = float(self.pool.rows.target @ self.pool.rows.target)
-        return (y2 - float(np.sum((self.inverse @ self.pull) ** 2))) / self.sigma2
+        return (y2 - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
 
     @cached_property
     def evidence(self) -> float:
         """Log marginal likelihood of the cleaned target, nats, less what the groups cost to name."""
-        freedom, count = self.pool.rows.freedom, len(self.pull)
+        freedom, count = self.pool.rows.freedom, len(self.rhs)
         volume = (freedom - count) * np.log(self.sigma2) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
         return -0.5 * (volume + self.mismatch + freedom * np.log(2 * np.pi)) - sum(
             self.pool.cost[g] for g in self.variances

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best
-from gpmodel.families.comb import Comb
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.selection.active import Active
 from gpmodel.selection.scan import conditional_gram, whitened_cross
 from gpmodel.selection.waves import most_by_chance
@@ -16,7 +16,7 @@ MOST_NUMBERS = 100_000
 
 
 def best_by_chance(
-    active: Active, combs: Sequence[Comb], bundle: IntArray, rng: np.random.Generator, count: int
+    active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
     """The most nats (count,), costs counted, that any group or wave gains on each of `count` permuted residuals.
 
@@ -24,17 +24,17 @@ def best_by_chance(
     scored beside the model on the permuted residuals as in `scan`.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
-    pulls = pool.atoms.cross(trials)
+    every_rhs = pool.atoms.cross(trials)
     table, _ = whitened_cross(active)
-    rights = active.inverse @ (active.scale[:, None] * pulls[active.index])
-    place, found = np.arange(len(pool.effects)), most_by_chance(active, combs, trials)
+    rights = active.inverse @ (active.scale[:, None] * every_rhs[active.index])
+    place, found = np.arange(len(pool.effects)), most_by_chance(active, grids, trials)
     for c in pool.classes:
         inner, _ = conditional_gram(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)
         reach = table[c.index] * c.spreads[:, :, None]
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
-            pull = pulls[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
-            q = np.einsum("gkt,gkl->tgl", pull / active.sigma2, turn)
+            rhs = every_rhs[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
+            q = np.einsum("gkt,gkl->tgl", rhs / active.sigma2, turn)
             found[some] = with_the_best(found[some], s, q, pool.cap[c.ids], pool.cost[c.ids])
     return found
 

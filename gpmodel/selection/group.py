@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import GEOMETRY_REACH
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import Inner
+from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -53,7 +53,7 @@ class Group:
 
     spreads: (E,) standard deviations of the unknowns for a = 1, scaled so that Σ spread_k² var(φ_k) = 1: √a is how
     far the whole group moves its place over the poses, rad or m. cost: nats of description, the log of how many
-    alternatives it was chosen from. cap: largest √a. standing: in the model whatever it is worth.
+    alternatives it was chosen from. cap: largest √a. always_included: in the model whatever it is worth.
     parts: the groups of one kind at several places that it is made of, empty for a plain group. inner: the constants
     inside its bases, None where it has none or not all of its effects are left.
     """
@@ -65,11 +65,11 @@ class Group:
     spreads: tuple[float, ...]
     cost: float
     cap: float = CAP
-    standing: bool = False
+    always_included: bool = False
     parts: tuple["Group", ...] = ()
     found_by: str = "catalogue"
     explanation: str = ""
-    inner: Inner | None = None
+    inner: NonlinearParameters | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -139,9 +139,9 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
         chosen = tuple(e for e in constant if (e.unit == "m") == (unit == "m"))
         if chosen:
             spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
-            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_REACH, standing=True))
+            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_REACH, always_included=True))
     for e in declared:
-        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=DECLARED_CAP, standing=True))
+        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=DECLARED_CAP, always_included=True))
     return tuple(out)
 
 

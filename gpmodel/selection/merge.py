@@ -128,7 +128,7 @@ def _laws_in(active: Active, curve: Group) -> list[int]:
         )
 
     groups = active.pool.groups
-    unnamed = (h for h, group in enumerate(groups) if not group.family and not group.standing)
+    unnamed = (h for h, group in enumerate(groups) if not group.family and not group.always_included)
     return [h for h in unnamed if h not in active.variances and may_stand(groups[h])]
 
 

@@ -141,4 +141,4 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
 
 def found(active: Active) -> list[int]:
     """Groups in the model that are not always in it."""
-    return [g for g in active.variances if not active.pool.groups[g].standing]
+    return [g for g in active.variances if not active.pool.groups[g].always_included]

@@ -23,18 +23,18 @@ class SizeClass:
     index: IntArray
     spreads: Array
     inner: Array
-    pull: Array
+    rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
         """Some of the groups."""
-        return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.pull[at])
+        return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
     criteria: the limits by which groups come in and go. cost: (G,) nats of each, and the head start of named effects
-    for one without a name. pull: (E,) products of the distinct unit columns with the target, whitened and cleaned.
+    for one without a name. rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], criteria: Criteria) -> None:
@@ -54,7 +54,7 @@ class GroupPool:
         self.cost = np.array([g.cost + criteria.head_start * (not g.family) for g in self.groups])
         self.cap = np.array([g.cap for g in self.groups])
         self.atoms = Atoms(rows, self.effects)
-        self.pull = self.atoms.cross(rows.target[:, None])[:, 0]
+        self.rhs = self.atoms.cross(rows.target[:, None])[:, 0]
         self._columns: dict[int, Array] = {}
         self._crossed: dict[int, Array] = {}
         self._between: dict[tuple[int, int], Array] = {}
@@ -70,7 +70,7 @@ class GroupPool:
             spreads = np.array([self.spreads[g] for g in ids])
             inner = np.concatenate([self._inner(part) for part in np.array_split(index, self._parts(index))])
             inner *= spreads[:, :, None] * spreads[:, None, :]
-            out.append(SizeClass(ids, index, spreads, inner, self.pull[index] * spreads))
+            out.append(SizeClass(ids, index, spreads, inner, self.rhs[index] * spreads))
         return out
 
     def _parts(self, index: IntArray) -> int:

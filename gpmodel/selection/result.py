@@ -77,6 +77,6 @@ def summarised(
         determined = float(np.sum(said / (1.0 + said)))
         gain = active.gains[g][0]
         kept.append(Kept(group, gain, variance, fit.point.theta[own], deviation[own], others, determined))
-    geometry = tuple(k for k in kept if k.group.standing)
-    found = tuple(sorted((k for k in kept if not k.group.standing), key=lambda k: -k.gain))
+    geometry = tuple(k for k in kept if k.group.always_included)
+    found = tuple(sorted((k for k in kept if not k.group.always_included), key=lambda k: -k.gain))
     return Selection(geometry, found, offered_groups, active.evidence, fit.sigma, fit, by_chance)

@@ -47,18 +47,18 @@ def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array,
         whole = len(active.chosen[g]) == crossed.shape[1]
         parts.append(np.sqrt(a) * (crossed if whole else crossed[:, active.chosen[g]]))
     table = linalg.blas.dtrmm(1.0, active.inverse, np.hstack(parts).T, lower=1, overwrite_b=1).T
-    return table, active.inverse @ active.pull
+    return table, active.inverse @ active.rhs
 
 
 def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
     """Gram matrices S (G, K, K) and XᵀC⁻¹y (G, K) of a class, conditional on the model; place: row of
     the table of each distinct effect."""
-    inner, pull = c.inner / active.sigma2, c.pull / active.sigma2
+    inner, rhs = c.inner / active.sigma2, c.rhs / active.sigma2
     for part in _chunks(c, table.shape[1]):
         t = table[place[c.index[part]]] * c.spreads[part][:, :, None]
         inner[part] -= (t @ np.swapaxes(t, 1, 2)) / active.sigma2
-        pull[part] -= (t @ right) / active.sigma2
-    return inner, pull
+        rhs[part] -= (t @ right) / active.sigma2
+    return inner, rhs
 
 
 @dataclass(frozen=True)
@@ -90,11 +90,11 @@ class Replacements:
         back = linalg.solve_triangular(root, block.T, lower=True, check_finite=False)
         table, right = table[:, own.start :] @ back.T, back @ right[own.start :]
         gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
-        for c, (inner, pull) in zip(pool.classes, self._beside, strict=True):
+        for c, (inner, rhs) in zip(pool.classes, self._beside, strict=True):
             for part in _chunks(c, table.shape[1]):
                 t = table[c.index[part]] * c.spreads[part][:, :, None]
                 s = inner[part] + (t @ np.swapaxes(t, 1, 2)) / active.sigma2
-                q = pull[part] + (t @ right) / active.sigma2
+                q = rhs[part] + (t @ right) / active.sigma2
                 able = np.flatnonzero(_bound(s, q) >= least)
                 if len(able):
                     ids = c.ids[part[able]]

@@ -19,12 +19,12 @@ from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.exchange import exchanged
 from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.moves import stepwise, with_optimal_variances
+from gpmodel.selection.offers import Offering, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.refit import Expansion, Refit, far_out, refit, whitened
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sample import predicted_states, sample_of
-from gpmodel.selection.standing import Offering, offered
 from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
@@ -83,8 +83,8 @@ def _select(
     single = [*offered(offering.single, mechanism, shapes), *_free(task, base, state, offering)]
     state, fit = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
-    kept = [g for g in groups if g.standing or g.name in state.variances]
-    groups += waves_left(with_optimal_variances(_started(task, kept, state)), offering.combs) if offering.combs else []
+    kept = [g for g in groups if g.always_included or g.name in state.variances]
+    groups += waves_left(with_optimal_variances(_started(task, kept, state)), offering.grids) if offering.grids else []
     names = {g.name for g in groups}
     groups += [g for g in _free(task, kept, state, offering) if g.name not in names]
     for _ in range(MOST_LOOKS):
@@ -94,7 +94,7 @@ def _select(
         if _same(before, state):
             break
     together = exchangeable(poses.dataset.subset(sample), criteria)
-    chance = best_by_chance(active, offering.combs, together, rng, criteria.shuffles)
+    chance = best_by_chance(active, offering.grids, together, rng, criteria.shuffles)
     return summarised(active, rivals, fit, len(groups) - len(base), chance)
 
 
@@ -116,7 +116,7 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     pool = GroupPool(rows, groups, task.criteria)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
-        if group.standing or group.name in state.variances:
+        if group.always_included or group.name in state.variances:
             active = active.added(g, state.variances.get(group.name, 1e-6))
             if group.name in state.chosen:
                 active = replace(active, chosen={**active.chosen, g: state.chosen[group.name]})

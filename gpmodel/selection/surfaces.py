@@ -160,7 +160,7 @@ class Places:
     poses: IntArray
     energy: Array
     sums: Array
-    pull: Array
+    rhs: Array
 
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "Places":
@@ -171,11 +171,11 @@ class Places:
         taken = np.hstack([rows.placement, active.spanned])
         units = [sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in site.terms) for site in sites]
         reach = [rows.whitening.whiten(np.asarray(unit))[:, None] for unit in units]
-        energy, sums, pull = (
+        energy, sums, rhs = (
             np.array([rows.totals(r * (r if value is None else value))[at] for r in reach])
             for value in (None, taken, left)
         )
-        return Places(rows.present[at], energy[:, :, 0], sums, pull[:, :, 0])
+        return Places(rows.present[at], energy[:, :, 0], sums, rhs[:, :, 0])
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
         """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
@@ -185,14 +185,14 @@ class Places:
         inner[:, first, second] = self.energy[some] @ (values[:, first] * values[:, second])
         inner[:, second, first] = inner[:, first, second]
         cross = values.T @ self.sums[some]
-        return (inner - cross @ np.swapaxes(cross, 1, 2)) / sigma2, self.pull[some] @ values / sigma2
+        return (inner - cross @ np.swapaxes(cross, 1, 2)) / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
         """Gain (S,) at one typical variance, nats."""
-        inner, pull = self.products(values, sigma2)
+        inner, rhs = self.products(values, sigma2)
         size = values.shape[1]
         variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-300)
         lower = np.linalg.cholesky(np.eye(size) + variance[:, None, None] * inner)
-        half = np.linalg.solve(lower, pull[:, :, None])[:, :, 0]
+        half = np.linalg.solve(lower, rhs[:, :, None])[:, :, 0]
         volume = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
         return np.asarray(0.5 * variance * np.sum(half**2, axis=1) - volume)

@@ -13,8 +13,8 @@ from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
 from gpmodel.evidence.gain import best, rotated
-from gpmodel.families.comb import Comb
 from gpmodel.families.family import Family
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
@@ -39,17 +39,17 @@ REFINEMENTS = 30
 
 @dataclass(frozen=True)
 class Spectrum:
-    """A comb beside a model: how waves of any rate meet its rows.
+    """A grid beside a model: how waves of any rate meet its rows.
 
     angle: (P,) q - start of each pose present. energy: (P,) sums of r². sums: (P, K) of r times what is taken out of a
-    wave, placement and active columns. pull: (P, T) of r times what is left of each target. sigma2: of the noise.
+    wave, placement and active columns. rhs: (P, T) of r times what is left of each target. sigma2: of the noise.
     """
 
-    comb: Comb
+    grid: FrequencyGrid
     angle: Array
     energy: Array
     sums: Array
-    pull: Array
+    rhs: Array
     sigma2: float
 
     def at(self, rates: Array) -> tuple[Array, Array]:
@@ -61,75 +61,75 @@ class Spectrum:
         for i, j in ((0, 0), (0, 1), (1, 1)):
             inner[:, i, j] = (waves[i] * waves[j]) @ self.energy - np.sum(taken[i] * taken[j], axis=1)
         inner[:, 1, 0] = inner[:, 0, 1]
-        return inner / self.sigma2, np.stack([w @ self.pull for w in waves], axis=1) / self.sigma2
+        return inner / self.sigma2, np.stack([w @ self.rhs for w in waves], axis=1) / self.sigma2
 
     def bound(self) -> Array:
-        """½ qᵀS⁻¹q (F, T) of every rate of the comb, above what any variance gains."""
-        rates = self.comb.rates
+        """½ qᵀS⁻¹q (F, T) of every rate of the grid, above what any variance gains."""
+        rates = self.grid.rates
         parts = np.array_split(rates, -(-rates.size * len(self.angle) // AT_ONCE))
         return np.concatenate([_bound(*self.at(part)) for part in parts])
 
     def gain(self, rate: float) -> float:
         """Nats of a wave at its best variance, on the first target."""
-        inner, pull = self.at(np.array([rate]))
-        return float(best(*rotated(inner, pull[:, :, 0]), np.array([CAP]))[0][0])
+        inner, rhs = self.at(np.array([rate]))
+        return float(best(*rotated(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
 
-def _bound(inner: Array, pull: Array) -> Array:
+def _bound(inner: Array, rhs: Array) -> Array:
     a, b, d = inner[:, 0, 0, None], inner[:, 0, 1, None], inner[:, 1, 1, None]
     # a wave that the model explains but for rounding gains nothing
     free = a * d - b * b
     lost = free <= 1e-9 * np.maximum(a, d) ** 2
-    q = pull[:, 0], pull[:, 1]
+    q = rhs[:, 0], rhs[:, 1]
     top = d * q[0] ** 2 - 2 * b * q[0] * q[1] + a * q[1] ** 2
     return np.where(lost, 0.0, 0.5 * top / np.where(lost, 1.0, free))
 
 
-def spectrum(active: Active, comb: Comb, targets: Array) -> Spectrum:
-    """A comb beside a model; targets: (M, T), whitened and cleaned."""
+def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
+    """A grid beside a model; targets: (M, T), whitened and cleaned."""
     rows = active.pool.rows
-    reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in comb.joint.drive)
+    reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     reach = rows.whitening.whiten(np.asarray(reach))[:, None]
     left = targets - active.spanned @ (active.spanned.T @ targets)
     taken = np.hstack([rows.placement, active.spanned])
-    angle = rows.shapes.states[comb.joint.name][rows.present] - comb.start
+    angle = rows.shapes.states[grid.joint.name][rows.present] - grid.start
     energy = rows.totals(reach**2)[:, 0]
-    return Spectrum(comb, angle, energy, rows.totals(reach * taken), rows.totals(reach * left), active.sigma2)
+    return Spectrum(grid, angle, energy, rows.totals(reach * taken), rows.totals(reach * left), active.sigma2)
 
 
-def most_by_chance(active: Active, combs: Sequence[Comb], targets: Array) -> Array:
+def most_by_chance(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
     """The most nats (T,), costs counted, that any wave gains on each of some targets (M, T)."""
     found = np.full(targets.shape[1], -np.inf)
-    for comb in combs:
-        there = spectrum(active, comb, targets)
-        rates = comb.rates[np.argmax(there.bound(), axis=0)]
-        inner, pull = there.at(rates)
-        own = pull[np.arange(len(rates)), :, np.arange(len(rates))]
-        net = best(*rotated(inner, own), np.full(len(rates), CAP))[0] - comb.template.cost
+    for grid in grids:
+        there = spectrum(active, grid, targets)
+        rates = grid.rates[np.argmax(there.bound(), axis=0)]
+        inner, rhs = there.at(rates)
+        own = rhs[np.arange(len(rates)), :, np.arange(len(rates))]
+        net = best(*rotated(inner, own), np.full(len(rates), CAP))[0] - grid.template.cost
         found = np.maximum(found, net)
     return found
 
 
-def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
+def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
     """The waves that what a model leaves asks for, the worthiest first, each beside those before it.
 
     A joint's best wave is sought again beside the others' only once it would be the next. Source: Minoux (1978).
     """
     rows, found, fresh = active.pool.rows, list[Group](), set[int]()
-    peaks = [(np.inf, 0.0)] * len(combs)
+    peaks = [(np.inf, 0.0)] * len(grids)
     there: dict[int, Spectrum] = {}
-    while combs and len(found) < MOST_WAVES:
-        k = max(range(len(combs)), key=lambda k: peaks[k][0])
+    while grids and len(found) < MOST_WAVES:
+        k = max(range(len(grids)), key=lambda k: peaks[k][0])
         if peaks[k][0] < active.criteria.minimum_nats:
             break
         if k not in fresh:
-            there[k] = spectrum(active, combs[k], rows.target[:, None])
+            there[k] = spectrum(active, grids[k], rows.target[:, None])
             rate, gain = _peak(there[k])
-            peaks[k] = gain - combs[k].template.cost, rate
+            peaks[k] = gain - grids[k].template.cost, rate
             fresh.add(k)
             continue
         net, rate = peaks[k]
-        group = _written(there[k], rate, net + combs[k].template.cost, rows.shapes)
+        group = _written(there[k], rate, net + grids[k].template.cost, rows.shapes)
         if group is None or group.name in {g.name for g in active.pool.groups}:
             break
         found.append(group)
@@ -140,15 +140,15 @@ def waves_left(active: Active, combs: Sequence[Comb]) -> list[Group]:
 
 
 def _peak(there: Spectrum) -> tuple[float, float]:
-    """Rate and nats of the best wave of a comb, between the rates beside the best of its grid."""
-    rates = there.comb.rates
+    """Rate and nats of the best wave of a grid, between the rates beside its best."""
+    rates = there.grid.rates
     bound = there.bound()[:, 0]
     k = int(np.argmax(bound))
-    if bound[k] < there.comb.template.cost:
+    if bound[k] < there.grid.template.cost:
         return float(rates[k]), float(bound[k])
     found = minimize_scalar(
         lambda rate: -there.gain(float(rate)),
-        bounds=(max(rates[k] - there.comb.step, 0.5 * rates[k]), rates[k] + there.comb.step),
+        bounds=(max(rates[k] - there.grid.step, 0.5 * rates[k]), rates[k] + there.grid.step),
         method="bounded", options={"maxiter": REFINEMENTS, "xatol": 1e-6 * rates[k]},
     )  # fmt: skip
     return float(found.x), -float(found.fun)
@@ -156,15 +156,15 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
     """The wave of a rate with its constant in as few digits as its data tell apart."""
-    comb = there.comb
+    grid = there.grid
     for digits in range(1, MOST_DIGITS):
-        value = float(f"{comb.value(rate):.{digits}g}")
-        near = comb.value(value)
-        if abs(near - rate) < comb.step and there.gain(near) > gain - ROUNDING:
-            return from_candidate(comb.at(rate, digits), shapes)
-    return from_candidate(comb.at(rate), shapes)
+        value = float(f"{grid.value(rate):.{digits}g}")
+        near = grid.value(value)
+        if abs(near - rate) < grid.step and there.gain(near) > gain - ROUNDING:
+            return from_candidate(grid.at(rate, digits), shapes)
+    return from_candidate(grid.at(rate), shapes)
 
 
-def combs_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[Comb]:
-    """The combs of every family among what is offered."""
-    return [comb for o in offers if isinstance(o, Family) for comb in o.combs(mechanism, states)]
+def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:
+    """The grids of every family among what is offered."""
+    return [grid for o in offers if isinstance(o, Family) for grid in o.grids(mechanism, states)]

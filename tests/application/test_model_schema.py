@@ -18,7 +18,7 @@ from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.selection.group import Shapes
-from gpmodel.selection.standing import offered
+from gpmodel.selection.offers import offered
 from gpmodel.texts import SEAL, seal
 
 

@@ -15,7 +15,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
-from gpmodel.families.inner import Inner
+from gpmodel.families.inner import NonlinearParameters
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.table.dataset import Dataset
@@ -40,7 +40,7 @@ def offered(beginning: str) -> list[Candidate]:
     return [c for c in candidates(ARM, prepare(ARM, session()).states) if c.name.startswith(beginning)]
 
 
-def left_of(inner: Inner, millimetres: float) -> Residual:
+def left_of(inner: NonlinearParameters, millimetres: float) -> Residual:
     """What the standard model leaves of a robot with a law of these constants, its rows kept in order."""
     theta: Array = sized("irb6400r", inner.effects, session(), millimetres)
     truth = measure("irb6400r", inner.effects, theta, 5, dataset=session(), geometry=0.0)
@@ -66,7 +66,7 @@ def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: 
     assert found.inner is not None
     np.testing.assert_allclose(sorted(found.inner.values), sorted(true), rtol=0.1)
     assert not found.has_priors
-    assert found.name == found.inner.said
+    assert found.name == found.inner.full_name
     assert [e.name for e in found.effects] == [e.name for e in found.inner.effects]
 
 

@@ -56,9 +56,9 @@ def test_what_remembers_has_the_constants_of_its_columns_inside() -> None:
     assert [(c.name, c.unit, c.value) for c in inner.constants] == [
         ("lag", "lag of T", 30.5), ("half-width", "stop of J2", 0.1),
     ]  # fmt: skip
-    assert (inner.said, inner.effects) == ("on lag_T_30p5", effects)
+    assert (inner.full_name, inner.effects) == ("on lag_T_30p5", effects)
     moved = inner.at((41.25, 0.2))
-    assert moved.said == "on lag_T_41p25"
+    assert moved.full_name == "on lag_T_41p25"
     assert str(moved.effects[0].terms[0].basis) == "lag_T_41p25*stop_J2_0p2 + lag_T_41p25"
     assert remembered("plain", (effect_at("plain", "base", "Tx", Expression("last_move_J2")),), str.__add__) is None
 
@@ -70,8 +70,8 @@ def test_a_law_that_loses_a_term_loses_it_from_its_names() -> None:
     inner = remembered(name, effects, lambda what, of: "min")
     assert inner is not None
     fewer = inner.without(0)
-    assert fewer.said == "lag_t_40 on J1.moving Tx"
-    assert [e.name for e in fewer.effects] == ["lag_t_40 on J1.moving Tx [2]"]
+    assert fewer.full_name == "lag_t_40 on J1.moving Tx"
+    assert [e.name for e in fewer.effects] == ["lag_t_40 on J1.moving Tx"]
 
 
 @dataclass(frozen=True)

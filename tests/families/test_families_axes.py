@@ -8,7 +8,7 @@ from effect_cases import bare, mechanism
 
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
-from gpmodel.families.comb import Comb
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import prepare
 
 SLIDE = next(j for j in mechanism("dh").joints if j.kind == "prismatic")
@@ -21,9 +21,9 @@ def pool(name: str, poses: int) -> dict[str, Candidate]:
     return {c.name: c for c in candidates(mechanism(name), prepare(mechanism(name), data).states)}
 
 
-def combs(name: str) -> list[Comb]:
+def grids(name: str) -> list[FrequencyGrid]:
     states = prepare(mechanism(name), bare(name, 150, 2, payload=False)).states
-    return [c for f in catalogue for c in f.combs(mechanism(name), states)]
+    return [c for f in catalogue for c in f.grids(mechanism(name), states)]
 
 
 def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
@@ -38,7 +38,7 @@ def test_the_six_error_motions_of_a_slide_have_their_names() -> None:
 def test_a_screw_off_its_centre_is_a_cyclic_error_of_its_lead() -> None:
     leads = {c.name for c in pool("dh", 150).values() if c.family == "cyclic_error"}
     assert f"cyclic error, every 10 mm, {SLIDE.name}" in leads
-    there = next(c for c in combs("dh") if c.joint == SLIDE)
+    there = next(c for c in grids("dh") if c.joint == SLIDE)
     truth = there.at(2000 * np.pi / 23.7)
     assert truth.name == f"cyclic error, every 23.7 mm, {SLIDE.name}"
     states = prepare(mechanism("dh"), bare("dh", 150, 2, payload=False)).states
@@ -50,7 +50,7 @@ def test_a_screw_off_its_centre_is_a_cyclic_error_of_its_lead() -> None:
 @pytest.mark.parametrize("name", ["dh", "ur5"])
 def test_a_comb_is_finer_than_its_poses_tell_and_pays_for_all_they_do(name: str) -> None:
     states = prepare(mechanism(name), bare(name, 150, 2, payload=False)).states
-    for there in combs(name):
+    for there in grids(name):
         width = 2 * np.pi / float(np.ptp(states[there.joint.name]))
         assert there.step <= width / 4 * 1.001
         independent = (there.rates[-1] - there.rates[0]) / width

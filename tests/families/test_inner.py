@@ -1,16 +1,16 @@
 """Constants inside a candidate: whole symbols, however many there are."""
 
-from gpmodel.families.inner import Constant, Inner, symbol
+from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 
 
-def inner(count: int) -> Inner:
+def inner(count: int) -> NonlinearParameters:
     effects = tuple(
         effect_at(f"gain {symbol(k)}", "base", "Rx", Expression(f"row*{symbol(k)} + lag_time_{symbol(k)}"))
         for k in range(count)
     )
-    return Inner("gains", effects, tuple(Constant("gain", "1", 2.0 + k, number=k) for k in range(count)))
+    return NonlinearParameters("gains", effects, tuple(Constant("gain", "1", 2.0 + k, number=k) for k in range(count)))
 
 
 def test_an_eleventh_constant_is_not_the_second_followed_by_a_nought() -> None:

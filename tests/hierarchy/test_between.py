@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gpmodel.hierarchy.between import INTERVAL, Standing, between, deleted, standing
+from gpmodel.hierarchy.between import INTERVAL, Deviations, between, deleted, deviations
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 
 FLEETS, MACHINES, PARAMETERS = 30, 12, 8
@@ -19,8 +19,8 @@ def drawn(seed: int, spread: float, machines: int = MACHINES) -> tuple[np.ndarra
     return 5.0 + rng.normal(size=variances.shape) * np.sqrt(variances + spread**2), variances
 
 
-def judged(values: np.ndarray, variances: np.ndarray) -> Standing:
-    return standing([partial(deleted, v, s) for v, s in zip(values.T, variances.T, strict=True)], len(values))
+def judged(values: np.ndarray, variances: np.ndarray) -> Deviations:
+    return deviations([partial(deleted, v, s) for v, s in zip(values.T, variances.T, strict=True)], len(values))
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5, 2.0, 20.0])
@@ -65,7 +65,7 @@ def test_of_three_machines_none_stands_out() -> None:
     values, variances = drawn(0, 1.0, machines=3)
     values[0] += 1e3
     found = judged(values, variances)
-    assert isinstance(found, Standing)
+    assert isinstance(found, Deviations)
     assert found.inside.all()
 
 

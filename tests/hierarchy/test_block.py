@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gpmodel.hierarchy.between import standing
-from gpmodel.hierarchy.block import Told, deleted, shared
+from gpmodel.hierarchy.between import deviations
+from gpmodel.hierarchy.block import BlockInformation, deleted, shared
 from gpmodel.numerics.multiple import SIGNIFICANCE
 
 FLEETS, MACHINES, EFFECTS = 20, 8, 6
 
 
-def drawn(seed: int, spread: float, differing: int = EFFECTS, odd: int | None = None) -> Told:
+def drawn(seed: int, spread: float, differing: int = EFFECTS, odd: int | None = None) -> BlockInformation:
     """Machines with a mean of the priors' size, of which the first `differing` effects spread; poses tell some
     directions ten times, some not better than the prior does."""
     rng = np.random.default_rng(seed)
@@ -29,7 +29,7 @@ def drawn(seed: int, spread: float, differing: int = EFFECTS, odd: int | None = 
         roots.append(root)
         values.append(root @ own + (information > 0) * rng.normal(size=EFFECTS))
     root = np.array(roots)
-    return Told(np.array(values), root, root.any(axis=2).sum(axis=1))
+    return BlockInformation(np.array(values), root, root.any(axis=2).sum(axis=1))
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
@@ -43,11 +43,11 @@ def test_the_spread_is_covered_as_often_as_it_says(spread: float) -> None:
 @pytest.mark.parametrize("differing", [1, EFFECTS])
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_innocent_machines_stand_out_no_more_often_than_stated(spread: float, differing: int) -> None:
-    found = [standing([partial(deleted, drawn(k, spread, differing))], MACHINES) for k in range(2 * FLEETS)]
+    found = [deviations([partial(deleted, drawn(k, spread, differing))], MACHINES) for k in range(2 * FLEETS)]
     false = sum(not of.inside.all() for of in found)
     assert stats.binomtest(false, len(found), SIGNIFICANCE, alternative="greater").pvalue > 0.001
 
 
 def test_a_planted_machine_is_found() -> None:
-    found = standing([partial(deleted, drawn(0, 0.1, odd=5))], MACHINES)
+    found = deviations([partial(deleted, drawn(0, 0.1, odd=5))], MACHINES)
     assert np.flatnonzero(~found.inside[:, 0]).tolist() == [5]

@@ -10,9 +10,9 @@ from gpmodel.discovery.search import Search
 from gpmodel.families.catalogue import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.refit import far_out
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import Offering, of_offers
 from gpmodel.table.split import hold_out
 
 

@@ -19,11 +19,11 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes
+from gpmodel.selection.offers import offered
 from gpmodel.selection.refit import whitened
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import offered
 
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
 

@@ -23,10 +23,10 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
+from gpmodel.selection.offers import of_evolved, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.standing import of_evolved, offered
 from gpmodel.table.bundles import replicates
 
 

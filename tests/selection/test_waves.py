@@ -11,20 +11,20 @@ from group_cases import ARM, STANDING, problem
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
-from gpmodel.families.comb import Comb
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import from_candidate
+from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
-from gpmodel.selection.standing import Offering
-from gpmodel.selection.waves import combs_of, most_by_chance, spectrum
+from gpmodel.selection.waves import grids_of, most_by_chance, spectrum
 
 
-def combs(arm: str) -> list[Comb]:
-    return combs_of(
+def grids(arm: str) -> list[FrequencyGrid]:
+    return grids_of(
         catalogue.catalogue, mechanism(arm), prepare(mechanism(arm), bare(arm, 20, 1, payload=False)).states
     )
 
@@ -32,10 +32,10 @@ def combs(arm: str) -> list[Comb]:
 def test_a_wave_is_worth_what_its_group_is() -> None:
     active, _ = problem()
     rows = active.pool.rows
-    for comb in combs(ARM)[1:4]:
-        there = spectrum(active, comb, rows.target[:, None])
+    for grid in grids(ARM)[1:4]:
+        there = spectrum(active, grid, rows.target[:, None])
         for rate in (7.0, 101.37, 250.5):
-            group = from_candidate(comb.at(rate), rows.shapes)
+            group = from_candidate(grid.at(rate), rows.shapes)
             assert group is not None
             pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
@@ -45,20 +45,20 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
 def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
     active, _ = problem()
     noise = np.random.default_rng(1).normal(0, np.sqrt(active.sigma2), (len(active.pool.rows.target), 400))
-    assert np.mean(most_by_chance(active, combs(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
+    assert np.mean(most_by_chance(active, grids(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
 
 
 @pytest.mark.parametrize("rate", [37.42, 101.4, 160.0])
 def test_a_ripple_at_any_number_per_turn_is_found_and_named(rate: float) -> None:
     data = bare(ARM, 90, 5, payload=False)
-    ripple = combs(ARM)[1].at(rate).effects
+    ripple = grids(ARM)[1].at(rate).effects
     truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
     selection = select(
-        calibrate(model, truth.poses), truth.poses, Offering(STANDING, combs=combs(ARM)), criteria=Criteria(shuffles=9)
+        calibrate(model, truth.poses), truth.poses, Offering(STANDING, grids=grids(ARM)), criteria=Criteria(shuffles=9)
     )
     (kept,) = selection.kept
     said = re.fullmatch(r"transmission ripple, ([\d.]+) per turn, (\w+)", kept.group.name)
     assert said
     assert float(said[1]) == pytest.approx(rate, abs=0.2)
-    assert said[2] == combs(ARM)[1].joint.name
+    assert said[2] == grids(ARM)[1].joint.name

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.comb import Comb
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Term
@@ -63,13 +63,13 @@ class Offering:
     """What a selection may choose of.
 
     single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
-    are looked for. combs: waves at more rates than can be named, offered once nothing single is left.
+    are looked for. grids: waves at more rates than can be named, offered once nothing single is left.
     """
 
     single: Sequence[Builder]
     sites: Sequence[Site] = ()
     inputs: Sequence[str] = ()
-    combs: Sequence[Comb] = ()
+    grids: Sequence[FrequencyGrid] = ()
 
 
 def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes) -> list[Group]:

@@ -1,4 +1,4 @@
-"""A comb: a sine and cosine on a drive at very many rates, too many to name each; they are looked at together."""
+"""A frequency grid: a sine and cosine on a drive at more rates than can be named."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import Constant, Inner
+from gpmodel.families.inner import Constant, NonlinearParameters
 from gpmodel.mechanism.protocol import Joint
 
 CLOSER = 4
@@ -16,7 +16,7 @@ best one loses 5 % at most, (1 - sinc²(1/8))."""
 
 
 @dataclass(frozen=True)
-class Comb:
+class FrequencyGrid:
     """sin and cos of rate · (q - start) on the drive of a joint, at every rate of a range.
 
     template: the candidate with a symbol in the place of what its name tells the rate by. rates: (F,) rad of the
@@ -39,18 +39,18 @@ class Comb:
     def at(self, rate: float, digits: int = 6) -> Candidate:
         """The candidate at a rate, its constant to so many digits."""
         value = float(f"{self.value(rate):.{digits}g}")
-        inner = Inner(self.template.name, self.template.effects, (Constant("rate", "1", value),))
-        return replace(self.template, name=inner.said, effects=inner.effects, inner=inner)
+        inner = NonlinearParameters(self.template.name, self.template.effects, (Constant("rate", "1", value),))
+        return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)
 
 
-def comb(
+def frequency_grid(
     wave: Candidate,
     joint: Joint,
     travel: tuple[float, float],
     span: tuple[float, float],
     value: Callable[[float], float],
-) -> Comb | None:
-    """The comb of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
+) -> FrequencyGrid | None:
+    """The grid of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
     travel: where the joint's coordinate starts, and its range. None where its poses cannot tell two rates apart.
     """
@@ -60,4 +60,4 @@ def comb(
     if not independent > 1:
         return None
     template = replace(wave, cost=wave.cost + float(np.log(independent)))
-    return Comb(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value)
+    return FrequencyGrid(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value)
