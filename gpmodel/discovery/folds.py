@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.loop import drop_duplicate_rows
 from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria

@@ -97,7 +97,7 @@ class State:
         poses another condition limit may have been the best."""
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=self.seed)
 
-    def climb(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
+    def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""
         heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))

@@ -20,7 +20,7 @@ from loop_cases import (
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery import loop
+from gpmodel.discovery import round as a_round
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
@@ -144,7 +144,7 @@ def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeyp
         assert len(asked) <= 2, "no end"
         return (asked[-1],)
 
-    monkeypatch.setattr(loop, "_one_a_place", another)
+    monkeypatch.setattr(a_round, "_one_a_place", another)
     answer = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK)
     assert [f.candidate for f in answer.findings] == [f.candidate for f in quick().findings]
     assert [r.evolved for r in answer.rounds] == [(candidate,) for candidate in asked]

@@ -1,0 +1,49 @@
+"""Rows that a search may use: each measurement once, and no held-out pose of a set-up or tool it is not trained on."""
+
+import numpy as np
+
+from gpmodel.arrays import IntArray
+from gpmodel.calibration.comparison import known_rows
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import Poses
+from gpmodel.progress import Teller
+from gpmodel.table.bundles import copies
+
+Division = tuple[Poses, IntArray, IntArray]
+"""Poses, and which of them train and are held out."""
+
+
+def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    """The rows that a search may use. Raises InputError where no held-out pose is of a set-up and tool trained on."""
+    return _without_unseen_setups(*drop_duplicate_rows(poses, train, heldout, say), say)
+
+
+def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    """The poses without rows that copy another, which would count twice, and the rows again."""
+    copied = copies(poses.dataset)
+    if not copied.any():
+        return poses, train, heldout
+    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
+    return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
+
+
+def _without_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    if not len(heldout):
+        return poses, train, heldout
+    data = poses.dataset
+    known = heldout[known_rows(data.subset(train), data.subset(heldout))]
+    if not len(known):
+        raise InputError(
+            f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
+            "of poses that lie within set-ups and tools, or another seed or share to hold out"
+        )
+    if len(known) == len(heldout):
+        return poses, train, heldout
+    say(f"{len(heldout) - len(known)} held-out poses are of a set-up or tool that no training pose is of: left out")
+    return _only(poses, train, known)
+
+
+def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
+    """The poses of some rows, and these again."""
+    kept = np.sort(np.concatenate([train, heldout]))
+    return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
