@@ -40,7 +40,7 @@ def leap_frog(
         problem = linearise(known, current, theta, placement, 1.0, use)
         step, moved = truncated_step(problem, truncation)
         rms = float(np.sqrt(np.mean(error_of(problem) ** 2)))
-        placement = placement_after(current, problem.observed, placement, step[: problem.placement])
+        placement = placement_after(problem.observed, placement, step[: problem.placement])
         theta = theta + step[problem.placement :]
         before, current = current.dataset.q, solve_joints(model, current, theta, placement)
         swung = float(np.linalg.norm(joint.tooling_ball) * np.abs(current.dataset.q - before).max())

@@ -33,7 +33,7 @@ def variable_projection(
     while ended is None:
         step, moved = truncated_step(problem, ROUNDING)
         history.append(Progress(float(np.sqrt(np.mean(error_of(problem) ** 2))), moved))
-        placement = placement_after(poses, problem.observed, placement, step[: problem.placement])
+        placement = placement_after(problem.observed, placement, step[: problem.placement])
         theta = theta + step[problem.placement :]
         problem = linearise(model, poses, theta, placement, 1.0, use)
         ended = verdict(history, tolerance, limit)

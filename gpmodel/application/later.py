@@ -55,7 +55,7 @@ class Session:
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
         """With a step (P,) of the placement, m and rad."""
-        placement = placement_after(problem.poses, problem.observed, self.saved.placement, step)
+        placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
     def _without_outliers(self) -> "Session":

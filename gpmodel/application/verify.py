@@ -68,7 +68,7 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
     found, instrument = _with_or_without_the_instrument(saved, dataset)
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
-    other_tool = _another_tool(saved, found, alone.placement)
+    other_tool = _another_tool(found, alone.placement)
     found = found if other_tool is None else other_tool
     tried = possible_changes(found)
     moved = () if other_tool is None else _moved_tools(saved, found)
@@ -102,7 +102,7 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
     return (beside if same else without), same
 
 
-def _another_tool(saved: SavedModel, found: Recheck, start: Placement) -> Recheck | None:
+def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
     """The same with the tool point found anew, where it is so far off that nothing is linear any more: somebody mounted
     another one. None where it is not."""
     session = found.session

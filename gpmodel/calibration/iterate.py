@@ -173,7 +173,7 @@ def _lower(
         part, foreseen = step.whole / 2**halvings, here.problem.residual - step.motion / 2**halvings
         enough = before - SUFFICIENT * step.fall / 2**halvings
         for corrections in range(1 if free else CORRECTIONS + 1):
-            tried = placement_after(fitting.poses, here.problem.observed, here.placement, part[:count])
+            tried = placement_after(here.problem.observed, here.placement, part[:count])
             values = here.theta + part[count:]
             first = halvings == corrections == 0
             whole = free or (first and not columns_kept)

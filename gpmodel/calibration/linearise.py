@@ -217,7 +217,7 @@ def _tool_axes(observed: Observed) -> int:
     return 6 if any(kind.oriented for kind in observed.kinds) else 3
 
 
-def placement_after(poses: Poses, observed: Observed, placement: Placement, step: Array) -> Placement:
+def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
     """The placement moved by a step (P,), m and rad, of the columns `linearise` gives it, in their order.
 
     Registrations turn about the middle of the predicted points, tools in their own axes; orientations stay rotations.

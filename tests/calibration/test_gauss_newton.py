@@ -105,7 +105,7 @@ def test_placement_columns_are_the_derivatives_of_its_steps(see: tuple[str, ...]
         moved = []
         for side in (1, -1):
             step[k] = side * 1e-6
-            there = placement_after(truth.poses, problem.observed, truth.placement, step)
+            there = placement_after(problem.observed, truth.placement, step)
             moved.append(np.nan_to_num(residuals(truth, there, truth.theta, truth.model)))
         numeric = (moved[1] - moved[0])[problem.weights > 0] / 2e-6
         np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6, err_msg=problem.placement_names[k])

@@ -35,7 +35,7 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
         step, moved = np.zeros(problem.columns.shape[1]), []
         for side in (1, -1):
             step[k] = side * STEP
-            near = placement_after(poses, problem.observed, placement, step[: problem.placement])
+            near = placement_after(problem.observed, placement, step[: problem.placement])
             seen = observe(model, poses, theta + step[problem.placement :], near)
             moved.append(measured_minus(seen, poses.dataset)[problem.weights > 0] * scale)
         numeric = (moved[1] - moved[0]) / (2 * STEP)

@@ -93,7 +93,7 @@ def test_its_columns_are_the_derivatives_of_its_readings() -> None:
         step, moved = np.zeros(problem.placement), []
         for side in (1, -1):
             step[k] = side * 1e-6
-            there = placement_after(truth.poses, problem.observed, truth.placement, step)
+            there = placement_after(problem.observed, truth.placement, step)
             seen = observe(truth.model, truth.poses, truth.theta, there)
             moved.append(measured_minus(seen, truth.poses.dataset)[:, 6:].ravel())
         np.testing.assert_allclose(problem.columns[:, k], (moved[1] - moved[0]) / 2e-6, atol=1e-7)
