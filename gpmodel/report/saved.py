@@ -1,7 +1,6 @@
 """report.json: written from a Report, read back with every type and bound checked."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import msgspec
@@ -11,6 +10,7 @@ from gpmodel.errors import InputError
 from gpmodel.reading import read_limited
 from gpmodel.report.schema import SCHEMA, Report
 from gpmodel.report.schema_search import HistogramRecord
+from gpmodel.texts import parse_json
 
 NAME = "report.json"
 LARGEST_FILE = 256 << 20
@@ -41,8 +41,8 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
     place in the file.
     """
     try:
-        header = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:
+        header = parse_json(text)
+    except ValueError as error:
         raise InputError(f"{source}: cannot be read ({error}); {EXPECTED}") from None
     if not isinstance(header, dict) or not isinstance(header.get("ladder"), list):
         raise InputError(f"{source}: has no 'ladder'; {EXPECTED}")
@@ -61,10 +61,6 @@ def _with_counts(header: dict[str, object]) -> dict[str, object]:
         if isinstance(histogram, dict) and "counts" not in histogram:
             histogram["counts"] = {name: histogram[name] for name in REPRESENTATIONS if name in histogram}
     return header
-
-
-def _no_number(text: str) -> None:
-    raise ValueError(f"{text} is no number of JSON")
 
 
 def read_report(folder: Path) -> Report:
