@@ -14,7 +14,7 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
-from gpmodel.api.table import TableLike, read_table
+from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.model_file import check_table, saved_model
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
@@ -106,6 +106,7 @@ def calibrate(
     standard: Sequence[str] = ("*",),
     condition_limit: float | None = None,
     holdout: float = 0.3,
+    instrument: str | None = None,
     seed: int = 0,
     fleet: str | Path | FleetPart | None = None,
     command: str = COMMAND,
@@ -116,9 +117,10 @@ def calibrate(
     effects: of the catalogue by name ("base_compliance", "gear_harmonic J4"), written out ("slot:axis:expression"),
     or Effect objects. standard: patterns of the geometric parameters, as "J* R?"; ("none",) for none.
     condition_limit: of the standard model, None for cross-validated. holdout: share of the poses that no step but the
-    final fit sees, 0 for none. fleet: the fleet.json of machines of the same type, or the record of a `FleetResult`,
-    whose effects then take the place of the standard model, with mean and spread as their prior. command: what the
-    report says made it.
+    final fit sees, 0 for none. instrument: its specification, "15um + 6um/m", the largest error of a coordinate, which
+    says how large its errors and the noise are expected to be. fleet: the fleet.json of machines of the same type, or
+    the record of a `FleetResult`, whose effects then take the place of the standard model, with mean and spread as
+    their prior. command: what the report says made it.
     Raises InputError: a table that is not sound, an unknown effect, a fit that diverges.
     """
     started = time.perf_counter()
@@ -128,6 +130,7 @@ def calibrate(
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     known = None if fleet is None else _fleet_of(fleet, named_effects)
+    table = specified(read_table(table, arm), instrument)
     arm, poses = checked_poses(arm, table, geometry if known is None else ())
     groups = [named_group(effect, arm, poses) for effect in named_effects]
     train, held = split(poses.dataset, fraction, seed)

@@ -9,7 +9,7 @@ import pandas as pd
 from gpmodel.api.arguments import file_path, texts
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.table import TableLike, read_table
+from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
@@ -98,21 +98,23 @@ def check(
     table: TableLike,
     *,
     standard: Sequence[str] = ("*",),
+    instrument: str | None = None,
     progress: Say = silent,
     command: str = "gpmodel.check",
 ) -> CheckResult:
     """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
     mechanism, table: as loaded and read, or what they are loaded and read from.
-    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. progress:
-    called with what is being done. command: what check.json says made it.
+    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. instrument: its
+    specification, "15um + 6um/m", the largest error of a coordinate. progress: called with what is being done.
+    command: what check.json says made it.
     Raises InputError where the table cannot be read.
     """
     arm = mechanism_of(mechanism)
     tell = Teller(progress)
     if isinstance(table, str | Path) and Path(table).is_file() and Path(table).stat().st_size > LARGE:
         tell("reading the table")
-    dataset = read_table(table, arm)
+    dataset = specified(read_table(table, arm), instrument)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     findings = check_dataset(arm, dataset, geometry, tell)
     return CheckResult(arm.name, dataset, tuple(findings), command)

@@ -15,7 +15,7 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
-from gpmodel.api.table import TableLike
+from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
@@ -134,6 +134,7 @@ def discover(
     standard: Sequence[str] = ("*",),
     condition_limit: float | None = None,
     noise: str | float | None = None,
+    instrument: str | None = None,
     progress: Say = silent,
     journal: Journal | None = None,
     command: str = COMMAND,
@@ -146,7 +147,9 @@ def discover(
     ENOUGH_HELD poses. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
-    cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats.
+    cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats. instrument:
+    its specification, "15um + 6um/m", the largest error of a coordinate: no error of it is expected to be larger, and
+    the noise half of it.
     progress: called with one Progress at a time, which prints as a line: `print` will do. journal: keeps
     what is finished, to go on from it to the same numbers. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
@@ -165,7 +168,7 @@ def discover(
     called(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    arm, poses = checked_poses(arm, table, geometry)
+    arm, poses = checked_poses(arm, specified(read_table(table, arm), instrument), geometry)
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)

@@ -19,6 +19,7 @@ from gpmodel.model.instruments import with_observations
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
+from gpmodel.table.specification import EXPECTED, specification
 from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
@@ -54,6 +55,15 @@ def read_table(
     arm = mechanism_of(mechanism)
     dataset = dataset_of(table, arm, need_measurement=True, described=described(cameras, board, surfaces))
     return replace(dataset, in_order=True) if in_order else dataset
+
+
+def specified(dataset: Dataset, instrument: object) -> Dataset:
+    """The same table, measured by an instrument of that specification; None says nothing. Raises InputError."""
+    if instrument is None:
+        return dataset
+    if not isinstance(instrument, str):
+        raise InputError(f"{shown(instrument)}, {EXPECTED}", "instrument")
+    return replace(dataset, instrument=specification(instrument))
 
 
 def described(cameras: Described, board: Described, surfaces: Described) -> dict[str, Mapping[str, object]]:

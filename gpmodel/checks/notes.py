@@ -48,6 +48,10 @@ def notes(
         "no repeated poses: the noise floor is unknown" if floor is None else f"noise floor {1e3 * floor:.4f} mm RMS"
     )
     yield known
+    if data.instrument is not None:
+        stated = f"the instrument's specification, {data.instrument}, leads to expect a noise of one coordinate of"
+        expected = 1e3 * data.instrument.noise(data.position)
+        yield f"{stated} {expected:.4f} mm; the standard model leaves {1e3 * fit.sigma:.4f} mm"
     if wanted := list(_wanted(mechanism, data, (values, fit.rank), floor)):
         yield f"to measure next: {'; '.join(wanted)}"
 

@@ -11,6 +11,7 @@ from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.options import (
     holdout_option,
     in_order_option,
+    instrument_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
@@ -33,14 +34,15 @@ from gpmodel.mechanism.source import LoadedMechanism
 @standard_option
 @click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
 @holdout_option
+@instrument_option
 @in_order_option
 @seed_option
 @out_folder_option
 @quiet_option
 def calibrate(
     table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None, standard: tuple[str, ...],
-    condition_limit: float | None, holdout: float, in_order: bool, seed: int, folder: Path | None, quiet: bool,
-    **sights: str | None,
+    condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
+    folder: Path | None, quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
     """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
 
@@ -51,8 +53,8 @@ def calibrate(
         check_writable()
     dataset = read_table(table, mechanism, in_order=in_order, **sights)
     result = fit(
-        mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout, seed=seed,
-        fleet=fleet, command=command_line(),
+        mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout,
+        instrument=instrument, seed=seed, fleet=fleet, command=command_line(),
     )  # fmt: skip
     if not quiet:
         click.echo(result.summary())

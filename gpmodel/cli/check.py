@@ -8,6 +8,7 @@ from gpmodel.api.check import check as judge
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
+    instrument_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
@@ -23,11 +24,12 @@ from gpmodel.mechanism.source import LoadedMechanism
 @mechanism_options()
 @sights_options
 @standard_option
+@instrument_option
 @out_folder_option
 @quiet_option
 def check(
-    table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], folder: Path | None, quiet: bool,
-    **sights: str | None,
+    table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], instrument: str | None, folder: Path | None,
+    quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
     """Judge TABLE: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
@@ -35,7 +37,7 @@ def check(
     """
     with progress_line(quiet) as say:
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table
-        judged = judge(mechanism, data, standard=standard, progress=say, command=command_line())
+        judged = judge(mechanism, data, standard=standard, instrument=instrument, progress=say, command=command_line())
     judged.refuse()
     if not quiet:
         click.echo(judged.summary())

@@ -76,6 +76,12 @@ in_order_option = click.option(
     is_flag=True,
     help="The rows are in the order in which the poses are taken: one may depend on those before.",
 )
+instrument_option = click.option(
+    "--instrument",
+    default=None,
+    metavar="LIMIT",
+    help="Its specification, the largest error of a coordinate: '15um + 6um/m'.",
+)
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
 )

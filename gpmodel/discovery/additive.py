@@ -214,10 +214,10 @@ def _last_kept(residual: Callable[[Calibration], Residual]) -> Callable[[Calibra
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
-    """A kept group as a candidate: a curve with its learned priors, what has at most two numbers without; the constants
-    of what it remembers are its own."""
+    """A kept group as a candidate: a curve with its learned priors, what has at most two numbers without, unless
+    somebody stated how large they are; the constants of what it remembers are its own."""
     group = kept.group
-    plain = len(group.effects) <= PLAIN
+    plain = len(group.effects) <= PLAIN and not group.believed
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
     derived = plain and set(group.inputs).isdisjoint(poses.dataset.extras)
     inner = group.inner or (remembered(group.name, effects, poses.states.unit_of_constant) if derived else None)

@@ -31,6 +31,7 @@ class Candidate:
     family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
     of how many alternatives it was chosen from. found_by: catalogue or evolved. explanation: what it would be
     physically and who says so, as its family has it. inner: the constants inside its bases, if there are any.
+    believed: its priors are standard deviations that somebody stated, and no larger ones are tried.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Candidate:
     found_by: str = "catalogue"
     explanation: str = ""
     inner: NonlinearParameters | None = None
+    believed: bool = False
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
         """The candidate with other constants inside, its unknowns free of priors."""

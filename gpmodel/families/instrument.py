@@ -3,9 +3,14 @@
 With azimuth a and elevation e, a small turn about the standing axis shifts a point by azimuth, one about the axis
 (sin a, -cos a, 0) by elevation, a shift along (cos e cos a, cos e sin a, sin e) by range. A constant turn about z is
 the registration's.
+
+Where the instrument's specification is known, each error alone reaches it at the table's distances with one standard
+deviation; what goes beyond it is a candidate by itself, with the price of an instrument that is out of order. A walk
+along the rows is its stand's, of which a specification says nothing.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -15,10 +20,15 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
 from gpmodel.model.effect import Effect, Term
+from gpmodel.model.instrument import Seen
 from gpmodel.model.states import States
 
 ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 """rad, m, m a metre: a few times what makers state at worst, 15 µm + 6 µm/m, since what is found is out of order."""
+
+OUT_OF_ORDER = float(np.log(1000.0))
+"""Nats of an error beyond the specification: one instrument in a thousand that measures is out of it unknown to its
+user, as the yearly verification of ISO 10360-10 leaves it."""
 
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
@@ -32,6 +42,38 @@ WAVES = 8
 """Waves of a walk along the rows: the eighth carries a 225th of the variance of the first."""
 
 
+@dataclass(frozen=True)
+class _Sizes:
+    """Standard deviations of its errors before measuring: of a length, m, an angle, rad, and a scale. believed: the
+    instrument is specified."""
+
+    length: float = LENGTH
+    angle: float = ANGLE
+    scale: float = SCALE
+    believed: bool = False
+
+
+def _sizes(seen: Seen) -> _Sizes:
+    if seen.specification is None:
+        return _Sizes()
+    limit = seen.specification.at(seen.points)
+    each = limit / max(seen.specification.distance(seen.points), 1e-3)
+    return _Sizes(limit, each, each, True)
+
+
+def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
+    """The candidates of a family, those that a specification bounds also beyond it."""
+
+    def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+        for candidate in build(mechanism, states):
+            yield candidate
+            if candidate.believed:
+                name, cost = f"{candidate.name}, beyond its specification", candidate.cost + OUT_OF_ORDER
+                yield replace(candidate, name=name, cost=cost, believed=False)
+
+    return offered
+
+
 def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:
     """Along the beam."""
     ways = {"Tx": f"cos({E})*cos({A})", "Ty": f"cos({E})*sin({A})", "Tz": f"sin({E})"}
@@ -39,61 +81,66 @@ def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effe
     return Effect(name, terms, unit, family, prior)
 
 
-def _by_azimuth(name: str, shape: str, family: str) -> Effect:
-    return Effect(name, (Term(INSTRUMENT, "Rz", Expression(shape)),), "rad", family, ANGLE)
+def _by_azimuth(name: str, shape: str, family: str, prior: float) -> Effect:
+    return Effect(name, (Term(INSTRUMENT, "Rz", Expression(shape)),), "rad", family, prior)
 
 
-def _by_elevation(name: str, shape: str, family: str) -> Effect:
+def _by_elevation(name: str, shape: str, family: str, prior: float) -> Effect:
     turns = (("Rx", f"({shape})*sin({A})", 1.0), ("Ry", f"({shape})*cos({A})", -1.0))
     terms = tuple(Term(INSTRUMENT, axis, Expression(basis), weight) for axis, basis, weight in turns)
-    return Effect(name, terms, "rad", family, ANGLE)
+    return Effect(name, terms, "rad", family, prior)
 
 
 def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Offset and scale of the distances that the instrument reads; a scale that one linear axis can have is rather the
     pitch of its screw."""
     if states.seen:
-        family = "instrument_range"
+        family, size = "instrument_range", _sizes(states.seen)
         for name, factor, unit, prior, cost in (
-            ("range offset of the instrument", "1", "m", LENGTH, 4.0),
-            ("range scale of the instrument", R, "1", SCALE, 4.5),
+            ("range offset of the instrument", "1", "m", size.length, 4.0),
+            ("range scale of the instrument", R, "1", size.scale, 4.5),
         ):
-            yield Candidate(name, (_shift(name, factor, unit, family, prior),), family, cost)
+            effect = _shift(name, factor, unit, family, prior)
+            yield Candidate(name, (effect,), family, cost, believed=size.believed)
 
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Errors of the instrument's horizontal angle, once and twice per turn, rad."""
     if states.seen:
-        for n, words in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
-            effects = tuple(_by_azimuth(f"{words}, {f}", f"{f}({n}*{A})", "instrument_azimuth") for f in ("sin", "cos"))
-            yield Candidate(words, effects, "instrument_azimuth", 4.0)
+        family, size = "instrument_azimuth", _sizes(states.seen)
+        for n, name in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
+            shapes = ((f, f"{f}({n}*{A})") for f in ("sin", "cos"))
+            effects = tuple(_by_azimuth(f"{name}, {f}", shape, family, size.angle) for f, shape in shapes)
+            yield Candidate(name, effects, family, 4.0, believed=size.believed)
 
 
 def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Index error and eccentricity of the instrument's vertical angle, rad."""
     if states.seen:
-        family, name = "instrument_elevation", "elevation index of the instrument"
-        yield Candidate(name, (_by_elevation(name, "1", family),), family, 4.0)
+        family, size, name = "instrument_elevation", _sizes(states.seen), "elevation index of the instrument"
+        yield Candidate(name, (_by_elevation(name, "1", family, size.angle),), family, 4.0, believed=size.believed)
         name = "eccentricity of the instrument's elevation"
-        effects = tuple(_by_elevation(f"{name}, {f}", f"{f}({E})", family) for f in ("sin", "cos"))
-        yield Candidate(name, effects, family, 4.5)
+        effects = tuple(_by_elevation(f"{name}, {f}", f"{f}({E})", family, size.angle) for f in ("sin", "cos"))
+        yield Candidate(name, effects, family, 4.5, believed=size.believed)
 
 
 def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Tilt of the transit axis and of the line of sight: errors by tan and 1/cos of the elevation, rad."""
     if states.seen and np.max(np.abs(states[E])) < np.radians(85.0):
+        family, size = "instrument_axes", _sizes(states.seen)
         for name, shape in (
             ("tilt of the instrument's transit axis", f"tan({E})"),
             ("collimation of the instrument", f"reciprocal(cos({E}))"),
         ):
-            yield Candidate(name, (_by_azimuth(name, shape, "instrument_axes"),), "instrument_axes", 4.5)
+            effect = _by_azimuth(name, shape, family, size.angle)
+            yield Candidate(name, (effect,), family, 4.5, believed=size.believed)
 
 
 def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Polynomials of the place, of degree two and three, in each coordinate: first degrees scale, shear and turn."""
     if states.seen is None:
         return
-    name = "smooth error of the instrument over the volume"
+    name, size = "smooth error of the instrument over the volume", _sizes(states.seen)
     scaled = [_centred(f"instrument_{axis}", states.seen.columns[f"instrument_{axis}"]) for axis in "xyz"]
     powers = [p for p in product(range(DEGREE + 1), repeat=3) if 2 <= sum(p) <= DEGREE]
     effects = []
@@ -102,13 +149,13 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
         for axis in ("Tx", "Ty", "Tz"):
             term = Term(INSTRUMENT, axis, Expression(shape))
             label = "".join(f"{c}{k}" for c, k in zip("xyz", power, strict=True) if k)
-            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", LENGTH / 2))
-    yield Candidate(name, tuple(effects), "instrument_field", 5.0)
+            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", size.length / 2))
+    yield Candidate(name, tuple(effects), "instrument_field", 5.0, believed=size.believed)
     if len(states) >= FINE_POSES:
-        yield _waves(scaled)
+        yield _waves(scaled, size)
 
 
-def _waves(scaled: list[str]) -> Candidate:
+def _waves(scaled: list[str], size: _Sizes) -> Candidate:
     """Products of cosines of up to FINE half waves in all, deviations as 1/(1 + k²): what polynomials cannot follow."""
     name = "detailed smooth error of the instrument over the volume"
     effects = []
@@ -117,11 +164,11 @@ def _waves(scaled: list[str]) -> Candidate:
             continue
         shape = "*".join(f"cos({0.5 * np.pi * k:.6f}*({u} + 1))" for u, k in zip(scaled, orders, strict=True) if k)
         label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
-        size = LENGTH / (1.0 + sum(k * k for k in orders))
+        prior = size.length / (1.0 + sum(k * k for k in orders))
         for axis in ("Tx", "Ty", "Tz"):
             term = Term(INSTRUMENT, axis, Expression(shape))
-            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", size))
-    return Candidate(name, tuple(effects), "instrument_field", 6.0)
+            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", prior))
+    return Candidate(name, tuple(effects), "instrument_field", 6.0, believed=size.believed)
 
 
 def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
+from gpmodel.table.specification import Specification
 
 PREFIX = "instrument_"
 UNITS = {"range": "m", "azimuth": "rad", "elevation": "rad", "x": "m", "y": "m", "z": "m"}
@@ -27,9 +28,11 @@ def seen_columns(points: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The points (N, 3) of a whole table as its instrument measured them, m; NaN where it did not."""
+    """The points (N, 3) of a whole table as its instrument measured them, m; NaN where it did not. specification: of
+    the instrument, where it is known."""
 
     points: Array
+    specification: Specification | None = None
 
     @cached_property
     def columns(self) -> dict[str, Array]:

@@ -230,4 +230,4 @@ def _remembering(
 
 
 def _seen(dataset: Dataset) -> Seen | None:
-    return Seen(dataset.position) if np.isfinite(dataset.position).all(axis=1).any() else None
+    return Seen(dataset.position, dataset.instrument) if np.isfinite(dataset.position).all(axis=1).any() else None

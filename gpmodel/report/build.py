@@ -18,7 +18,14 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
-from gpmodel.report.origin import Origin, data_record, floor_mm, mechanism_record, versions
+from gpmodel.report.origin import (
+    Origin,
+    data_record,
+    floor_mm,
+    instrument_record,
+    mechanism_record,
+    versions,
+)
 from gpmodel.report.schema import Kind, MimicRecord, Report, StepRecord
 from gpmodel.report.schema_poses import ReadingRecord
 
@@ -60,6 +67,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         sigma_mm=1e3 * final.sigma,
         noise_floor_mm=floor,
         noise_from=source,
+        instrument=instrument_record(data),
         repeatability=repeatability(data),
         positioning=positioning(poses, ladder.train, ladder.steps),
         further=fitted.further(final, poses),

@@ -60,6 +60,7 @@ def effect_records(
                 tool_max_mm=here.max_mm,
                 workspace_rms_mm=there.rms_mm,
                 workspace_max_mm=there.max_mm,
+                of_specification=fitted.of_specification(candidate.effects, here, poses.dataset),
                 ranges=ranges(states, candidate.inputs, names),
             )
         )

@@ -117,7 +117,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")
     if effect.unique_share is not None:
         yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
-    if said := words.rivals(effect):
+    for said in filter(None, (words.beside_specification(effect), words.rivals(effect))):
         yield said
     if said := words.confirmed(report):
         yield f"all findings together are {said}"

@@ -18,6 +18,7 @@ from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRec
 from gpmodel.report.schema_accuracy import BoundMm, FurtherRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
+from gpmodel.table.dataset import Dataset
 
 CHAIN_POSES = 300
 """At most this many poses are drawn as a whole arm, evenly chosen along the rows."""
@@ -106,6 +107,14 @@ def tool_displacements(
 
     whole = points(())
     return [np.asarray(np.linalg.norm(whole - points(group), axis=1)) for group in groups]
+
+
+def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
+    """How many times the specification of the instrument its own error moves the readings by, RMS over the poses; None
+    for an effect of the mechanism, or where no specification is known."""
+    if data.instrument is None or moved.rms_mm is None or not all(e.of_the_instrument for e in effects):
+        return None
+    return moved.rms_mm / (1e3 * data.instrument.at(data.position))
 
 
 def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:

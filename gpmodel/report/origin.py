@@ -14,7 +14,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of
 from gpmodel.model.states import States
-from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
+from gpmodel.report.schema import DataRecord, InstrumentRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_search import Range
 from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset
@@ -86,14 +86,24 @@ def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) ->
 
 
 def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSource | None]:
-    """3-D RMS of the measurement itself, mm, and where it is from: repeats in the table before the instrument's figure.
+    """3-D RMS of the measurement itself, mm, and where it is from: repeats in the table before the instrument's figure,
+    that before what its specification leads to expect.
 
     An instrument's figure σ is of one coordinate: the RMS over a pose with c measured components is σ √c.
     """
     repeats = noise_floor(data)
     if repeats is not None:
         return 1e3 * repeats, "repeats"
-    if noise is None:
+    sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)
+    if sigma is None:
         return None, None
     measured = np.isfinite(data.position).sum() + sum(np.isfinite(d).sum() for d in data.distances.values())
-    return float(1e3 * noise * np.sqrt(measured / len(data))), "instrument"
+    return float(1e3 * sigma * np.sqrt(measured / len(data))), "specification" if noise is None else "instrument"
+
+
+def instrument_record(data: Dataset) -> InstrumentRecord | None:
+    """What the instrument's specification leads to expect at the table's distances; None where nobody said it."""
+    stated, points = data.instrument, data.position
+    if stated is None:
+        return None
+    return InstrumentRecord(str(stated), 1e3 * stated.at(points), 1e3 * stated.noise(points))

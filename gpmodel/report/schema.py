@@ -23,7 +23,7 @@ from gpmodel.report.schema_search import (
 
 SCHEMA = 1
 REGISTRATION, STANDARD = "registration", "standard"
-NoiseSource = Literal["repeats", "instrument"]
+NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
 
@@ -134,6 +134,16 @@ class ExportRecord:
 
 
 @dataclass(frozen=True)
+class InstrumentRecord:
+    """The specification of the instrument as it was given; limit_mm: of a coordinate at the typical distance of the
+    poses, noise_mm: the standard deviation of a coordinate that it leads to expect."""
+
+    specification: str
+    limit_mm: NotNegative
+    noise_mm: NotNegative
+
+
+@dataclass(frozen=True)
 class Report:
     """The whole of report.json.
 
@@ -168,6 +178,7 @@ class Report:
     model_sha256: str = ""
     noise_floor_mm: NotNegative | None = None
     noise_from: NoiseSource | None = None
+    instrument: InstrumentRecord | None = None
     repeatability: Repeatability | None = None
     positioning: Positioning | None = None
     further: FurtherRecord | None = None

@@ -74,7 +74,8 @@ class EffectRecord:
     `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
-    anywhere within the limits. ranges: of its inputs, as trained. constants: inside its law.
+    anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
+    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law.
     """
 
     name: str
@@ -109,6 +110,7 @@ class EffectRecord:
     tool_max_mm: NotNegative | None = None
     workspace_rms_mm: NotNegative | None = None
     workspace_max_mm: NotNegative | None = None
+    of_specification: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
     constants: tuple[FittedConstant, ...] = ()
 

@@ -20,6 +20,7 @@ def summary(report: Report) -> str:
         ("3-D error, mm", list(_ladder(report))),
         ("Readings, each in its own unit, RMS", list(_readings(report))),
         ("Noise floor", [_wrapped(words.noise_floor(report))]),
+        ("Instrument", [_wrapped(words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Significant inputs", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
@@ -81,6 +82,7 @@ def _effects(report: Report) -> Iterator[str]:
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
             words.moves(effect),
+            words.beside_specification(effect),
             f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
             if effect.p_value is not None
             else "",

@@ -55,7 +55,8 @@ class Group:
     far the whole group moves its place over the poses, rad or m. cost: nats of description, the log of how many
     alternatives it was chosen from. cap: largest √a. always_included: in the model whatever it is worth.
     parts: the groups of one kind at several places that it is made of, empty for a plain group. inner: the constants
-    inside its bases, None where it has none or not all of its effects are left.
+    inside its bases, None where it has none or not all of its effects are left. believed: the cap is what somebody
+    stated.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Group:
     found_by: str = "catalogue"
     explanation: str = ""
     inner: NonlinearParameters | None = None
+    believed: bool = False
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -122,6 +124,9 @@ def from_candidate(candidate: Candidate, shapes: Shapes) -> Group | None:
     )
     if group is None:
         return None
+    if candidate.believed:
+        stated = group.effects[0].prior / group.spreads[0]
+        group = replace(group, cap=min(CAP, stated), believed=True)
     whole = len(group.effects) == len(candidate.effects)
     return replace(group, explanation=candidate.explanation, inner=candidate.inner if whole else None)
 

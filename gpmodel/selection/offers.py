@@ -87,7 +87,7 @@ def _distinct(groups: Iterable[Group]) -> list[Group]:
     """The first of each set of columns."""
     found: dict[object, Group] = {}
     for group in groups:
-        found.setdefault((tuple(e.terms for e in group.effects), group.spreads), group)
+        found.setdefault((tuple(e.terms for e in group.effects), group.spreads, group.cap), group)
     return list(found.values())
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.model.error_model import Poses, observe
-from gpmodel.model.instrument import Seen
 from gpmodel.model.states import States
 
 SCREENING_POSES = 1500
@@ -35,4 +34,4 @@ def predicted_states(calibration: Calibration, poses: Poses) -> States:
         return there.states
     points = there.states.seen.points.copy()
     points[slice(None) if there.states.rows is None else there.states.rows] = observed.tip[:, :3, 3]
-    return replace(there.states, seen=Seen(points))
+    return replace(there.states, seen=replace(there.states.seen, points=points))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
+from gpmodel.table.specification import Specification
 
 TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
 """Labels of what the tool point touched."""
@@ -47,6 +48,7 @@ class Dataset:
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
     kinds: of the joints, "revolute" where none are given.
     in_order: the rows are said to be in the order of measurement, so that a pose may depend on those before it.
+    instrument: what its maker states of the instrument that measured, None where nobody said.
     """
 
     joints: tuple[str, ...]
@@ -72,6 +74,7 @@ class Dataset:
     in_order: bool = False
     extra_names: Mapping[str, str] = field(default_factory=dict)
     kinds: tuple[str, ...] = ()
+    instrument: Specification | None = None
 
     def __post_init__(self) -> None:
         for name in ("q", "position", "rotation", "row", "payload"):

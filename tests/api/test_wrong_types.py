@@ -42,7 +42,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
         lambda **a: gp.calibrate(**({"mechanism": ARM, "table": TABLE} | a)),
         {
             "mechanism": ANY, "table": NO_FILE, "effects": NO_TEXTS, "standard": NO_TEXTS, "holdout": ANY, "seed": ANY,
-            "condition_limit": NO_NUMBER,
+            "condition_limit": NO_NUMBER, "instrument": NO_NUMBER,
         },
     ),
     "discover": (
@@ -50,7 +50,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
         {
             "mechanism": ANY, "table": NO_FILE, "standard": NO_TEXTS, "holdout": ANY[1:], "folds": (*ANY[1:], 1),
             "seed": ANY, "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
-            "noise": NO_NUMBER, "progress": ANY,
+            "noise": NO_NUMBER, "instrument": NO_NUMBER, "progress": ANY,
         },
     ),
     "Search": (

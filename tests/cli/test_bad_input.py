@@ -203,6 +203,7 @@ NAMED = {
     "--representation": ("evolve", "--representation", "graph"),
     "--holdout": ("calibrate", "--holdout", "0.999"),
     "--noise": ("discover", "--noise", "3"),
+    "--instrument": ("check", "--instrument", "Leica"),
     "--mechanism": ("check", "--mechanism", "hal9000"),
 }
 

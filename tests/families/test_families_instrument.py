@@ -13,12 +13,16 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates
+from gpmodel.families.catalogue import candidates, catalogue
+from gpmodel.families.instrument import OUT_OF_ORDER
+from gpmodel.families.offer import instances
 from gpmodel.mechanism.protocol import INSTRUMENT, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instrument import seen_columns
+from gpmodel.selection.group import CAP, Shapes, from_candidate
+from gpmodel.table.specification import Specification
 
 ARM = mechanism("ur5")
 POSES = 200
@@ -98,3 +102,51 @@ def test_prediction_contains_the_instrument_and_the_mechanism_alone_does_not() -
     assert (alone.effects, len(none)) == ((), 0)
     assert np.sqrt(np.mean(np.sum((with_it - without) ** 2, axis=1))) > 1e-4
     assert places(ARM)[-1] == INSTRUMENT
+
+
+def specified() -> Poses:
+    data = table().dataset
+    return prepare(ARM, replace(data, instrument=Specification(15e-6, 6e-6)))
+
+
+def instances_now(poses: Poses) -> dict[str, Candidate]:
+    """What a search is offered of the instrument, but for walks of its stand."""
+    offers = [f for f in catalogue if f.name.startswith("instrument_") and f.name != "instrument_walk"]
+    return {c.name: c for f in offers for c in instances(f, ARM, poses.states, search=True)}
+
+
+def test_every_error_alone_reaches_the_specification_at_the_distances_of_the_table() -> None:
+    """An angle more than at these distances only where it grows with the elevation; a field as all its terms do."""
+    poses = specified()
+    limit = Specification(15e-6, 6e-6).at(poses.dataset.position)
+    for name, candidate in instances_now(poses).items():
+        if candidate.believed:
+            moved = np.zeros(3)
+            for effect in candidate.effects:
+                twist = effect.prior * effect.twist(poses.states, INSTRUMENT)
+                shift = twist[:, :3] + np.cross(twist[:, 3:], poses.dataset.position)
+                moved = moved + np.mean(shift**2, axis=0)
+            assert 0.3 * limit < np.sqrt(moved.sum()) < 2.0 * limit, name
+
+
+def test_what_is_beyond_the_specification_is_offered_at_a_price_and_only_where_there_is_one() -> None:
+    offered = instances_now(specified())
+    assert instances_now(table()).keys() == {name for name, c in offered.items() if c.believed}
+    for name, candidate in offered.items():
+        if candidate.believed:
+            beyond = offered[f"{name}, beyond its specification"]
+            assert beyond.effects == candidate.effects
+            assert beyond.cost == candidate.cost + OUT_OF_ORDER
+
+
+def test_a_group_within_the_specification_goes_no_further() -> None:
+    poses = specified()
+    shapes = Shapes(poses.states)
+    for candidate in instances_now(poses).values():
+        group = from_candidate(candidate, shapes)
+        assert group is not None
+        if candidate.believed:
+            told = [e.prior for e in group.with_prior(group.cap**2)]
+            assert told == pytest.approx([e.prior for e in group.effects])
+        else:
+            assert group.cap == CAP

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
-from gpmodel.report.schema import MechanismRecord, Report
+from gpmodel.report.schema import InstrumentRecord, MechanismRecord, Report
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
-from gpmodel.report.words import found, input_tests, law, place, places, written
+from gpmodel.report.words import beside_specification, found, input_tests, instrument, law, place, places, written
 
 
 @pytest.mark.parametrize(
@@ -93,3 +93,17 @@ def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
 def test_a_bump_is_called_one(basis: str, said: str) -> None:
     report = Report(mechanism=MechanismRecord("arm", ("J2", "J4")))
     assert law(report, EffectRecord("found", basis=basis)) == said
+
+
+def test_an_error_of_the_instrument_is_said_beside_its_specification() -> None:
+    offset = EffectRecord("range offset of the instrument", "instrument", "Tx", unit="m", of_specification=193.0)
+    assert beside_specification(offset) == "193 times the instrument's specification: a wrong reflector constant?"
+    assert "in order" in beside_specification(replace(offset, of_specification=0.8))
+    assert beside_specification(replace(offset, of_specification=None)) == ""
+
+
+def test_the_noise_found_is_said_beside_the_noise_expected() -> None:
+    stated = InstrumentRecord("15 µm + 6 µm/m", 0.033, 0.0165)
+    said = instrument(Report(instrument=stated, sigma_mm=0.031))
+    assert "16.50 µm expected, 31 µm found" in said.replace("0.031 mm", "31 µm"), said
+    assert instrument(Report(sigma_mm=0.031)) == ""
