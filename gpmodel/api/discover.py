@@ -41,7 +41,7 @@ from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord, HistogramRecord
+from gpmodel.report.schema_search import EffectRecord, HistogramRecord, SuspectRecord
 from gpmodel.report.text import summary
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
@@ -88,6 +88,11 @@ class DiscoveryResult(FittedResult):
     def findings(self) -> tuple[EffectRecord, ...]:
         """The effects added, in the order they were found."""
         return self.record.effects
+
+    @property
+    def suspects(self) -> tuple[SuspectRecord, ...]:
+        """What something speaks for and was not added; `choose_poses(after=, suspect=)` has the poses that decide."""
+        return self.record.suspects
 
     @property
     def verdict(self) -> str:

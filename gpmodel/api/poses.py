@@ -12,7 +12,7 @@ from gpmodel.api.arguments import among, box_limits, file_path, number, point, q
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.next_poses import next_questions, read_result
+from gpmodel.api.next_poses import next_questions, of_suspect, read_result
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -86,6 +86,7 @@ def choose_poses(
     *,
     criterion: Criterion | None = None,
     after: Model | str | Path | None = None,
+    suspect: int | None = None,
     above: str | float | None = None,
     box: str | Sequence[Sequence[float]] | None = None,
     instrument: str | Sequence[float] | None = None,
@@ -104,6 +105,7 @@ def choose_poses(
     workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
+    suspect: of that result, by its number: the poses that decide it, instead of a criterion.
     above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm".
     instrument: its place in the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its
     `normal` in the measured frame, and the arm does not stand between. tool_point: in the measured frame; after a
@@ -114,6 +116,8 @@ def choose_poses(
     wanted = whole(count, "count", 1)
     rng = np.random.default_rng(whole(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
+    if model is None and suspect is not None:
+        raise InputError("belongs to a result; expected one to go on after", "suspect")
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm = mechanism_of(mechanism) if model is None and mechanism is not None else model.mechanism  # type: ignore[union-attr]
@@ -123,6 +127,8 @@ def choose_poses(
         word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
         spread_of = quantity(noise, "length", "noise", positive=True)
         asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
+    elif suspect is not None:
+        asked = of_suspect(model.saved, record, pool, _suspect(suspect, criterion), rng)
     else:
         kind = None if criterion is None else among(criterion, AFTER, "criterion")
         asked = next_questions(model.saved, record, pool, kind, rng)
@@ -131,6 +137,13 @@ def choose_poses(
     curve = _curve(asked, order, len(pool), rng)
     columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
     return PosesResult(arm, pool[order], spacing(arm, pool[order]), curve, asked.said, limit, columns)
+
+
+def _suspect(number: object, criterion: object) -> int:
+    """The number of a suspect. Raises InputError where it is none, or a criterion is asked for as well."""
+    if criterion is not None:
+        raise InputError("is decided by its own poses; expected a suspect or a criterion, not both", "suspect")
+    return whole(number, "suspect", 1)
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

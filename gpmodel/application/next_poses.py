@@ -68,6 +68,16 @@ class Outlook:
         weight[np.ix_(own, own)] = moves / (theta @ moves @ theta)
         return _question(here, there, weight, self._believed)
 
+    def of_more(self, effects: tuple[Effect, ...]) -> Question:
+        """How well effects beside the model would be known: the mean square over the pool, m², of what their ± moves
+        the point by."""
+        here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
+        own = np.arange(there.shape[2] - len(effects), there.shape[2])
+        weight = np.zeros((there.shape[2], there.shape[2]))
+        weight[np.ix_(own, own)] = self.saved.sigma**2 * over_the_pool(there[:, :, own])
+        believed = np.concatenate([self._believed, np.zeros(len(effects))])
+        return _question(here, there, weight, believed)
+
     def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
         """How well the amplitude of a finding, in the shape it was fitted in, is known beside a rival: 1 / σ is by how
         many standard deviations they are apart."""

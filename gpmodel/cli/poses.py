@@ -16,6 +16,8 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1), help="How many poses.")
 @click.option("--after", default=None, metavar="RESULT", type=click.Path(path_type=Path),
               help="The next poses after what calibrate or discover left here.")  # fmt: skip
+@click.option("--suspect", type=click.IntRange(1), default=None, metavar="N",
+              help="Of --after: the poses that decide its suspect N.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))), default=None,
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", default=None, metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
@@ -32,9 +34,9 @@ from gpmodel.mechanism.source import LoadedMechanism
 @out_file_option
 @quiet_option
 def poses(
-    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None, above: str | None,
-    box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float, tool_point: str | None,
-    collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
+    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None, suspect: int | None,
+    above: str | None, box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float,
+    tool_point: str | None, collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Joint values within the limits worth measuring at, and the curve of what is known against their number.
 
@@ -47,8 +49,9 @@ def poses(
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
     chosen = choose_poses(
-        mechanism, count, criterion=criterion, after=after, above=above, box=box, instrument=instrument, normal=normal,
-        cone=cone, tool_point=tool_point, collisions=collisions, noise=noise, seed=seed,
+        mechanism, count, criterion=criterion, after=after, suspect=suspect, above=above, box=box,
+        instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
+        seed=seed,
     )  # fmt: skip
     path = None if out is None else path_for(out, "poses.csv")
     if path is None:

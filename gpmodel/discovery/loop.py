@@ -15,6 +15,7 @@ from gpmodel.discovery.round import one_round
 from gpmodel.discovery.rows import usable_rows
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import State
+from gpmodel.discovery.suspects import suspects_of
 from gpmodel.evidence.confirmation import confirmation
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Threads
@@ -80,7 +81,7 @@ def discover(
     final = last.calibration if doubt is None or doubt.passed else state.standard_to_all()
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
-        doubt, state.standard, time.monotonic() - started, stopped,
+        doubt, state.standard, time.monotonic() - started, stopped, suspects_of(state, final),
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report import words
 from gpmodel.report.advice import advice
+from gpmodel.report.instrument_words import beside_specification
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
@@ -117,7 +118,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")
     if effect.unique_share is not None:
         yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
-    for said in filter(None, (words.beside_specification(effect), words.rivals(effect))):
+    for said in filter(None, (beside_specification(effect), words.rivals(effect))):
         yield said
     if said := words.confirmed(report):
         yield f"all findings together are {said}"

@@ -7,7 +7,8 @@ import numpy as np
 
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.result import Discovery, Round
+from gpmodel.discovery.result import Discovery, Round, Suspect
+from gpmodel.families.catalogue import explained
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
@@ -22,6 +23,7 @@ from gpmodel.report.schema_search import (
     HistogramRecord,
     RivalRecord,
     RoundRecord,
+    SuspectRecord,
     TestRecord,
 )
 from gpmodel.report.shapes import shape_record
@@ -40,6 +42,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, names) for r in discovery.rounds),
+        suspects=tuple(_suspect(s, discovery, names) for s in discovery.suspects),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
         confirmation=discovery.confirmation,
@@ -111,6 +114,21 @@ def _round(entry: Round, names: Mapping[str, str]) -> RoundRecord:
         candidates=tuple(_tried(h, names) for h in entry.hypotheses),
         null_nats=tuple(float(v) for v in entry.exploration.null_nats if np.isfinite(v)),
         dropped=tuple(translate(n, names) for n in entry.dropped),
+    )
+
+
+def _suspect(found: Suspect, discovery: Discovery, names: Mapping[str, str]) -> SuspectRecord:
+    return SuspectRecord(
+        name=translate(found.candidate.name, names),
+        nats=fitted.optional(found.nats),
+        p_value=found.chance.p,
+        rows=tuple(discovery.poses.dataset.row[found.rows].tolist()),
+        before_mm=fitted.optional(1e3 * found.before),
+        after_mm=fitted.optional(1e3 * found.after),
+        why=found.why,
+        shared=translate(found.shared, names),
+        alternatives=tuple(translate(name, names) for name in found.alternatives),
+        explanation=found.candidate.explanation or explained(found.candidate.family),
     )
 
 

@@ -14,7 +14,8 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of
 from gpmodel.model.states import States
-from gpmodel.report.schema import DataRecord, InstrumentRecord, MechanismRecord, NoiseSource
+from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
+from gpmodel.report.schema_accuracy import InstrumentRecord
 from gpmodel.report.schema_search import Range
 from gpmodel.table.bundles import noise_floor
 from gpmodel.table.dataset import Dataset

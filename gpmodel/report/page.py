@@ -10,7 +10,16 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gpmodel import wording
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space, verdict, words
+from gpmodel.report import (
+    charts_errors,
+    charts_findings,
+    charts_search,
+    charts_space,
+    instrument_words,
+    suspect_words,
+    verdict,
+    words,
+)
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 
@@ -61,8 +70,9 @@ def _environment() -> Environment:
         shortened=partial(wording.shortened, length=NAME),
     )  # fmt: skip
     environment.globals.update(
-        words=words, measured=wording.measured, chance=wording.chance, script=script, script_hash=script_hash
-    )
+        words=words, instrument_words=instrument_words, suspect_words=suspect_words, measured=wording.measured,
+        chance=wording.chance, script=script, script_hash=script_hash,
+    )  # fmt: skip
     return environment
 
 

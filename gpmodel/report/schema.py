@@ -9,7 +9,7 @@ from typing import Literal
 
 from gpmodel.arrays import Count, NotNegative
 from gpmodel.evidence.confirmation import Confirmation
-from gpmodel.report.schema_accuracy import FurtherRecord, Positioning, Repeatability
+from gpmodel.report.schema_accuracy import FurtherRecord, InstrumentRecord, Positioning, Repeatability
 from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 from gpmodel.report.schema_search import (
     Correlation,
@@ -19,6 +19,7 @@ from gpmodel.report.schema_search import (
     Range,
     RoundRecord,
     Share,
+    SuspectRecord,
 )
 
 SCHEMA = 1
@@ -134,16 +135,6 @@ class ExportRecord:
 
 
 @dataclass(frozen=True)
-class InstrumentRecord:
-    """The specification of the instrument as it was given; limit_mm: of a coordinate at the typical distance of the
-    poses, noise_mm: the standard deviation of a coordinate that it leads to expect."""
-
-    specification: str
-    limit_mm: NotNegative
-    noise_mm: NotNegative
-
-
-@dataclass(frozen=True)
 class Report:
     """The whole of report.json.
 
@@ -166,6 +157,7 @@ class Report:
     effects: tuple[EffectRecord, ...] = ()
     histograms: tuple[HistogramRecord, ...] = ()
     rounds: tuple[RoundRecord, ...] = ()
+    suspects: tuple[SuspectRecord, ...] = ()
     runs: tuple[ProgramRecord, ...] = ()
     parameters: tuple[ParameterRecord, ...] = ()
     placement: tuple[ParameterRecord, ...] = ()

@@ -57,3 +57,13 @@ class Positioning:
     after_mm: NotNegative
     after_stderr_mm: NotNegative
     after_max_mm: NotNegative
+
+
+@dataclass(frozen=True)
+class InstrumentRecord:
+    """The specification of the instrument as it was given; limit_mm: of a coordinate at the typical distance of the
+    poses, noise_mm: the standard deviation of a coordinate that it leads to expect."""
+
+    specification: str
+    limit_mm: NotNegative
+    noise_mm: NotNegative

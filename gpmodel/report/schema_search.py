@@ -178,6 +178,28 @@ class CandidateRecord:
 
 
 @dataclass(frozen=True)
+class SuspectRecord:
+    """An effect that something speaks for and that was not added: no finding, but what further poses should decide.
+
+    nats: what it saves; p_value: chance of it among all candidates. rows: of the file, of the odd poses it would
+    explain; none where all poses speak for it. before_mm, after_mm: RMS of their errors without and with it, or the
+    cross-validated one of all poses. shared: what the odd poses have in common. alternatives: what would explain the
+    same.
+    """
+
+    name: str
+    nats: float | None = None
+    p_value: Share | None = None
+    rows: tuple[int, ...] = ()
+    before_mm: NotNegative | None = None
+    after_mm: NotNegative | None = None
+    why: str = ""
+    shared: str = ""
+    alternatives: tuple[str, ...] = ()
+    explanation: str = ""
+
+
+@dataclass(frozen=True)
 class RoundRecord:
     """One look at the residual. null_nats: the best of each search on shuffled residuals. dropped: taken out again."""
 

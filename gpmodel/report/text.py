@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.report import verdict, words
+from gpmodel.report import instrument_words, suspect_words, verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import WIDTH
@@ -20,8 +20,9 @@ def summary(report: Report) -> str:
         ("3-D error, mm", list(_ladder(report))),
         ("Readings, each in its own unit, RMS", list(_readings(report))),
         ("Noise floor", [_wrapped(words.noise_floor(report))]),
-        ("Instrument", [_wrapped(words.instrument(report))] if report.instrument else []),
+        ("Instrument", [_wrapped(instrument_words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
+        ("Suspects", list(_suspects(report))),
         ("Significant inputs", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
         ("Tool in the flange, root in the instrument's frame", list(_placement(report))),
@@ -82,7 +83,7 @@ def _effects(report: Report) -> Iterator[str]:
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
             words.moves(effect),
-            words.beside_specification(effect),
+            instrument_words.beside_specification(effect),
             f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
             if effect.p_value is not None
             else "",
@@ -90,6 +91,16 @@ def _effects(report: Report) -> Iterator[str]:
         yield _wrapped("; ".join(filter(None, facts)), 7)
         if not doubt and (said := words.rivals(effect)):
             yield _wrapped(said, 7)
+
+
+def _suspects(report: Report) -> Iterator[str]:
+    if report.suspects:
+        yield _wrapped(suspect_words.LEAD)
+    for number, suspect in enumerate(report.suspects, 1):
+        yield _wrapped(f"{number}  {suspect.name}: {suspect_words.would_explain(suspect)}")
+        for said in filter(None, (f"not added: {suspect.why}", suspect_words.alternatives(suspect))):
+            yield _wrapped(said, 7)
+        yield _wrapped(f"poses that decide: {suspect_words.deciding(number)}", 7)
 
 
 def _relative(effect: EffectRecord) -> str:

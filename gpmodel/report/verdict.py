@@ -8,6 +8,7 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
+from gpmodel.report import suspect_words
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -40,9 +41,10 @@ def of_discovery(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """What the effects of a discovery follow; empty where nothing was found."""
+    """What the effects of a discovery follow, and whether anything odd is left; empty where there is neither."""
     inputs = list(inputs_in_words(report))
-    return f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
+    followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
+    return " ".join(filter(None, (followed, suspect_words.in_the_verdict(report.suspects))))
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Poses worth measuring."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from gpmodel.planning.design import Determinant, Question, Smallest, Variance, c
 from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, spread_poses
 from gpmodel.planning.reach import Reach, Sight, candidates
+from gpmodel.report.saved import to_json
+from gpmodel.report.schema_search import SuspectRecord
 from gpmodel.table.read import read_table
 
 ARMS = ["irb6400r", "ur5", "panda"]
@@ -144,6 +147,16 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     assert len(pd.read_csv(tmp_path / "poses.curve.csv")) == 7
     assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals"), 2)
     assert "mechanism" in one_line(run("poses"), 2)
+    record = replace(fit.record, suspects=(SuspectRecord("joint compliance, J3"), SuspectRecord("what nobody named")))
+    (tmp_path / "fit" / "report.json").write_text(to_json(record))
+    asked = choose_poses(count=6, after=tmp_path / "fit", suspect=1)
+    value, random = (asked.curve.iloc[-1, k] for k in (1, 2))
+    assert value < random < asked.curve.iloc[0, 1]
+    assert asked.said == "suspect: joint compliance, J3"
+    for number, said in ((2, "no name in the catalogue"), (3, "expected 1 to 2")):
+        line = one_line(run("poses", "--after", tmp_path / "fit", "--suspect", number), 2)
+        assert line.startswith("gpmodel: --suspect: ")
+        assert said in line
 
 
 def test_command_writes_a_table_that_is_read_again(tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.fitted import moves_alone
-from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord
+from gpmodel.report.page import html
+from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord, SuspectRecord
 from gpmodel.report.text import summary
 from gpmodel.report.words import noise_floor, rivals
 
@@ -27,6 +28,17 @@ def test_it_fits_80_columns_and_says_verdict_ladder_and_noise_floor(case: str) -
     for rung in report.ladder:
         assert wording.millimetres(rung.errors.rms_mm) in text
     assert text.index("[[Verdict]]") < text.index("[[3-D error, mm]]") < text.index("[[Noise floor]]")
+
+
+def test_suspects_are_said_to_be_no_findings_in_text_and_page() -> None:
+    odd = SuspectRecord("play <J3>", 136.0, 1e-9, (30, 44), 0.376, 0.046, "2 of 80 poses", "torque_J3 negative", ("b",))
+    report = dataclasses.replace(discovered(), suspects=(odd,))
+    assert "Suspects" not in summary(discovered())
+    for said in (summary(report), html(report, {})):
+        text = " ".join(said.split())
+        for part in ("Not findings", "rows 30, 44, which share torque_J3 negative", "2 of 80 poses", "--suspect 1"):
+            assert part in text
+    assert "play <J3>" not in html(report, {})
 
 
 def test_held_out_errors_stand_before_those_of_training() -> None:

@@ -5,9 +5,11 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
-from gpmodel.report.schema import InstrumentRecord, MechanismRecord, Report
+from gpmodel.report.instrument_words import beside_specification, instrument
+from gpmodel.report.schema import MechanismRecord, Report
+from gpmodel.report.schema_accuracy import InstrumentRecord
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
-from gpmodel.report.words import beside_specification, found, input_tests, instrument, law, place, places, written
+from gpmodel.report.words import found, input_tests, law, place, places, written
 
 
 @pytest.mark.parametrize(
