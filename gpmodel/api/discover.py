@@ -45,7 +45,7 @@ from gpmodel.report.schema_search import EffectRecord, HistogramRecord, SuspectR
 from gpmodel.report.text import summary
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import USUAL, hold_out
+from gpmodel.table.split import JUDGED, USUAL, hold_out
 
 COMMAND = "gpmodel.discover"
 
@@ -149,7 +149,8 @@ def discover(
     mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that
     choose nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts,
     which says how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than
-    ENOUGH_HELD poses. search: how hard to look; criteria: when a candidate becomes a
+    ENOUGH_HELD poses. seed: of what is evolved; poses held out, folds and permutations are the same for every seed, so
+    that a table is judged one way. search: how hard to look; criteria: when a candidate becomes a
     finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
     expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
     cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats. instrument:
@@ -183,9 +184,9 @@ def discover(
     fraction, parts = _split(holdout, folds, poses.dataset)
     if parts:
         again = partial(run, search=replace(search or Search(), runs=0) if offers else search)
-        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), seed)
+        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria())
     else:
-        found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(seed)))
+        found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
 
 

@@ -33,6 +33,7 @@ from gpmodel.selection.offers import Offering, of_evolved, of_offers, only
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of
+from gpmodel.table.split import JUDGED
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
@@ -62,7 +63,8 @@ class Choice:
     """What groups are chosen for.
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
-    user name. pointed: inputs that stand out of the histograms, None where there is none. late: whether the time is up.
+    user name. seed: of the laws that are evolved. pointed: inputs that stand out of the histograms, None where there
+    is none. late: whether the time is up.
     """
 
     standard: Calibration
@@ -83,7 +85,7 @@ class Choice:
 
     def residual(self, calibration: Calibration) -> Residual:
         """What a calibration leaves of the training poses."""
-        return residual_of(calibration, self.train, self.criteria, self.seed)
+        return residual_of(calibration, self.train, self.criteria, JUDGED)
 
 
 def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
@@ -137,7 +139,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     grids = grids_of(choice.offers, mechanism, choice.train.states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(single, sites, inputs, grids)
-    return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=choice.seed)
+    return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED)
 
 
 def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:

@@ -16,6 +16,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import FittedConstant
 from gpmodel.model.error_model import ErrorModel
+from gpmodel.table.split import JUDGED
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
@@ -29,7 +30,7 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
         return state.to_all(state.model(found), again)
 
     def left(there: Calibration) -> Residual:
-        return residual_of(there, state.poses, state.criteria, state.seed, beside)
+        return residual_of(there, state.poses, state.criteria, JUDGED, beside)
 
     beside = _beside_events(state)
 

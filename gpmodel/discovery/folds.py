@@ -22,7 +22,7 @@ from gpmodel.executor import Threads
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles
-from gpmodel.table.split import folds
+from gpmodel.table.split import JUDGED, folds
 
 
 class Loop(Protocol):
@@ -33,14 +33,12 @@ class Loop(Protocol):
         ...
 
 
-def discover_by_folds(
-    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, seed: int = 0
-) -> Discovery:  # fmt: skip
+def discover_by_folds(whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria) -> Discovery:
     """Run the whole loop on all poses, then once `again` without each of `count` folds of them, whole bundles.
 
     The errors of each step are those of the poses held out, as the choice without them predicts them: of a fold that
     found less, its last model stands for further steps. again: may leave the evolution out, which makes the errors
-    larger than those of such a choice, not smaller. seed: of the folds.
+    larger than those of such a choice, not smaller.
     Raises InputError for fewer than two folds, or more than there are bundles of poses.
     """
     started = time.monotonic()
@@ -49,7 +47,7 @@ def discover_by_folds(
     units = int(bundles(poses.dataset).max()) + 1
     if not 2 <= count <= units:
         raise InputError(f"{count}, expected 2 to {units}, the groups of poses there are", "folds")
-    fold = folds(poses.dataset, count, np.random.default_rng(seed))
+    fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))
     found = whole(poses, everything, nothing)
 
     def without(k: int) -> Discovery:

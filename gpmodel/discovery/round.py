@@ -17,6 +17,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
 from gpmodel.progress import Teller
+from gpmodel.table.split import JUDGED
 
 
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
@@ -96,7 +97,7 @@ def _explored(
     rows = np.arange(len(train))
     if len(train) > state.search.scored_poses:
         rows = np.sort(rng.permutation(len(train))[: state.search.scored_poses])
-    residual = residual_of(calibration, train.subset(rows), state.criteria, state.seed)
+    residual = residual_of(calibration, train.subset(rows), state.criteria, JUDGED)
     state.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
     opening = bool(state.offers) and number == 1
     earlier = [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]

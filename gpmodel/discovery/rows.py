@@ -35,7 +35,7 @@ def _without_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray, say
     if not len(known):
         raise InputError(
             f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
-            "of poses that lie within set-ups and tools, or another seed or share to hold out"
+            "of poses that lie within set-ups and tools, or another share to hold out"
         )
     if len(known) == len(heldout):
         return poses, train, heldout

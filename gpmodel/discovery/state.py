@@ -21,13 +21,14 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.progress import Teller
+from gpmodel.table.split import JUDGED
 
 
 @dataclass
 class State:
     """The loop's running state: what is accepted so far and the ladder it has climbed.
 
-    ends: when the time is up, on the clock of time.monotonic.
+    seed: of what is evolved. ends: when the time is up, on the clock of time.monotonic.
     """
 
     mechanism: Mechanism
@@ -86,16 +87,16 @@ class State:
         """A model fitted to the training poses; start: a fit to go on from, its outliers judged anew."""
         train = self.poses.subset(self.train)
         again = without_outlier_marks(start) if start else None
-        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=self.seed)
+        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=JUDGED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
         """A model fitted to all poses, with the condition limit that the training poses chose."""
-        return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=self.seed)
+        return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=JUDGED)
 
     def standard_to_all(self) -> Calibration:
         """The standard model with what is known, as a calibration of all poses by themselves has it: on the training
         poses another condition limit may have been the best."""
-        return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=self.seed)
+        return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
         """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""

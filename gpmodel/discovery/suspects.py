@@ -24,6 +24,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.states import States
 from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.table.split import JUDGED
 
 FEWEST = 2
 """Poses that can have something in common."""
@@ -59,10 +60,10 @@ def _of_odd_poses(state: State, final: Calibration) -> Iterator[Suspect]:
     pool = _pool(state) if len(odd) >= FEWEST else []
     if not pool:
         return
-    residual = residual_of(final, poses, criteria, state.seed, np.ones(len(poses), dtype=bool))
+    residual = residual_of(final, poses, criteria, JUDGED, np.ones(len(poses), dtype=bool))
     known = scores(residual, pool)
     best = max(range(len(pool)), key=lambda k: known[k].nats)
-    trials = shuffled(residual, np.random.default_rng(state.seed), criteria.shuffles)
+    trials = shuffled(residual, np.random.default_rng(JUDGED), criteria.shuffles)
     by_chance = chance(known[best].nats, best_nats(residual, pool, trials))
     left = residual.values - contribution(residual, pool[best])
     before, after = (_rms_at(residual, odd, values) for values in (residual.values, left))

@@ -11,6 +11,10 @@ from gpmodel.table.dataset import Dataset
 FEWEST_HELD, USUAL = 5, 0.3
 """Poses held out at least, of tables whose usual share has as many: the p-value of fewer, all better, is above 3 %."""
 
+JUDGED = 0
+"""Seed of every split, fold and permutation that a discovery is judged by: the same for every seed of its search, so
+that what is found does not hang on which poses a number happened to hold out (experiments/seeds)."""
+
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
     """Rows (T,) to train on and rows (H,) held out (about `fraction` of the poses, whole bundles), both sorted.
