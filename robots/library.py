@@ -11,6 +11,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
+from robots.branches import Branches, read_branches
 from robots.chain import SerialChain
 from robots.dh import of_another_kind, read_dh
 from robots.irb6400r import DIMENSIONS, irb6400r
@@ -44,11 +45,12 @@ def mechanism_names() -> tuple[str, ...]:
 
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
-) -> SerialChain | None:
+) -> SerialChain | Branches | None:
     """The robot `name`: one of mechanism_names(), a path to a .urdf file, or one to a .toml file
     of Denavit-Hartenberg rows (robots.dh).
 
-    frame: link to measure at (default: the last link of the arm). payload_com: (3,) m, centre of mass of a
+    frame: link to measure at (default: the last link of the arm), or one of each arm of a URDF, with commas between
+    them. payload_com: (3,) m, centre of mass of a
     payload in the measured frame (default: its origin). None where the name is none of a robot, or a .toml file says
     what other `kind` of mechanism it describes.
     Raises InputError where the file is missing or bad, or the frame unknown.
@@ -56,10 +58,12 @@ def load_mechanism(
     chain = _load(name, frame)
     if chain is None or payload_com is None:
         return chain
+    if isinstance(chain, Branches):
+        raise InputError(f"{chain.name}: a payload on several arms; expected one frame to measure at")
     return replace(chain, payload_com=_vector(payload_com))
 
 
-def _load(name: str, frame: str | None) -> SerialChain | None:
+def _load(name: str, frame: str | None) -> SerialChain | Branches | None:
     if name in DIMENSIONS:
         return _measured_at(irb6400r(name), frame)
     if name in EXAMPLE_ARMS:
@@ -68,13 +72,18 @@ def _load(name: str, frame: str | None) -> SerialChain | None:
             import example_robot_data
 
         folder = Path(example_robot_data.getModelPath(file))
-        return read_urdf(folder / file, name=name, frame=last_link if frame is None else frame)
+        return _read_urdf(folder / file, name, last_link if frame is None else frame)
     suffix = Path(name).suffix.lower()
     if suffix == ".urdf":
-        return read_urdf(Path(name), frame=frame)
+        return _read_urdf(Path(name), None, frame)
     if suffix == ".toml" and not of_another_kind(Path(name)):
         return _measured_at(read_dh(Path(name)), frame)
     return None
+
+
+def _read_urdf(path: Path, name: str | None, frame: str | None) -> SerialChain | Branches:
+    frames = [part.strip() for part in (frame or "").split(",")]
+    return read_urdf(path, name=name, frame=frame) if len(frames) == 1 else read_branches(path, frames, name=name)
 
 
 def _measured_at(chain: SerialChain, frame: str | None) -> SerialChain:

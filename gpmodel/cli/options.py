@@ -129,7 +129,7 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
                 metavar="NAME",
                 help="Built-in name, .urdf, or .toml (DH rows, a joint).",
             ),
-            click.option("--frame", default=None, help="Measured link of the mechanism. [default: the last one]"),
+            click.option("--frame", default=None, help="Measured link, or A,B of two arms. [default: the last]"),
             click.option("--payload", default=None, metavar="MASS", help="Mass at the tool in every row, as in 60kg."),
             click.option(
                 "--payload-com", default=None, metavar="X,Y,Z", help="Its centre in the measured link: 0,0,90mm."

@@ -1,22 +1,18 @@
-"""What a simulated instrument looks at or touches: which poses it takes, and what it reads there."""
+"""What a simulated instrument looks at or touches, and which poses it takes."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.calibration.linearise import effect_columns
 from gpmodel.errors import InputError
-from gpmodel.formula.expression import ONE
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, Placement, measured_minus, observe, prepare
-from gpmodel.model.instruments import with_observations
 from gpmodel.model.own_pose import numbers_of
 from gpmodel.numerics import se3
-from gpmodel.table.dataset import Dataset
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
 NOISE = {"camera": ("px", 0.1), "hand camera": ("px", 0.1), "inclinometer": ("deg", 0.002)}
@@ -31,23 +27,14 @@ TILTED = np.cos(np.radians(55.0))
 """Beyond it corners of a board are no longer found well."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
 """Metres of a bar and of a sphere's radius; touches of a shared point."""
-CLOSE, STEPS, REDRAWN, NEARBY = 1e-9, 25, 12, 30
-"""Metres a touch may be off; steps from one start; starts; random poses of which the nearest is the next start."""
-
-
-@dataclass(frozen=True)
-class Real:
-    """A mechanism with its errors, where its root and its tool are."""
-
-    model: ErrorModel
-    theta: Array
-    placement: Placement
+NEARBY = 30
+"""Random poses of which the nearest, or one of them, is taken."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses q (N, n) to start from, spare ones (P, n) with their tool points (P, 3), and labels (N,) of what is
-    touched.
+    """Poses q (N, n) to start from, spare ones (P, n) with the tool points (A, P, 3) of every arm, and labels (N,) of
+    what is touched; row k is of arm k modulo A.
     aims: tool points (N, 3) to where they go, m, in the root. described: of cameras and boards. link: that an
     inclinometer is on. own: truth of what they stand at."""
 
@@ -65,16 +52,25 @@ def scene_of(
     instrument: str, mechanism: Mechanism, pool: Array, count: int, tool_point: Array, rng: np.random.Generator
 ) -> Scene:
     """Poses of a pool (P, n) that an instrument can take, `count` of them. Raises InputError: too few of them."""
-    frames = se3.chain(mechanism.transforms(pool))[-1]
+    slots, tree = se3.chain(mechanism.transforms(pool)), branched(mechanism)
+    if tree is not None:
+        tips = slots[[mechanism.slots.index(slot) for slot in tree.tips.values()]]
+        return _two_armed(instrument, pool, tips[..., :3, 3] + tips[..., :3, :3] @ tool_point, count, rng)
+    frames = slots[-1]
     points = frames[:, :3, 3] + frames[:, :3, :3] @ tool_point
     if instrument in ("camera", "hand camera"):
         return _seen_scene(instrument == "camera", pool, frames, count, rng)
     if instrument == "inclinometer":
         link = mechanism.joints[-1].name
-        return Scene(instrument, pool[:count], {"link": np.full(count, link)}, pool, points)
+        return Scene(instrument, pool[:count], {"link": np.full(count, link)}, pool, points[None])
+    return _touched(instrument, pool, points, count, rng)
+
+
+def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
+    """Surfaces, shared points or bars near the middle of tool points (P, 3)."""
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
-    q, there = pool[chosen], points[chosen]
+    q, there, spare = pool[chosen], points[chosen], (pool[near], points[None, near])
     middle, own = np.median(there, axis=0), np.arange(count)
     if instrument == "planes":
         axis = own % 3
@@ -84,14 +80,19 @@ def scene_of(
             normal = turn.T[axis]
             return p - np.sum((p - middle) * normal, axis=1, keepdims=True) * normal
 
-        return Scene(instrument, q, {"on_plane": np.array(["A", "B", "C"])[axis]}, pool[near], points[near], flat)
+        return Scene(instrument, q, {"on_plane": np.array(["A", "B", "C"])[axis]}, *spare, flat)
     if instrument == "spheres":
         ball = own % 3
         centre = there[:3]
         away = rng.normal(size=(count, 3))
         surface = centre[ball] + BALL * away / np.linalg.norm(away, axis=1, keepdims=True)
         return Scene(
-            instrument, q, {"on_sphere": np.array(["A", "B", "C"])[ball]}, pool[near], points[near], lambda p: surface
+            instrument,
+            q,
+            {"on_sphere": np.array(["A", "B", "C"])[ball]},
+            pool[near],
+            points[None, near],
+            lambda p: surface,
         )
     group = own // (2 if instrument == "bar" else TOUCHES)
     target = there[np.flatnonzero(np.append(True, np.diff(group) > 0))][group]
@@ -103,11 +104,34 @@ def scene_of(
         along *= BAR / np.linalg.norm(along, axis=1, keepdims=True)
         target = target + along[group] * (own % 2)[:, None]
         return Scene(
-            instrument, q, {"pair": np.array([f"B{g}" for g in group])}, pool[near], points[near], lambda p: target
+            instrument,
+            q,
+            {"pair": np.array([f"B{g}" for g in group])},
+            pool[near],
+            points[None, near],
+            lambda p: target,
         )
     return Scene(
-        instrument, q, {"same_point": np.array([f"P{g}" for g in group])}, pool[near], points[near], lambda p: target
+        instrument,
+        q,
+        {"same_point": np.array([f"P{g}" for g in group])},
+        pool[near],
+        points[None, near],
+        lambda p: target,
     )
+
+
+def _two_armed(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
+    """Shared points that every arm touches in turn, of tool points (A, P, 3)."""
+    if instrument != "points":
+        raise InputError(f"{instrument} is of one arm; expected tracker or points of several", "instrument")
+    own, known = np.arange(count), [cKDTree(arm) for arm in points]
+    apart = np.max([tree.query(points[0])[0] for tree in known], axis=0)
+    within = np.argsort(apart)[: POOL // 4 * (1 + count // TOUCHES)]
+    target = points[0][rng.choice(within, 1 + count // TOUCHES, replace=False)][own // TOUCHES]
+    start = [int(known[k % len(points)].query(target[k], TOUCHES)[1][k % TOUCHES]) for k in own]
+    labels = {"same_point": np.array([f"P{k // TOUCHES}" for k in own])}
+    return Scene(instrument, pool[start], labels, pool, points, lambda p: target)
 
 
 def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.random.Generator) -> Scene:
@@ -135,10 +159,9 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
         "cameras": {"camera": {"C": {"link": names[0], **lens}}},
         "board": {"board": {"B": {"link": names[1], "columns": BOARD[0], "rows": BOARD[1], "pitch_mm": 1e3 * PITCH}}},
     }
-    own = dict(
-        zip(("camera C", "board B"), map(numbers_of, (stands, held) if outside else (held, stands)), strict=True)
-    )
-    return Scene("camera", pool[good[:count]], {}, pool, frames[:, :3, 3], described=described, own=own)
+    placed = map(numbers_of, (stands, held) if outside else (held, stands))
+    own = dict(zip(("camera C", "board B"), placed, strict=True))
+    return Scene("camera", pool[good[:count]], {}, pool, frames[None, :, :3, 3], described=described, own=own)
 
 
 def _inside(seen: Array) -> Mask:
@@ -148,67 +171,3 @@ def _inside(seen: Array) -> Mask:
     ahead = points[:, :, 2] > 0.1
     image = FOCAL * points[:, :, :2] / np.where(ahead, points[:, :, 2], 1.0)[:, :, None]
     return np.asarray((ahead & (np.abs(image) < 0.5 * np.array(IMAGE)).all(axis=2)).all(axis=1))
-
-
-def read_in(
-    scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator
-) -> tuple[Dataset, Placement]:
-    """What the instrument reads of a mechanism with known errors, and the placement with what it had to find.
-
-    empty: the poses with nothing measured. noise: standard deviation of one reading, m, px or rad.
-    """
-    mechanism = real.model.mechanism
-    if scene.aims is not None:
-        q = _reached(scene, real, empty, noise, rng)
-        labels = {**empty.labels, **scene.labels}
-        lengths = {"length": np.full(len(q), BAR)} if scene.instrument == "bar" else {}
-        data = replace(empty, q=q, labels=labels, readings=lengths)
-        return with_observations(data, mechanism), real.placement
-    corners = BOARD[0] * BOARD[1] if scene.own else 1
-    data = empty.subset(np.repeat(np.arange(len(empty)), corners))
-    data = replace(data, row=np.arange(1, len(data) + 1), described=scene.described or {})
-    columns = ("u", "v") if scene.own else ("inclination_x", "inclination_y")
-    labels = {k: np.repeat(v, corners) for k, v in scene.labels.items()}
-    if scene.own:
-        labels = {"camera": np.full(len(data), "C"), "marker": np.tile(np.arange(corners).astype(str), len(empty))}
-    data = replace(data, labels={**data.labels, **labels}, readings=dict.fromkeys(columns, np.zeros(len(data))))
-    own = scene.own or _mounted(scene, rng)
-    there = replace(real.placement, anchors={**real.placement.anchors, **own})
-    data = with_observations(data, mechanism)
-    read = -measured_minus(observe(real.model, prepare(mechanism, data), real.theta, there), data)[:, 6:]
-    read = read + noise * rng.normal(size=read.shape)
-    data = replace(data, readings=dict(zip(columns, read.T, strict=True)))
-    return with_observations(data, mechanism), there
-
-
-def _mounted(scene: Scene, rng: np.random.Generator) -> dict[str, Array]:
-    link = scene.labels["link"][0]
-    return {"vertical": np.array([0.0, 0.0, 1.0]), f"inclinometer {link}": rng.normal(0.0, 0.3, 3)}
-
-
-def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
-    """Joint values (N, n) at which the real tool point is where it should touch, but for the noise of a contact."""
-    assert scene.aims is not None
-    mechanism, q = real.model.mechanism, scene.q.copy()
-    limits = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
-    drives = tuple(drive_effect(j.name, j, ONE) for j in mechanism.joints)
-    slip = noise * rng.normal(size=(len(q), 3))
-    for step in range(1, STEPS * REDRAWN + 1):
-        poses = prepare(mechanism, replace(empty, q=q.copy()))
-        observed = observe(real.model, poses, real.theta, real.placement)
-        points = observed.tips.root[:, :3, 3]
-        miss = scene.aims(points - slip) + slip - points
-        short = np.linalg.norm(miss, axis=1) > CLOSE
-        if not short.any():
-            return q
-        if step % STEPS == 0:
-            some = rng.integers(len(scene.spare), size=(short.sum(), NEARBY))
-            far = np.linalg.norm(scene.points[some] - (points + miss)[short, None], axis=2)
-            q[short] = scene.spare[some[np.arange(len(some)), np.argmin(far, axis=1)]]
-            continue
-        reach = np.swapaxes(observed.tips.turn, 1, 2) @ effect_columns(drives, real.model, poses, observed)[:, :3]
-        gram = reach @ np.swapaxes(reach, 1, 2) + 1e-9 * np.eye(3)
-        move = np.einsum("nij,ni->nj", reach, np.linalg.solve(gram, miss[:, :, None])[:, :, 0])
-        move *= np.minimum(1.0, 0.3 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-12))
-        q = np.clip(q + move, *limits)
-    raise InputError("some poses do not reach what they should touch; try another seed or more poses")

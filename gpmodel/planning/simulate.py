@@ -8,13 +8,15 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import one_effect_named
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
-from gpmodel.planning.scenes import Real, Scene, read_in
+from gpmodel.planning.readings import Real, read_in
+from gpmodel.planning.scenes import Scene
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import convert
 
@@ -81,12 +83,15 @@ def simulate(
     Raises InputError for an effect that cannot be read or is not finite.
     """
     bare = unmeasured([j.name for j in mechanism.joints], q, payload)
-    empty = replace(bare, extras=inputs or {}, extra_units=input_units or {}, source="simulation")
+    tree = branched(mechanism)
+    tips = [""] if tree is None else [*tree.tips]
+    arms = {} if tree is None else dict.fromkeys(("tip", "tool"), np.array(tips)[np.arange(len(q)) % len(tips)])
+    empty = replace(bare, extras=inputs or {}, extra_units=input_units or {}, labels=arms, source="simulation")
     poses = prepare(mechanism, empty)
     registration = se3.exp(np.concatenate([rng.normal(0.0, INSTRUMENT_DISTANCE, 3), rng.uniform(-1.5, 1.5, 3)]))
     tool = np.eye(4)
     tool[:3, 3] = random_tool_point(rng) if tool_point is None else tool_point
-    placement = Placement({"": registration}, {"": tool}, {})
+    placement = Placement({"": registration}, dict.fromkeys(tips, tool), {})
     geometry = geometric_effects(mechanism) if geometry_sigma else ()
     scale = np.array([1.0 if e.unit == "m" else 1.0 / LEVER for e in geometry])
     theta = [geometry_sigma * scale * rng.normal(size=len(geometry))]

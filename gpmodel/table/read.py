@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.bundles import check_repeats
@@ -65,7 +66,7 @@ def dataset_from(
         payload=cells.payload,
         distances=cells.distances,
         readings=cells.readings,
-        labels=cells.labels,
+        labels=_with_tools(cells.labels, mechanism),
         extras=cells.extras,
         extra_names=cells.extra_names,
         extra_units=cells.extra_units,
@@ -79,6 +80,11 @@ def dataset_from(
     )
     check_repeats(dataset)
     return dataset
+
+
+def _with_tools(labels: dict[str, NDArray[np.str_]], mechanism: Mechanism) -> dict[str, NDArray[np.str_]]:
+    """Labels in which every arm has a tool of its own where no column says which it has."""
+    return {"tool": labels["tip"], **labels} if branched(mechanism) and "tip" in labels else labels
 
 
 @dataclass

@@ -17,7 +17,8 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instruments import with_observations
 from gpmodel.model.own_pose import frame_of, numbers_of
 from gpmodel.numerics import se3
-from gpmodel.planning.scenes import BALL, Real, read_in, scene_of
+from gpmodel.planning.readings import Real, read_in
+from gpmodel.planning.scenes import BALL, scene_of
 from gpmodel.table.dataset import Dataset
 
 NOISE = 3e-5
@@ -96,7 +97,7 @@ def touched_lines(count: int = 90) -> tuple[SimulationResult, Dataset]:
     pool = rng.uniform(-1.0, 1.0, (20 * count, 6)) * 0.9
     scene = scene_of("planes", saved.mechanism, pool, count, saved.placement.tool[""][:3, 3], rng)
     which, along = np.arange(count) % 3, np.eye(3)
-    middle = np.median(scene.points, axis=0)
+    middle = np.median(scene.points[0], axis=0)
 
     def straight(p: Array) -> Array:
         through = middle + 0.2 * np.roll(along, 1, axis=0)[which]

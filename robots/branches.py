@@ -1,0 +1,95 @@
+"""Arms on one torso: a tree of joints with a measured link on each arm, as a Mechanism and Branched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Joint
+from gpmodel.mechanism.workspace import links
+from gpmodel.numerics import se3
+from robots.chain import SerialChain
+from robots.urdf import read_urdf
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """Chains (A,) of one tree, which share the joints that carry several of them.
+
+    Slots are those of the first chain but its last, then what the others have beside them, FRAME.tool at the end of
+    each, and `tool`, the first one's. Masses are left out: what rests on a shared joint depends on all arms.
+    """
+
+    name: str
+    chains: tuple[SerialChain, ...]
+
+    @cached_property
+    def _own(self) -> tuple[tuple[str, ...], ...]:
+        """Slots of each chain by their names here."""
+        ends = ("tool", *(f"{chain.tool_frame}.tool" for chain in self.chains[1:]))
+        return tuple((*chain.slots[:-1], end) for chain, end in zip(self.chains, ends, strict=True))
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:
+        return (*(slot for slot in dict.fromkeys(s for own in self._own for s in own) if slot != "tool"), "tool")
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        before = {slot: own[i - 1] if i else "" for own in self._own for i, slot in enumerate(own)}
+        return tuple(self.slots.index(before[slot]) if before[slot] else -1 for slot in self.slots)
+
+    @property
+    def tips(self) -> Mapping[str, str]:
+        return {chain.tool_frame: own[-1] for chain, own in zip(self.chains, self._own, strict=True)}
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        return tuple({joint.name: joint for chain in self.chains for joint in chain.joints}.values())
+
+    @cached_property
+    def levers(self) -> dict[str, Array]:
+        """Slot -> the vector (3,), m, from the slot before on its chain, in its own frame."""
+        pairs = zip(self.chains, self._own, strict=True)
+        return {
+            name: links(chain)[slot]
+            for chain, own in pairs
+            for slot, name in zip(chain.slots[1:], own[1:], strict=True)
+        }
+
+    @cached_property
+    def link_slots(self) -> dict[str, str]:
+        """Link -> the slot of the last motion before it, empty where it stands still; the longest chain to it says."""
+        return {
+            link: max((chain.link_slots[link] for chain in self.chains), key=self._depth)
+            for link in self.chains[0].link_slots
+        }
+
+    def _depth(self, slot: str) -> int:
+        return max((own.index(slot) for own in self._own if slot in own), default=-1)
+
+    def transforms(self, q: Array) -> Array:
+        """Transforms (S, N, 4, 4) from each slot to the next in the list, m; q: (N, n), rad and m."""
+        names = [joint.name for joint in self.joints]
+        frames: dict[str, Array] = {}
+        for chain, own in zip(self.chains, self._own, strict=True):
+            columns = [names.index(name) for name in chain.joint_names]
+            frames.update(zip(own, se3.chain(chain.transforms(np.asarray(q)[:, columns])), strict=True))
+        placed = np.array([frames[slot] for slot in self.slots])
+        return np.concatenate([placed[:1], np.linalg.solve(placed[:-1], placed[1:])])
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """None."""
+        return {}
+
+
+def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:
+    """The arms of a URDF file that end at links `frames`. Raises InputError as `read_urdf`, or for a link twice."""
+    if len(set(frames)) < len(frames):
+        raise InputError(f"{name or path}: frames {', '.join(frames)}; expected each link once")
+    return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame) for frame in frames))

@@ -1,0 +1,142 @@
+"""Two arms on one torso: the tree as it is, and the arms calibrated against one another by points that both touch."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_cases import one_line, run
+
+import gpmodel as gp
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.result import Calibration
+from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import lineage
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
+from gpmodel.model.geometric import geometric_effects
+from gpmodel.numerics import se3
+from robots.urdf import read_urdf
+
+ARM = (("0 0 0.1", "0 0 1"), ("0 0 0.1", "0 1 0"), ("0 0 0.35", "0 1 0"), ("0.1 0 0.3", "1 0 0"), ("0.1 0 0", "0 1 0"))
+TIPS = "left_tool,right_tool"
+
+
+def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, rpy: str = "0 0 0") -> str:
+    return (
+        f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    )
+
+
+def torso() -> str:
+    parts = [
+        '<robot name="torso"><link name="floor"/>',
+        joint("torso", "revolute", "floor", "chest", "0 0 0.5", "0 0 1"),
+    ]
+    for side, y, roll in (("left", 0.2, -0.8), ("right", -0.2, 0.8)):
+        parent = "chest"
+        for k, (xyz, axis) in enumerate(ARM):
+            first = (f"0 {y} 0.3", f"{roll} 0 0") if k == 0 else (xyz, "0 0 0")
+            parts.append(joint(f"{side}_{k}", "revolute", parent, f"{side}_link_{k}", first[0], axis, first[1]))
+            parent = f"{side}_link_{k}"
+        parts.append(joint(f"{side}_mount", "fixed", parent, f"{side}_tool", "0.1 0 0", "1 0 0"))
+    return "".join(parts) + "</robot>"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("torso") / "torso.urdf"
+    path.write_text(torso())
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(file: Path):  # type: ignore[no-untyped-def]
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    return gp.simulate(arms, poses=96, instrument="points", geometry_sigma="0.3 mm")
+
+
+def test_each_arm_moves_as_the_chain_to_it(file: Path) -> None:
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    assert [j.name for j in arms.joints] == ["torso", *(f"{s}_{k}" for s in ("left", "right") for k in range(5))]
+    assert (arms.slots[0], arms.slots[-1]) == ("base", "tool")
+    q = random_poses(arms, 7, np.random.default_rng(0))
+    frames, names = se3.chain(arms.transforms(q)), [j.name for j in arms.joints]
+    for tip, slot in arms.bare.tips.items():
+        alone = read_urdf(file, frame=tip)
+        wanted = se3.chain(alone.transforms(q[:, [names.index(j.name) for j in alone.joints]]))[-1]
+        np.testing.assert_allclose(frames[arms.slots.index(slot)], wanted, atol=1e-12)
+    moves = lineage(arms)
+    at = arms.slots.index
+    assert moves[at("torso.moving"), [at("tool"), at("right_tool.tool")]].all()
+    assert moves[at("right_2.moving"), at("right_tool.tool")]
+    assert not moves[at("right_2.moving"), at("tool")]
+
+
+def test_columns_are_the_derivatives_of_the_gaps(made) -> None:  # type: ignore[no-untyped-def]
+    data = made.table.subset(np.arange(16))
+    saved, poses = made.truth.saved, prepare(made.truth.mechanism, data)
+    model, theta, step = saved.model, np.array(saved.theta), 2e-6
+    placement = observe(model, poses, theta, saved.placement)
+    placed = type(saved.placement)(saved.placement.registration, saved.placement.tool, dict(placement.own))
+    problem = linearise(model, poses, theta, placed, 1.0, np.ones(len(poses), dtype=bool))
+    scale, moves = problem.weights[problem.weights > 0], np.zeros(problem.columns.shape[1])
+    for k in range(0, len(moves), 5):
+        seen = []
+        for side in (1, -1):
+            moves[:] = 0.0
+            moves[k] = side * step
+            near = placement_after(problem.observed, placed, moves[: problem.placement])
+            there = observe(model, poses, theta + moves[problem.placement :], near)
+            seen.append(measured_minus(there, data)[problem.weights > 0] * scale)
+        numeric = (seen[1] - seen[0]) / (2 * step)
+        np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6 * max(np.abs(numeric).max(), 1e-3))
+
+
+def gaps(fit: Calibration, poses: Poses) -> float:
+    """Root mean square, m, of how far tools are from the middle of the points they share."""
+    seen = observe(fit.model, poses, fit.theta, fit.placement)
+    return float(np.sqrt(np.nanmean(measured_minus(seen, poses.dataset) ** 2)))
+
+
+def test_points_that_both_arms_touch_calibrate_them_against_one_another(made) -> None:  # type: ignore[no-untyped-def]
+    poses = prepare(made.truth.mechanism, made.table)
+    assert set(made.table.label("tip")) == {"left_tool", "right_tool"}
+    train, fresh = poses.subset(np.arange(72)), poses.subset(np.arange(72, 96))
+    bare = calibrate(ErrorModel(made.truth.mechanism, ()), train)
+    fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), train)
+    assert fit.status == "converged"
+    assert gaps(fit, fresh) < 0.5 * gaps(bare, fresh)
+
+
+def test_two_arms_by_the_commands(file: Path, tmp_path: Path) -> None:
+    table, arms = tmp_path / "t.csv", ("--mechanism", file, "--frame", TIPS)
+    done = run("simulate", *arms, "--instrument", "points", "--poses", 48, "--geometry-sigma", "0.3mm", "--out", table)
+    assert done.exit_code == 0, done.stderr
+    assert run("check", table, *arms).exit_code == 0
+    done = run("calibrate", table, *arms, "--standard", "* Rz")
+    assert done.exit_code == 0, done.stderr
+    assert "same_point" in done.stdout
+    done = run("predict", tmp_path / "t.truth.json", table)
+    assert done.exit_code == 0, done.stderr
+    text = table.read_text().replace("right_tool,right_tool", "third_tool,right_tool", 1)
+    (tmp_path / "bad.csv").write_text(text)
+    said = one_line(run("check", tmp_path / "bad.csv", *arms), 2)
+    assert "'third_tool' is no tip; expected left_tool, right_tool" in said
+
+
+def test_a_table_that_names_the_arm_has_a_tool_of_each(file: Path, made) -> None:  # type: ignore[no-untyped-def]
+    frame = made.to_dataframe().drop(columns="tool")
+    again = gp.read_table(frame, made.truth.mechanism)
+    np.testing.assert_array_equal(again.label("tool"), made.table.label("tip"))
+
+
+def test_what_two_arms_cannot_be_is_one_line(file: Path) -> None:
+    with pytest.raises(InputError, match="expected each link once"):
+        gp.load_mechanism(str(file), frame="left_tool,left_tool")
+    with pytest.raises(InputError, match="no link named 'hand'"):
+        gp.load_mechanism(str(file), frame="left_tool,hand")
+    with pytest.raises(InputError, match="planes is of one arm"):
+        gp.simulate(gp.load_mechanism(str(file), frame=TIPS), poses=12, instrument="planes")
