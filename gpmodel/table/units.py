@@ -14,6 +14,10 @@ _NUMBER = re.compile(r"^\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?
 _PRINTED = str.maketrans("·−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "*--0123456789")
 _DEVIATION = re.compile(r"\s*±\s*[0-9.]+")
 _TIMES_TEN = re.compile(r"\s*×10(-?[0-9]+)")
+_POWER = re.compile(r"(?:[^\W\d_]|[°%])\s*(?:\*\*|\^)\s*[-+]?\d{1,2}(?![\d.])(?!\s*(?:\*\*|\^))")
+_RAISED = re.compile(r"\*\*|\^|[\d)][⁻⁰¹²³⁴-⁹]|[⁰¹²³⁴-⁹]{3}")
+LONGEST = 60
+"""Characters of a unit."""
 _SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
 
 
@@ -36,14 +40,24 @@ def identifier(name: str) -> str:
     return word if not word[:1].isdigit() else f"_{word}"
 
 
+def _spelled(unit: str) -> str:
+    """The same text. Raises ValueError where it is too long or raises anything but a name to a power: the units
+    library would work out 9**9**9."""
+    if len(unit) > LONGEST or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
+        raise ValueError(unit)
+    return unit
+
+
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
-    """Whether the units library can read this unit; `1` is the dimensionless one."""
+    """Whether the units library can read this unit, and convert it; `1` is the dimensionless one."""
     try:
-        _registry().parse_units("" if unit == "1" else unit)
-    except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
+        registry = _registry()
+        spelled = registry.parse_units("" if unit == "1" else _spelled(unit))
+        times: float | None = registry.get_root_units(spelled)[0]  # type: ignore[assignment]
+    except Exception:  # pint raises its own, tokenize's, attribute and overflow errors
         return False
-    return True
+    return times is None or 0.0 < times < math.inf  # None: a scale with a zero of its own
 
 
 @lru_cache(maxsize=256)
@@ -104,7 +118,7 @@ def factor_like(unit: str, like: str) -> float | None:
 
 
 def _one(unit: str) -> pint.Quantity:
-    quantity: pint.Quantity = _registry().Quantity(1.0, unit.removeprefix("/").strip())
+    quantity: pint.Quantity = _registry().Quantity(1.0, _spelled(unit.removeprefix("/").strip()))
     return 1 / quantity if unit.startswith("/") else quantity
 
 
@@ -127,7 +141,7 @@ def convert(text: str, unit: str, where: str) -> float:
         value = split[0] if split else float(as_typed(text))
         if split:
             spelled = [u.replace("Nm", "(N*m)") for u in (split[1], "" if unit == "1" else unit)]
-            value = float(_registry().Quantity(value, spelled[0]).to(spelled[1]).magnitude)
+            value = float(_registry().Quantity(value, _spelled(spelled[0])).to(spelled[1]).magnitude)
     except Exception:  # pint raises its own, tokenize's and attribute errors for malformed text
         raise InputError(
             f"'{text.strip()}' is no value in [{unit}]; write a number, as in 1e-3 {unit}", where

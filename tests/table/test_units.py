@@ -41,7 +41,11 @@ def test_header_is_name_and_unit(header: str, expected: tuple[str, str | None]) 
     assert split_header(header) == expected
 
 
-@pytest.mark.parametrize(("unit", "known"), [("degC", True), ("1", True), ("s", True), ("blorp", False), ("(", False)])
+@pytest.mark.parametrize(
+    ("unit", "known"),
+    [("degC", True), ("1", True), ("s", True), ("kg*m**2/s^2", True), ("m²", True), ("blorp", False), ("(", False),
+     ("deg**9999999999", False), ("9**9**9", False), ("9⁹⁹⁹", False), ("m**9**9", False), ("mm*" * 99, False)],
+)  # fmt: skip
 def test_known_unit(unit: str, known: bool) -> None:
     assert known_unit(unit) is known
 
