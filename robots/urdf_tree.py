@@ -178,6 +178,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
     parent, child = ("" if end is None else end.get("link", "") for end in ends)
     axis, mimic, limit = joint.find("axis"), joint.find("mimic"), joint.find("limit")
     vector = _vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), f"the axis of joint '{name}'")
+    vector = vector / (np.abs(vector).max() or 1.0)
     length = float(np.linalg.norm(vector))
     limits = (-math.inf, math.inf)
     if kind in ("revolute", "prismatic"):

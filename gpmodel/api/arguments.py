@@ -18,6 +18,8 @@ from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}
+LARGEST = 1e6
+"""Metres or kilograms: of no machine."""
 SHOWN = 60
 """Characters of a value that a message shows; of a longer one it says the type."""
 
@@ -39,10 +41,11 @@ def naming(argument: str) -> Iterator[None]:
         raise (error if error.argument else InputError(error.said, argument)) from None
 
 
-def whole(value: object, argument: str, least: int = 0) -> int:
-    """A whole number from `least` up. Raises InputError naming the argument."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
-        raise InputError(f"{shown(value)}, expected a whole number from {least} up", argument)
+def whole(value: object, argument: str, least: int = 0, most: float = math.inf) -> int:
+    """A whole number from `least` up, to `most`. Raises InputError naming the argument."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not least <= int(value) <= most:
+        to = "up" if most == math.inf else f"to {most}"
+        raise InputError(f"{shown(value)}, expected a whole number from {least} {to}", argument)
     return int(value)
 
 
@@ -77,7 +80,7 @@ def among(value: object, choices: Iterable[Choice], argument: str) -> Choice:
 
 def listed(value: object, argument: str, example: str) -> tuple[object, ...]:
     """The items of a list; one text is none. Raises InputError naming the argument and showing `example`."""
-    if isinstance(value, str) or not isinstance(value, Iterable):
+    if isinstance(value, str) or not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not value.ndim):
         raise InputError(f"{shown(value)}, expected a list, as in {example}", argument)
     return tuple(value)
 
@@ -137,6 +140,8 @@ def quantity(value: str | float, dimension: str, argument: str, *, least: float 
         raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
+    if number > LARGEST:
+        raise InputError(f"{value}, expected at most {LARGEST:g} {_SI[dimension]}, the unit may be wrong", argument)
     return float(number)
 
 

@@ -29,6 +29,10 @@ from gpmodel.texts import toml_text
 Values = str | Sequence[float] | Array
 
 
+MOST = 1_000_000
+"""Poses: what a measured table may hold."""
+
+
 @dataclass(frozen=True, repr=False)
 class SimulationResult:
     """A measured table and the truth behind it, a Model that predicts it but for the noise."""
@@ -93,7 +97,7 @@ def simulate(
     arm = mechanism_of(mechanism)
     planted = texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
     given = None if isinstance(poses, int) else dataset_of(poses, arm, need_measurement=False, argument="poses")
-    count = len(given) if given is not None else whole(poses, "poses", 1)
+    count = len(given) if given is not None else whole(poses, "poses", 1, MOST)
     if not isinstance(inputs, Mapping | None):
         raise InputError(f"{shown(inputs)}, expected columns, as in {{'temperature [degC]': '20:30'}}", "inputs")
     columns = [_column(header, values, count, rng) for header, values in (inputs or {}).items()]

@@ -46,6 +46,8 @@ class Expression:
     text: str
 
     def __post_init__(self) -> None:
+        if not isinstance(self.text, str):
+            raise InputError(f"a {type(self.text).__name__} is no expression; write for example 'sin(2*J4)'", "text")
         _parsed(self.text)
 
     @property

@@ -25,6 +25,8 @@ TOOL_OFFSET = 0.15
 LEVER = 1.0
 """Metres, the standard deviation of each coordinate of the instrument's place; metres a tool point is off the flange;
 and metres at which a radian of geometry counts as a metre."""
+FARTHEST = 1e3
+"""Metres, or radians, that errors may move a frame by."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,13 @@ def simulate(
         theta.append(values)
     model = ErrorModel(mechanism, tuple(chosen))
     values = np.concatenate(theta)
+    with np.errstate(over="ignore", invalid="ignore"):
+        largest = max((float(np.abs(twist).max()) for twist in model.twists(poses, values).values()), default=0.0)
+    if not largest <= FARTHEST:
+        raise InputError(
+            f"errors that move a frame by {largest:g} m or rad, expected at most {FARTHEST:g}; a unit may be wrong",
+            "effects",
+        )
     if scene is not None:
         seen, placement = read_in(scene, Real(model, values, placement), empty, noise, rng)
         return Simulation(seen, model, values, placement, noise)

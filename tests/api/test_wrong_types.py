@@ -22,7 +22,7 @@ RESULTS = {
 NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT = None, "nonsense", 7.5, [7], pd.DataFrame(), object()
 ANY = (NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT)
 NO_NUMBER = (TEXT, LIST, FRAME, OBJECT, float("nan"))
-NO_TEXTS = (NOTHING, TEXT, NUMBER, LIST, OBJECT)
+NO_TEXTS = (NOTHING, TEXT, NUMBER, LIST, OBJECT, np.array(7.5))
 NO_FILE = (NOTHING, NUMBER, LIST, FRAME, "")
 
 CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = {
@@ -154,6 +154,12 @@ def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> N
     np.testing.assert_array_equal(gp.simulate("ur5").table.q, gp.simulate(gp.load_mechanism("ur5")).table.q)
     by_name.model.save(tmp_path / "model.json")
     assert gp.load_model(tmp_path / "model.json", "irb6400r").summary() == by_name.model.summary()
+
+
+@pytest.mark.parametrize("value", [NOTHING, NUMBER, LIST, OBJECT, b"sin(J4)", {}])
+def test_an_expression_is_a_text(value: object) -> None:
+    with pytest.raises(gp.InputError, match=r"is no expression; write for example 'sin\(2\*J4\)'"):
+        gp.Expression(value)  # type: ignore[arg-type]
 
 
 def test_an_effect_that_cannot_be_here_is_refused_before_the_search() -> None:

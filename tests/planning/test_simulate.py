@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cli_cases import one_line, robot, run
 
+import gpmodel as gp
 from gpmodel.application.model_file import load_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
@@ -89,3 +90,16 @@ def test_same_seed_same_table_other_seed_another(tmp_path: Path) -> None:
 def test_inputs_that_cannot_be_read(text: str) -> None:
     line = one_line(run("simulate", "--mechanism", "irb6400r", "--input", text), 2)
     assert "--input" in line
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"effects": ["base_compliance=1e300 rad/Nm"]}, "effects: errors that move a frame by"),
+        ({"poses": 10**12}, "poses: 1000000000000, expected a whole number from 1 to 1000000"),
+        ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1e\+06 m, the unit may be wrong"),
+    ],
+)
+def test_what_no_machine_does_is_refused(asked: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        gp.simulate("irb6400r", **{"poses": 12, **asked})  # type: ignore[arg-type]

@@ -213,3 +213,12 @@ def test_a_file_too_large_is_refused_unread(tmp_path: Path) -> None:
         file.truncate(LARGEST_FILE + 1)
     with pytest.raises(InputError, match="larger than 16 MB"):
         read_urdf(tmp_path / "large.urdf")
+
+
+def test_an_axis_of_any_length_is_a_direction(tmp_path: Path) -> None:
+    q, found = np.array([[0.3]]), []
+    for length in ("0 0 1", "0 0 1e300"):
+        path = tmp_path / "arm.urdf"
+        path.write_text(JOINT.replace("0 0 1", length))
+        found.append(read_urdf(path).transforms(q))
+    np.testing.assert_array_equal(*found)
