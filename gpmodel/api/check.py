@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, texts
+from gpmodel.api.arguments import called, file_path, texts
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.table import TableLike, read_table, specified
+from gpmodel.api.table import TableLike, read_table, specified, told_of_reading
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
@@ -17,9 +17,6 @@ from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.dataset import Dataset
 from gpmodel.wording import wrapped
-
-LARGE = 4 << 20
-"""Bytes of a table that takes a second to read: some 30 000 poses."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,10 +108,9 @@ def check(
     Raises InputError where the table cannot be read.
     """
     arm = mechanism_of(mechanism)
-    tell = Teller(progress)
-    if isinstance(table, str | Path) and Path(table).is_file() and Path(table).stat().st_size > LARGE:
-        tell("reading the table")
+    called(progress, "progress")
+    told_of_reading(table, progress)
     dataset = specified(read_table(table, arm), instrument)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    findings = check_dataset(arm, dataset, geometry, tell)
+    findings = check_dataset(arm, dataset, geometry, Teller(progress))
     return CheckResult(arm.name, dataset, tuple(findings), command)

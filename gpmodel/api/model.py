@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, box_limits, file_path, number, whole
+from gpmodel.api.arguments import among, box_limits, called, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.table import TableLike, dataset_of, frame_to_extend, with_numbers
+from gpmodel.api.table import TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
@@ -23,6 +23,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.progress import Say, silent
 from gpmodel.report.verification import VerifyRequest
 from gpmodel.table.read import dataset_from
 from gpmodel.texts import SEAL
@@ -47,8 +48,9 @@ class Model:
         return self.saved.mechanism
 
     def predict(
-        self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
-    ) -> pd.DataFrame:
+        self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False,
+        progress: Say = silent,
+    ) -> pd.DataFrame:  # fmt: skip
         """`poses` with where the tool is now: x, y, z [mm] in the instrument's frame, rx, ry, rz [deg] where rotations
         were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
         inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
@@ -58,9 +60,18 @@ class Model:
         session the model was fitted to, where effects that read its rows or time (`of_its_session`) have left it; the
         errors of the instrument that were found are left out. as_measured: with these, what the instrument would read.
         session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which
-        the poses are taken, which play and hysteresis ask for. Outside its ranges a law that nobody named keeps its
-        value at the edge. Raises InputError where a column, a set-up or a tool does not fit the model.
+        the poses are taken, which play and hysteresis ask for. progress: called with what is being done. Outside its
+        ranges a law that nobody named keeps its value at the edge. Raises InputError where a column, a set-up or a tool
+        does not fit the model.
         """
+        return self.judged(poses, as_measured, session, in_order, progress)[0]
+
+    def judged(
+        self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
+    ) -> tuple[pd.DataFrame, Array]:
+        """What `predict` and `misses` give, at the cost of one of them."""
+        called(progress, "progress")
+        told_of_reading(poses, progress)
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
             dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
@@ -70,7 +81,8 @@ class Model:
         dataset = replace(dataset, in_order=in_order or dataset.in_order)
         used = usable(self.saved, session=session, as_measured=as_measured)
         kept = frame if isinstance(poses, pd.DataFrame) else with_numbers(frame)
-        return beside(kept, predicted_columns(used, dataset))
+        columns = predicted_columns(used, dataset, progress)
+        return beside(kept, columns), misses(dataset, columns)
 
     def compensate(
         self,
@@ -154,10 +166,7 @@ class Model:
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
     ) -> Array:
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
-        dataset = dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")
-        dataset = replace(dataset, in_order=in_order or dataset.in_order)
-        used = usable(self.saved, session=session, as_measured=as_measured)
-        return misses(dataset, predicted_columns(used, dataset))
+        return self.judged(poses, as_measured, session, in_order)[1]
 
     @property
     def of_its_session(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, box_limits, file_path, number, point, quantity, whole
+from gpmodel.api.arguments import among, box_limits, called, file_path, number, point, quantity, whole
 from gpmodel.api.display import notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -22,6 +22,7 @@ from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
 from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
+from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.write import joint_column, table_text
 from gpmodel.wording import wrapped
 
@@ -31,6 +32,8 @@ BEFORE = ("spread", *GOALS, *ALIASES)
 AFTER = ("rivals", "effect", "i-optimal", "spread")
 DRAWS = 5
 """Random choices from the same pool whose mean the curve is held against."""
+MOST = 10_000
+"""Poses that may be asked for: twice as many as are chosen in a minute."""
 ROWS = 9
 """Of the curve, printed."""
 
@@ -96,6 +99,7 @@ def choose_poses(
     collisions: bool = True,
     noise: str | float = "0.03 mm",
     seed: int = 0,
+    progress: Say = silent,
 ) -> PosesResult:
     """Joint values within the limits worth measuring at.
 
@@ -105,16 +109,16 @@ def choose_poses(
     workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
-    suspect: of that result, by its number: the poses that decide it, instead of a criterion.
-    above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm".
-    instrument: its place in the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its
-    `normal` in the measured frame, and the arm does not stand between. tool_point: in the measured frame; after a
-    result its own. collisions: whether poses in which the arm meets itself are left out, where its URDF has geometry.
-    noise: of one coordinate, for the curve before a result.
+    suspect: of that result, by its number: the poses that decide it, instead of a criterion. above: lowest height of
+    the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root
+    frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its `normal` in the measured frame, and the
+    arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether poses in
+    which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the curve before
+    a result. progress: called with what is being done.
     Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
-    wanted = whole(count, "count", 1)
-    rng = np.random.default_rng(whole(seed, "seed"))
+    called(progress, "progress")
+    wanted, tell, rng = whole(count, "count", 1, MOST), Teller(progress), np.random.default_rng(whole(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
     if model is None and suspect is not None:
         raise InputError("belongs to a result; expected one to go on after", "suspect")
@@ -122,6 +126,7 @@ def choose_poses(
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm = mechanism_of(mechanism) if model is None and mechanism is not None else model.mechanism  # type: ignore[union-attr]
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
+    tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = pool_of(arm, wanted, rng, reach)
     if model is None:
         word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
@@ -133,10 +138,11 @@ def choose_poses(
         kind = None if criterion is None else among(criterion, AFTER, "criterion")
         asked = next_questions(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
+    tell("what no choice could do better than", passing=True)
     limit = float(asked.said_of(np.array(least_deviation(asked.measure, wanted))))
-    curve = _curve(asked, order, len(pool), rng)
     columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
-    return PosesResult(arm, pool[order], spacing(arm, pool[order]), curve, asked.said, limit, columns)
+    q, curve = pool[order], _curve(asked, order, len(pool), rng)
+    return PosesResult(arm, q, spacing(arm, q), curve, asked.said, limit, columns)
 
 
 def _suspect(number: object, criterion: object) -> int:

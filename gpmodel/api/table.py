@@ -16,6 +16,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations
+from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
@@ -27,6 +28,9 @@ TableLike = Dataset | pd.DataFrame | str | Path
 """What a table is given as; poses to predict may also be an array (N, n) of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
 """What a TOML file says, or where it is."""
+
+LARGE = 4 << 20
+"""Bytes of a table that takes a second to read: some 30 000 poses."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,12 @@ def dataset_of(
     if need_measurement:
         dataset = with_observations(dataset, mechanism, described)
     return with_payload(dataset, payload)
+
+
+def told_of_reading(source: TableLike, progress: Say) -> None:
+    """Says that a table is read where that takes long."""
+    if isinstance(source, str | Path) and Path(source).is_file() and Path(source).stat().st_size > LARGE:
+        progress(Progress("reading the table"))
 
 
 def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cells:

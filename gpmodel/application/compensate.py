@@ -15,6 +15,7 @@ from gpmodel.application.usable import check_finite, of_the_mechanism, outside
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
@@ -182,7 +183,7 @@ def corrected(
     saved: without the errors of the instrument. part: near singular poses a part of the orientation is given up;
     without it these are not reached, or far. Raises InputError likewise.
     """
-    check_finite(saved, targets.dataset)
+    check_finite(saved, prepare(saved.mechanism, targets.dataset))
     dataset, start = targets.dataset, np.array(targets.dataset.q)
     q, left = solve(saved, replace(dataset, q=start.copy()), targets.frames, targets.whole, nominal=False)
     far = _moves(saved.mechanism, q - start) > max_move

@@ -77,10 +77,10 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
     setups = dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
     dataset = matched(saved, dataset)
-    check_finite(saved, dataset)
+    poses = prepare(saved.mechanism, dataset)
+    check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
-    use = np.ones(len(dataset), dtype=bool)
-    session = Session(placed, prepare(saved.mechanism, dataset), use, tool=start is not None)
+    session = Session(placed, poses, np.ones(len(dataset), dtype=bool), tool=start is not None)
     for _ in range(PASSES):
         problem = session.problem
         free, step = session.anew(problem), np.zeros(problem.placement)

@@ -9,42 +9,57 @@ from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import check_finite, outside
 from gpmodel.arrays import Array
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
-from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics.se3 import rotation_vector
+from gpmodel.progress import Progress, Say, silent
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import split_header
 from gpmodel.table.write import joint_column
 
+AT_ONCE = 5000
+"""Poses that are predicted together: their columns take a tenth of a gigabyte."""
 
-def predicted_columns(saved: SavedModel, dataset: Dataset) -> dict[str, Array]:
+
+def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
     """Columns by header, each (N,): x y z [mm] and, where the model was fitted to poses, rx ry rz [deg], both in
     the instrument's frame; and the distances [mm] the model knows anchors for. Approximate joint values are solved
     against what the row measured first, and added with the residual [um] they leave. Then the standard deviation
     sigma [mm] of the predicted point, and the inputs that are `outside` the ranges the model was fitted in.
 
-    Raises InputError as `matched`, and where an effect is not finite at a pose.
+    say: called with how many rows are done. Raises InputError as `matched`, and where an effect is not finite at a
+    pose.
     """
-    fitting = matched(saved, dataset)
-    check_finite(saved, fitting)
-    poses = solve_joints(saved.model, prepare(saved.mechanism, fitting), saved.theta, saved.placement)
+    poses, parts = prepare(saved.mechanism, matched(saved, dataset)), list[dict[str, Array]]()
+    solved = bool(free_joints(saved.mechanism)) and bool(np.isfinite(poses.dataset.position).any())
+    for rows in np.array_split(np.arange(len(poses)), -(-len(poses) // AT_ONCE)):
+        if len(rows) < len(poses):
+            say(Progress(f"{rows[0]} of {len(poses)} poses predicted", passing=True))
+        parts.append(_predicted(saved, poses.subset(rows), solved))
+    return {header: np.concatenate([part[header] for part in parts]) for header in parts[0]}
+
+
+def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
+    """The same of some of the poses. solved: whether solved joint values are columns as well."""
+    check_finite(saved, given)
+    poses = solve_joints(saved.model, given, saved.theta, saved.placement)
     observed = observe(saved.model, poses, saved.theta, saved.placement)
     tip = observed.tip
     columns = {f"{a} [mm]": 1e3 * tip[:, i, 3] for i, a in enumerate("xyz")}
     if saved.pose:
         turns = np.degrees(rotation_vector(tip[:, :3, :3]))
         columns |= {f"r{a} [deg]": turns[:, i] for i, a in enumerate("xyz")}
-    register = np.stack([saved.placement.registration[s] for s in fitting.label("setup").tolist()])
+    register = np.stack([saved.placement.registration[s] for s in given.dataset.label("setup").tolist()])
     for name, anchor in saved.placement.anchors.items():
         if not name.startswith("distance_"):
             continue
         there = register[:, :3, :3] @ anchor + register[:, :3, 3]
         columns[f"{name} [mm]"] = 1e3 * np.linalg.norm(tip[:, :3, 3] - there, axis=1)
-    if (free := free_joints(saved.mechanism)) and np.isfinite(fitting.position).any():
-        for i in free:
+    if solved:
+        for i in free_joints(saved.mechanism):
             joint = saved.mechanism.joints[i]
             header, values = joint_column(f"solved_{joint.name}", joint.kind, poses.dataset.q[:, i])
             columns[header] = values
-        columns["residual [um]"] = 1e6 * np.linalg.norm(fitting.position - tip[:, :3, 3], axis=1)
+        columns["residual [um]"] = 1e6 * np.linalg.norm(given.dataset.position - tip[:, :3, 3], axis=1)
     columns["sigma [mm]"] = 1e3 * point_deviation(saved, poses, observed)
     columns["outside"] = np.array(outside(saved, poses.states.seen_at(tip[:, :3, 3])), dtype=object)
     return columns

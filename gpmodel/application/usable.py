@@ -12,9 +12,8 @@ from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis, Columns
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, observe
 from gpmodel.model.states import States
-from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
 MARGIN = 0.01
@@ -126,9 +125,9 @@ def _after_the_session(saved: SavedModel) -> SavedModel:
     return replace(saved, model=model, input_units=_still_read(saved, model))
 
 
-def check_finite(saved: SavedModel, dataset: Dataset) -> None:
-    """Raises InputError, naming the effect, where its basis is infinite or undefined at a pose of `dataset`."""
-    poses = prepare(saved.mechanism, replace(dataset, distances={}, observations=()))
+def check_finite(saved: SavedModel, poses: Poses) -> None:
+    """Raises InputError, naming the effect, where its basis is infinite or undefined at a pose."""
+    poses = replace(poses, dataset=replace(poses.dataset, distances={}, observations=()))
     own, theta = saved.model.of_the_mechanism(saved.theta)
     for effect in own.effects:
         check_defined(effect, saved.mechanism, poses.states)

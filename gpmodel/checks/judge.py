@@ -72,7 +72,7 @@ def check_dataset(
         tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
-    few = list(_too_few_held(mechanism, data, standard))
+    few = list(_too_few_held(mechanism, poses.dataset, standard))
     wrong = [Remark("warning", text, of_mechanism=True) for text in built_wrong(fit)]
     warnings = [Remark("warning", text) for text in (*few, *warnings_of(mechanism, poses, bare, fit))]
     said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))

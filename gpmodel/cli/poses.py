@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.poses import AFTER, BEFORE, Criterion, choose_poses
-from gpmodel.cli.console import path_for, write_frame
+from gpmodel.api.poses import AFTER, BEFORE, MOST, Criterion, choose_poses
+from gpmodel.cli.console import path_for, progress_line, write_frame
 from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
@@ -13,7 +13,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 
 @click.command()
 @mechanism_options(required=False)
-@click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1), help="How many poses.")
+@click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="How many poses.")
 @click.option("--after", default=None, metavar="RESULT", type=click.Path(path_type=Path),
               help="The next poses after what calibrate or discover left here.")  # fmt: skip
 @click.option("--suspect", type=click.IntRange(1), default=None, metavar="N",
@@ -48,11 +48,12 @@ def poses(
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
-    chosen = choose_poses(
-        mechanism, count, criterion=criterion, after=after, suspect=suspect, above=above, box=box,
-        instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
-        seed=seed,
-    )  # fmt: skip
+    with progress_line(quiet) as say:
+        chosen = choose_poses(
+            mechanism, count, criterion=criterion, after=after, suspect=suspect, above=above, box=box,
+            instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
+            seed=seed, progress=say,
+        )  # fmt: skip
     path = None if out is None else path_for(out, "poses.csv")
     if path is None:
         write_frame(chosen.to_dataframe(), None, "poses.csv")

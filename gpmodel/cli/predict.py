@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.model import load_model
-from gpmodel.cli.console import session_note, write_frame
+from gpmodel.cli.console import progress_line, session_note, write_frame
 from gpmodel.cli.options import in_order_option, out_file_option, quiet_option, session_option
 
 
@@ -29,15 +29,14 @@ def predict(
     `outside` names the inputs beyond the ranges the model was fitted in.
     """
     fitted = load_model(model)
-    how = {"as_measured": as_measured, "session": session, "in_order": in_order}
-    predicted = fitted.predict(poses, **how)
-    path = write_frame(predicted, out, "predicted.csv", poses)
+    with progress_line(quiet) as say:
+        predicted, error = fitted.judged(poses, as_measured, session, in_order, say)
+        path = write_frame(predicted, out, "predicted.csv", poses)
     if quiet:
         return
     if fitted.of_its_session:
         click.echo(session_note(fitted.of_its_session, session), err=True)
     if path is not None:
-        error = fitted.misses(poses, **how)
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
         beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
         warned = f"; {beyond} of them outside the measured range" if beyond else ""

@@ -46,7 +46,7 @@ def _touches(dataset: Dataset) -> Iterator[Touches]:
     there = {(f.surface, f.label): k for k, f in enumerate(fixed)}
     body = np.full(len(dataset), -1)
     feature = body.copy()
-    for surface in ("on_plane", "on_sphere", "on_line"):
+    for surface in (name for name in ("on_plane", "on_sphere", "on_line") if name in dataset.labels):
         labels = dataset.label(surface)
         known = np.array([there.get((surface, label), -1) for label in labels.tolist()])
         body[known >= 0], feature[known >= 0] = 0, known[known >= 0]
@@ -178,10 +178,9 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:
     """Distinct labels but the empty one, and each row's index into them, -1 where it has none."""
-    labels = dataset.label(column).tolist()
-    names = [name for name in dict.fromkeys(labels) if name]
-    index = {name: i for i, name in enumerate(names)}
-    return names, np.array([index.get(label, -1) for label in labels], dtype=np.int64)
+    names, codes = dataset.codes(column)
+    kept = {name: i for i, name in enumerate(name for name in names if name)}
+    return list(kept), np.array([kept.get(name, -1) for name in names], dtype=np.int64)[codes]
 
 
 def _renumbered(codes: IntArray, used: IntArray) -> IntArray:

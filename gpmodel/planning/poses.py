@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
@@ -16,8 +17,8 @@ from gpmodel.planning.design import Determinant, Goal, Question, Smallest, Varia
 from gpmodel.planning.reach import Reach, candidates
 from gpmodel.table.dataset import unmeasured
 
-POOL, SMALLEST_POOL = 20, 600
-"""Candidate poses for each one wanted, and at least."""
+POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
+"""Candidate poses for each one wanted, at least, and at most where that is two for each."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
@@ -29,7 +30,7 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
 
 def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
     """Joint values (P, n) to choose `count` poses from. Raises InputError as `candidates`."""
-    return candidates(mechanism, max(POOL * count, SMALLEST_POOL), rng, reach)
+    return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach)
 
 
 def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
@@ -67,9 +68,7 @@ def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | N
 def spacing(mechanism: Mechanism, q: Array) -> float:
     """Smallest difference between two poses, in the measure of `coordinates`; infinite for one pose."""
     where = coordinates(mechanism, q)
-    distance = np.linalg.norm(where[:, None] - where[None], axis=2)
-    np.fill_diagonal(distance, np.inf)
-    return float(distance.min())
+    return float(cKDTree(where).query(where, k=2)[0][:, 1].min())
 
 
 def geometric_columns(mechanism: Mechanism, q: Array) -> Array:

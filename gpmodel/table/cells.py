@@ -113,13 +113,12 @@ def _check_names(header: list[str], path: Path) -> None:
 
 def numbers(column: pd.Series, where: str) -> Array:
     """The cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for anything else."""
-    text = column.astype("string").str.strip()
-    text = text.mask(text == "")
+    text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")
-    bad = values.isna() & text.notna()
-    if bad.any():
-        row = int(np.flatnonzero(bad.to_numpy())[0])
-        raise InputError(f"{where}, row {row + 1}: '{text.iloc[row]}' is no number; expected a number or an empty cell")
+    unread = np.flatnonzero((values.isna() & text.notna()).to_numpy())
+    for row, word in zip(unread.tolist(), text.iloc[unread].str.strip().tolist(), strict=True):
+        if word:
+            raise InputError(f"{where}, row {row + 1}: '{word}' is no number; expected a number or an empty cell")
     out: Array = np.asarray(values.astype("float64").to_numpy(dtype=float, na_value=np.nan), dtype=np.float64)
     if np.isinf(out).any():
         raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")

@@ -127,6 +127,8 @@ class Dataset:
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
         """Distinct labels in order of first appearance, and each row's index into them."""
+        if column not in self.labels:
+            return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)
         names = list(dict.fromkeys(labels.tolist()))
         index = {name: i for i, name in enumerate(names)}

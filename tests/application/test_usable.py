@@ -110,3 +110,16 @@ def test_of_a_tool_that_slipped_the_prediction_is_where_it_is_now() -> None:
     assert last[0] < 0.1
     assert first[0] == pytest.approx(1.0, abs=0.1)
     assert found.misses(made.table, session=True).max() < 0.15
+
+
+def test_many_poses_are_predicted_in_parts_that_remember_those_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, frame = gp.load_mechanism("irb6400r"), table(40, seed=1)
+    fitted = gp.calibrate(arm, gp.read_table(frame, arm, in_order=True), ["play_last_move J2"], holdout=0.0).model
+    whole = fitted.predict(frame, in_order=True)
+    monkeypatch.setattr("gpmodel.application.predict.AT_ONCE", 7)
+    said: list[str] = []
+    parts = fitted.predict(frame, in_order=True, progress=lambda line: said.append(str(line)))
+    assert fitted.saved.theta[-1] != 0.0
+    np.testing.assert_allclose(parts.filter(regex="predicted|sigma"), whole.filter(regex="predicted|sigma"), rtol=1e-12)
+    assert said[0] == "0 of 40 poses predicted"
+    assert len(said) == 6
