@@ -1,6 +1,7 @@
 """Results read back from the folders that they were written to, and what is said of them."""
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -113,9 +114,9 @@ class CompareResult:
 
     def report(self, folder: str | Path) -> None:
         """Leave compare.html in `folder`. Raises InputError when it cannot be written."""
-        from gpmodel.report import compare as compared
+        from gpmodel.report.compare_page import html
 
-        write_text(file_path(folder, "folder") / "compare.html", compared.html(self.found))
+        write_text(file_path(folder, "folder") / "compare.html", html(self.found))
 
     def __repr__(self) -> str:
         return f"<comparison: {self.verdict}>"
@@ -128,7 +129,18 @@ def compare(before: object, after: object) -> CompareResult:
     """
     from gpmodel.report import compare as compared
 
-    return CompareResult(compared.compare(record_of(before, "before"), record_of(after, "after")))
+    first, second = record_of(before, "before"), record_of(after, "after")
+    return CompareResult(compared.compare(first, second, (_source(before, first), _source(after, second))))
+
+
+def _source(result: object, record: Report) -> str:
+    """The folder of a result, its table and the day on which it was written, where they are known."""
+    folder = result.folder if isinstance(result, SavedResult) else result
+    said = f"{record.data.file}, {record.data.poses} poses"
+    if not isinstance(folder, str | Path):
+        return said
+    written = datetime.fromtimestamp((Path(folder) / "report.json").stat().st_mtime, UTC)
+    return f"{Path(folder).resolve().name}: {said}, written on {written:%Y-%m-%d}"
 
 
 @dataclass(frozen=True, repr=False)

@@ -13,9 +13,11 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.identity import same_machine
 from gpmodel.model.naming import table_names, translate
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
-from gpmodel.report.page import render
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
+from gpmodel.wording import wrapped
+
+SIDES = ("before", "after")
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,14 @@ class Change:
         return self.after[0] - self.before[0]
 
     @property
-    def z(self) -> float:
+    def in_deviations(self) -> float:
         """The difference in its own σ, zero where it has none."""
-        return abs(self.difference) / self.stderr if self.stderr else 0.0
+        return self.difference / self.stderr if self.stderr else 0.0
+
+    @property
+    def z(self) -> float:
+        """The size of that."""
+        return abs(self.in_deviations)
 
     @property
     def significant(self) -> bool:
@@ -51,7 +58,7 @@ class Comparison:
     """parameters, effects, placement: what both know, largest change in σ first. only_before, only_after: effects.
 
     incomparable: parameters that one fitted and the other could not; the others absorbed them there. shared: rows that
-    both were fitted to.
+    both were fitted to. sources: where each is from.
     """
 
     before: Report
@@ -63,6 +70,7 @@ class Comparison:
     only_after: tuple[EffectRecord, ...]
     incomparable: tuple[str, ...]
     shared: int
+    sources: tuple[str, str]
 
     @property
     def of_models(self) -> bool:
@@ -70,8 +78,9 @@ class Comparison:
         return self.shared == self.before.data.poses == self.after.data.poses
 
 
-def compare(before: Report, after: Report) -> Comparison:
-    """Two reports of one machine, its joints by their names in the second. Raises InputError where they are of two."""
+def compare(before: Report, after: Report, sources: tuple[str, str] | None = None) -> Comparison:
+    """Two reports of one machine, its joints by their names in the second. sources: where each is from; its table for
+    None. Raises InputError where they are of two."""
     if not _one_machine(before.mechanism, after.mechanism):
         raise InputError(
             f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
@@ -93,6 +102,7 @@ def compare(before: Report, after: Report) -> Comparison:
         only_after=tuple(e for n, e in new.items() if n not in old),
         incomparable=tuple(sorted(set(first) ^ set(second))),
         shared=shared,
+        sources=sources or (before.data.file, after.data.file),
     )
 
 
@@ -209,6 +219,7 @@ def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
 def text(found: Comparison) -> str:
     """The comparison in 80 columns, changes beyond chance marked with a star."""
     lines = ["[[Verdict]]", fill(verdict(found), wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
+    lines += ["[[Compared]]", *(wrapped(s, 11, f"    {n:6} ") for n, s in zip(SIDES, found.sources, strict=True))]
     for title, changes in tables(found):
         if changes:
             lines += [f"[[{title}]]", f"    {'':19}{'before':>10}{'after':>10}{'change':>20} {'':10}{'in σ':>5}"]
@@ -236,8 +247,3 @@ def _row(c: Change) -> str:
     name, mark = wording.short_name(c.name, 19), "*" if c.significant else ""
     sure = "" if c.stderr is None else f"{c.z:.1f}"
     return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{sure:>5}{mark}".rstrip()
-
-
-def html(found: Comparison) -> str:
-    """The comparison as a page."""
-    return render("compare.html.j2", found=found, verdict=verdict(found), cells=cells, tables=tables(found))

@@ -8,7 +8,8 @@ import pytest
 from report_runs import discovered
 
 from gpmodel.errors import InputError
-from gpmodel.report.compare import SIGNIFICANCE, cells, compare, html, text, verdict
+from gpmodel.report.compare import SIGNIFICANCE, cells, compare, text, verdict
+from gpmodel.report.compare_page import html
 from gpmodel.report.schema import DataRecord, MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
@@ -151,3 +152,19 @@ def test_a_machine_is_known_by_its_geometry_and_its_joints_by_their_order() -> N
     found = compare(report, renamed)
     assert {c.name for c in found.effects} == {e.name for e in renamed.effects}
     assert verdict(found) == "The same rows and the same numbers."
+
+
+def test_the_page_shows_the_changes_and_no_chance_that_is_one() -> None:
+    found = compare(remeasured(1), remeasured(2, shift=9.0), ("first: a.csv", "second: a.csv"))
+    page = html(found)
+    assert any(c.chance == 1.0 for c in found.parameters)
+    assert "<td>1</td>" not in page
+    assert page.count('<svg class="chart"') == 1
+    assert page.index("first: a.csv") < page.index("second: a.csv")
+    assert "second: a.csv" in text(found)
+
+
+def test_without_deviations_there_is_neither_chart_nor_chance() -> None:
+    page = html(compare(discovered(), discovered()))
+    assert "<svg" not in page
+    assert ">chance<" not in page
