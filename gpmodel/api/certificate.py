@@ -1,9 +1,9 @@
 """The certificate of a result: what machine, measured how, how accurate, on one or two sides of A4."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gpmodel.api.arguments import file_path
+from gpmodel.api.arguments import file_path, quantity
 from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
 from gpmodel.files import finished_folder, write_text
@@ -18,6 +18,7 @@ class CertificateResult:
 
     record: Report | Verification
     said: Particulars
+    tolerance_mm: float | None = None
 
     def report(self, folder: str | Path) -> None:
         """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
@@ -25,13 +26,14 @@ class CertificateResult:
         from gpmodel.report import verification_certificate as of_verification
         from gpmodel.report.certificate_pdf import write_pdf
 
-        record, said = self.record, self.said
+        record, said, tolerance = self.record, self.said, self.tolerance_mm
         if isinstance(record, Verification):
-            page, sheet = of_verification.html(record, said), of_verification.certificate(record, said)
+            judged = record if tolerance is None else replace(record, tolerance_mm=tolerance)
+            sheet = of_verification.certificate(judged, said)
         else:
-            page, sheet = of_report.html(record, said), of_report.certificate(record, said)
+            sheet = of_report.certificate(record, said, tolerance)
         with finished_folder(file_path(folder, "folder")) as draft:
-            write_text(draft / "certificate.html", page)
+            write_text(draft / "certificate.html", of_report.html(sheet, record.mechanism.name))
             write_pdf(sheet, draft / "certificate.pdf")
 
     def __repr__(self) -> str:
@@ -39,18 +41,22 @@ class CertificateResult:
         return f"<certificate of {self.record.mechanism.name}, by {kind} of {self.record.data.file}>"
 
 
-def certificate(result: object, particulars: str | Path | Particulars | None = None, **said: str) -> CertificateResult:
+def certificate(
+    result: object, particulars: str | Path | Particulars | None = None, *, tolerance: str | None = None, **said: str
+) -> CertificateResult:
     """How accurate a machine is, to be written with `report(folder)`.
 
     result: of `calibrate`, `discover` or `verify`, or a folder that one of them left; where it holds a verification,
     that is certified: it was measured and not predicted. particulars: a TOML file of the lines machine, serial,
     controller, location, instrument, instrument_serial, instrument_calibrated, operator, date, temperature, payload,
-    remarks, or said: these by name. Raises InputError for what is none of them.
+    remarks, or said: these by name; the others are left to be filled in. tolerance: what no pose may be off by, as in
+    "0.1 mm": pass or fail. Raises InputError for what is none of them.
     """
+    limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
     known = (
         read_particulars(file_path(particulars, "particulars")) if isinstance(particulars, str | Path) else particulars
     )
-    return CertificateResult(_record(result), (known or Particulars()).with_lines(said))
+    return CertificateResult(_record(result), (known or Particulars()).with_lines(said), limit)
 
 
 def _record(result: object) -> Report | Verification:

@@ -33,15 +33,18 @@ def accuracy(errors: Array) -> Accuracy:
     )
 
 
-def before_and_after(report: Report) -> tuple[Accuracy, Accuracy] | None:
-    """Over the held-out poses, or the fitted ones where none were held out; None with fewer than two of them.
+def errors_before_and_after(report: Report) -> Array | None:
+    """Errors (N, 2), mm, at the held-out poses, or the fitted ones where none were held out; None with fewer than two.
 
     Before is registration and tool alone: what the machine does with its nominal geometry.
     """
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if (p.heldout or not report.held) and p.before is not None and p.after is not None]
-    if len(seen) < 2:
-        return None
-    before, after = (np.array([getattr(p, name) for p in seen], dtype=float) for name in ("before", "after"))
-    return accuracy(before), accuracy(after)
+    return np.array([(p.before, p.after) for p in seen], dtype=float) if len(seen) > 1 else None
+
+
+def before_and_after(report: Report) -> tuple[Accuracy, Accuracy] | None:
+    """The accuracy of both; None where there are no errors."""
+    errors = errors_before_and_after(report)
+    return None if errors is None else (accuracy(errors[:, 0]), accuracy(errors[:, 1]))

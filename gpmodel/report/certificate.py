@@ -6,8 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.arrays import Array
 from gpmodel.report import words
-from gpmodel.report.accuracy import Accuracy, before_and_after
+from gpmodel.report.accuracy import accuracy, errors_before_and_after
+from gpmodel.report.charts_certificate import histogram
+from gpmodel.report.figures import drawn
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.picture import numbers
@@ -25,16 +28,18 @@ STATISTICS = (
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
     "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. Before is "
-    "registration and tool point alone, with the nominal geometry; after is the model below. Further poses are any "
-    "within the measured ranges of the joints, as this instrument would read them; each bound holds by itself, by a "
-    "Monte Carlo over the fitted numbers and the noise (JCGM 101). Values and σ, standard uncertainties (k = 1), are "
-    "of the model fitted to all poses; ± 2 σ (k = 2) is the 95 % interval."
+    "registration and tool point alone, with the nominal geometry; after is predicted by the model below, of the "
+    "machine as it was measured: measure again with its corrections and certify that (gpmodel verify) for an accuracy "
+    "that is measured. Further poses are any within the measured ranges of the joints, as this instrument would read "
+    "them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise (JCGM 101). Values and "
+    "σ, standard uncertainties (k = 1), are of the model fitted to all poses; ± 2 σ (k = 2) is the 95 % interval."
 )
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Everything the certificate prints, as text. statistics: name, before, after."""
+    """Everything the certificate prints, as text; lines without any are filled in by hand. statistics: name, before,
+    after. predicted: whether after is. errors: (N, 2), mm, before and after; without rows where they are unknown."""
 
     title: str
     particulars: tuple[Line, ...]
@@ -46,31 +51,52 @@ class Certificate:
     parameters: tuple[Parameter, ...]
     placement: tuple[Parameter, ...]
     record: tuple[Line, ...]
+    errors: Array
+    tolerance_mm: float | None
+    predicted: bool = True
     small_print: str = SMALL_PRINT
 
+    @property
+    def heads(self) -> tuple[str, str]:
+        """Over the columns of the statistics."""
+        return "before, mm", "after, predicted, mm" if self.predicted else "after, mm"
 
-def certificate(report: Report, particulars: Particulars) -> Certificate:
-    """The certificate of a calibration or a discovery."""
-    found = before_and_after(report)
+
+def certificate(report: Report, particulars: Particulars, tolerance_mm: float | None = None) -> Certificate:
+    """The certificate of a calibration or a discovery. tolerance_mm: what no pose may be off by."""
+    errors = errors_before_and_after(report)
     count = report.data.heldout if report.held else report.data.train
     kind = "held out: no step of the calibration saw them" if report.held else "the poses the model was fitted to"
     return Certificate(
         title=f"Calibration certificate: {particulars.machine or report.mechanism.name}",
         particulars=particulars.lines(),
-        scope=_scope(report),
+        scope=(*_scope(report), ("tolerance", _judged(errors, tolerance_mm))),
         poses=f"{count} poses {kind}" if report.held else f"{count} poses, {kind}",
-        statistics=() if found is None else (*statistics(*found), *_further(report)),
+        statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
         parameters=_printed(report.geometry()),
         placement=_printed(report.placement),
         record=_record(report),
+        errors=np.zeros((0, 2)) if errors is None else errors,
+        tolerance_mm=tolerance_mm,
     )
 
 
-def html(report: Report, particulars: Particulars) -> str:
-    """The certificate as a page that prints to one or two sides of A4."""
-    return render("certificate.html.j2", c=certificate(report, particulars), report=report)
+def html(found: Certificate, kicker: str) -> str:
+    """The certificate as a page that prints to one or two sides of A4. kicker: the mechanism's name."""
+    picture = histogram(found.errors, found.tolerance_mm, found.predicted) if len(found.errors) else None
+    drawing = drawn([picture])[picture.name] if picture else ""
+    return render("certificate.html.j2", c=found, kicker=kicker, picture=picture, drawing=drawing)
+
+
+def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
+    """Pass or fail of the errors after; empty without a tolerance."""
+    if tolerance_mm is None or errors is None:
+        return ""
+    beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"
+    said = f"fail: {beyond} of {len(errors)}" if beyond else f"pass: none of {len(errors)}"
+    return f"{said} poses off by more than {limit}, as predicted"
 
 
 def _scope(report: Report) -> tuple[Line, ...]:
@@ -88,8 +114,9 @@ def _scope(report: Report) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def statistics(before: Accuracy, after: Accuracy) -> tuple[tuple[str, str, str], ...]:
-    """Rows of the table of accuracy: name, before, after."""
+def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
+    """Rows of the table of accuracy of errors (N, 2), mm: name, before, after."""
+    before, after = accuracy(errors[:, 0]), accuracy(errors[:, 1])
     return tuple(
         (title, wording.millimetres(getattr(before, name)), wording.millimetres(getattr(after, name)))
         for title, name in STATISTICS

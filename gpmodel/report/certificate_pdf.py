@@ -1,7 +1,7 @@
-"""The certificate as PDF: sides of A4, drawn line by line."""
+"""The certificate as PDF, drawn line by line: one side of A4, or more where the letters would be too small."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import wrap
 from typing import Literal
@@ -13,17 +13,23 @@ from matplotlib.lines import Line2D
 
 from gpmodel import wording
 from gpmodel.report.certificate import Certificate, Parameter
+from gpmodel.report.charts_certificate import draw
 from gpmodel.report.figures import STYLE
 from gpmodel.report.picture import INK, MUTED, RULE
 
 WIDTH, HEIGHT = 8.27, 11.69
 """Inches: A4."""
-LEFT, RIGHT, TOP, BOTTOM = 0.08, 0.92, 0.945, 0.06
+LEFT, RIGHT, TOP, BOTTOM = 0.07, 0.93, 0.965, 0.05
 """Margins of the text as shares of the side."""
 STEP = 0.0145
 """Height of a line of 8 points as a share of the side."""
-PER_COLUMN = 2
-"""Parameters stand in this many columns."""
+SMALLEST = 0.72
+"""Of that size, that all of it may be set in so that it has one side."""
+COLUMNS, PARTICULARS = 3, 2
+"""Parameters, and particulars, stand in so many columns."""
+ACCURACY = "Accuracy over "
+CHART = (0.64, RIGHT)
+"""From where to where across the side the histogram stands, beside the statistics."""
 
 
 @dataclass(frozen=True)
@@ -48,21 +54,32 @@ def write_pdf(found: Certificate, path: Path) -> None:
     """Write the certificate to `path`, as many sides as it needs."""
     with rc_context(STYLE | {"pdf.fonttype": 42}), PdfPages(path, metadata={"Title": found.title}) as pdf:
         rows = list(_rows(found))
-        number = 1
+        scale = min(1.0, (TOP - BOTTOM) / (STEP * sum(height for height, _, _ in rows)))
+        scale = scale if scale >= SMALLEST else 1.0
+        number, step = 1, STEP * scale
         while rows:
             figure = Figure(figsize=(WIDTH, HEIGHT))
             y = TOP
-            while rows and y - sum(height for height, _, _ in _together(rows)) * STEP >= BOTTOM:
+            while rows and y - sum(height for height, _, _ in _together(rows)) * step >= BOTTOM - 1e-9:
                 height, cells, ruled = rows.pop(0)
-                y -= height * STEP
+                if cells and cells[0][1] == ACCURACY + found.poses and len(found.errors):
+                    _chart(figure, found, y - 2.6 * step, (len(found.statistics) + 1.5) * step, scale)
+                y -= height * step
                 for x, text, look in cells:
-                    _write(figure, x, y, text, look)
+                    _write(figure, x, y, text, replace(look, size=look.size * scale))
                 if ruled:
-                    _rule(figure, y - 0.35 * STEP)
-            _write(figure, RIGHT, 0.035, f"{number}", TextStyle(7.0, MUTED, end="right"))
-            _write(figure, LEFT, 0.035, found.title, TextStyle(7.0, MUTED))
+                    _rule(figure, y - 0.3 * step)
+            _write(figure, RIGHT, 0.025, f"{number}", TextStyle(7.0, MUTED, end="right"))
+            _write(figure, LEFT, 0.025, found.title, TextStyle(7.0, MUTED))
             pdf.savefig(figure)
             number += 1
+
+
+def _chart(figure: Figure, found: Certificate, top: float, height: float, scale: float) -> None:
+    with rc_context({"font.size": 7 * scale, "legend.fontsize": 7 * scale, "axes.labelsize": 7 * scale,
+                     "xtick.labelsize": 7 * scale, "ytick.labelsize": 7 * scale}):  # fmt: skip
+        axes = figure.add_axes((CHART[0], top - height, CHART[1] - CHART[0], height))
+        draw(axes, found.errors, found.tolerance_mm, found.predicted)
 
 
 def _write(figure: Figure, x: float, y: float, text: str, look: TextStyle) -> None:
@@ -83,48 +100,59 @@ def _rule(figure: Figure, y: float) -> None:
 def _rows(found: Certificate) -> Iterator[Row]:
     """Height in lines, cells and whether a rule follows, from the top of the first side."""
     yield 1.2, [(LEFT, found.title, TextStyle(14.0, weight="bold"))], False
-    for title, lines in (("", found.particulars), ("Scope", found.scope)):
-        yield from _block(title, lines)
+    yield 0.6, [], False
+    yield from _in_columns(
+        [[(0.0, name, FAINT), (0.15, wording.shortened(value, 36), PLAIN)] for name, value in found.particulars],
+        PARTICULARS,
+    )
+    yield from _block("Scope", found.scope)
     if found.statistics:
-        heads: list[Cell] = [(0.62, "before, mm", RIGHT_END), (0.82, "after, mm", RIGHT_END)]
-        yield 2.2, [(LEFT, f"Accuracy over {found.poses}", HEADING)], False
-        yield 1.3, heads, True
+        first, second = (0.42, 0.56) if len(found.errors) else (0.62, 0.82)
+        yield 2.2, [(LEFT, ACCURACY + found.poses, HEADING)], False
+        yield 1.2, [(x, head, RIGHT_END) for x, head in zip((first, second), found.heads, strict=True)], False
         for name, before, after in found.statistics:
-            yield 1.3, [(LEFT, name, PLAIN), (0.62, before, RIGHT_END), (0.82, after, BOLD_END)], True
+            yield 1.2, [(LEFT, name, PLAIN), (first, before, RIGHT_END), (second, after, BOLD_END)], False
+        yield 1.0, [], False
     yield from _block("Repeatability", found.repeatability)
+    yield from _block("Effects ± σ", [(name, f"{v} ± {s} {unit}") for name, v, s, unit in found.effects])
     yield from _parameters("Tool in the flange, root in the instrument's frame, ± σ", found.placement)
-    yield from _block("Effects", [(name, f"{v} ± {s} {unit}") for name, v, s, unit in found.effects])
     yield from _parameters("Parameters ± σ", found.parameters)
     yield from _block("Record", found.record)
-    yield 1.0, [], False
-    for line in wrap(found.small_print, 132):
-        yield 0.95, [(LEFT, line, TextStyle(6.5, MUTED))], False
-    yield 4.0, [(LEFT, "Date, signature: ____________________________", PLAIN)], False
+    yield 0.6, [], False
+    for line in wrap(found.small_print, 160):
+        yield 0.9, [(LEFT, line, TextStyle(6.5, MUTED))], False
+    yield 3.0, [(LEFT, "Date  ______________________________", PLAIN),
+                (0.5, "Signature  ______________________________", PLAIN)], False  # fmt: skip
 
 
 def _block(title: str, lines: Sequence[tuple[str, str]]) -> Iterator[Row]:
-    if lines and title:
-        yield 2.2, [(LEFT, title, HEADING)], False
+    if lines:
+        yield 2.0, [(LEFT, title, HEADING)], False
     for name, value in lines:
-        parts = wrap(value, 84) or [""]
+        parts = wrap(value, 92) or [""]
         for k, part in enumerate(parts):
             heading: list[Cell] = [(LEFT, name, FAINT)] if k == 0 else []
-            yield 1.3, [*heading, (0.34, part, PLAIN)], k == len(parts) - 1
+            yield 1.2, [*heading, (0.27, part, PLAIN)], k == len(parts) - 1
 
 
 def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
-    if not entries:
-        return
-    yield 2.2, [(LEFT, title, HEADING)], False
-    width = (RIGHT - LEFT) / PER_COLUMN
-    rows = -(-len(entries) // PER_COLUMN)
+    if entries:
+        yield 2.0, [(LEFT, title, HEADING)], False
+    at = (RIGHT - LEFT) / COLUMNS * 0.56
+    yield from _in_columns(
+        [
+            [(0.0, wording.short_name(name, 16), PLAIN), (at, value, BOLD_END), (at + 0.004, f"± {s} {unit}", FAINT)]
+            for name, value, s, unit in entries
+        ],
+        COLUMNS,
+    )
+
+
+def _in_columns(entries: Sequence[list[Cell]], count: int) -> Iterator[Row]:
+    """Cells at places within a column, as rows of `count` columns, one below the other."""
+    rows, width = -(-len(entries) // count), (RIGHT - LEFT) / count
     for k in range(rows):
-        cells: list[Cell] = []
-        for column, (name, value, deviation, unit) in enumerate(entries[k::rows]):
-            x = LEFT + column * width
-            short = wording.short_name(name, 22)
-            cells += [
-                (x, short, PLAIN), (x + 0.235, value, BOLD_END),
-                (x + 0.24, f"± {deviation} {unit}", FAINT),
-            ]  # fmt: skip
+        cells = [
+            (LEFT + c * width + x, text, look) for c, entry in enumerate(entries[k::rows]) for x, text, look in entry
+        ]
         yield 1.2, cells, True

@@ -12,7 +12,7 @@ from gpmodel.texts import read_toml
 
 @dataclass(frozen=True)
 class Particulars:
-    """Free text, each line left out of the certificate where it is empty."""
+    """Free text; a line that is empty is left to be filled in by hand."""
 
     machine: str = ""
     serial: str = ""
@@ -28,9 +28,8 @@ class Particulars:
     remarks: str = ""
 
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """What is given, as heading and text."""
-        fields = (f.name for f in dataclasses.fields(self))
-        return tuple((name.replace("_", " "), getattr(self, name)) for name in fields if getattr(self, name))
+        """Every line as heading and text."""
+        return tuple((f.name.replace("_", " "), getattr(self, f.name)) for f in dataclasses.fields(self))
 
     def with_lines(self, said: Mapping[str, str]) -> "Particulars":
         """With these lines instead, empty ones passed over. Raises InputError for a line that is none."""

@@ -5,9 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.report.accuracy import accuracy
 from gpmodel.report.certificate import Certificate, Line, repeated, statistics
-from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.verification import Verification
 from gpmodel.report.verification_words import facts, tolerance, verdict
@@ -24,32 +22,29 @@ def certificate(record: Verification, particulars: Particulars) -> Certificate:
     """The certificate of what was measured afterwards: both columns of errors are measurements, none a prediction but
     of the model that was certified before."""
     pairs = [(p.without_mm, p.with_mm) for p in record.poses if not p.outlier and None not in (p.without_mm, p.with_mm)]
-    errors = np.array(pairs, dtype=float)
+    errors = np.array(pairs, dtype=float).reshape(-1, 2)
     return Certificate(
         title=f"Verification certificate: {particulars.machine or record.mechanism.name}",
         particulars=particulars.lines(),
         scope=tuple(_scope(record)),
         poses=f"{len(pairs)} poses, measured after the model was fitted",
-        statistics=statistics(accuracy(errors[:, 0]), accuracy(errors[:, 1])) if len(pairs) > 1 else (),
+        statistics=statistics(errors) if len(pairs) > 1 else (),
         repeatability=() if record.repeatability is None else repeated(record.repeatability),
         effects=(),
         parameters=(),
         placement=(),
         record=tuple(_record(record)),
+        errors=errors,
+        tolerance_mm=record.tolerance_mm,
+        predicted=False,
         small_print=SMALL_PRINT,
     )
 
 
-def html(record: Verification, particulars: Particulars) -> str:
-    """The certificate as a page that prints to one or two sides of A4."""
-    shown = certificate(record, particulars)
-    return render("certificate.html.j2", c=shown, report=record)
-
-
 def _scope(record: Verification) -> Iterator[Line]:
     yield "result", verdict(record)
-    if record.tolerance_mm is not None:
-        yield "tolerance", f"{'fail' if record.beyond_tolerance else 'pass'}: {tolerance(record)}"
+    judged = "" if record.tolerance_mm is None else f"{'fail' if record.beyond_tolerance else 'pass'}: "
+    yield "tolerance", f"{judged}{tolerance(record)}"
     yield from facts(record)
     yield "model of the machine", record.mechanism.name
     yield "measured poses", f"{len(record.poses)}"

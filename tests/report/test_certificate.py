@@ -22,6 +22,10 @@ from gpmodel.report.schema import Report
 GIVEN = Particulars(machine="IRB 6400R", serial="64-10291", instrument="tracker", operator="A. N. <Other>")
 
 
+def page(found: certificate.Certificate) -> str:
+    return certificate.html(found, "irb6400r")
+
+
 def test_statistics_are_those_of_the_errors() -> None:
     errors = np.arange(1.0, 101.0)
     found = accuracy(errors)
@@ -55,7 +59,7 @@ def test_what_is_not_confirmed_is_not_certified() -> None:
 @pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
 def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record(report: type[Report]) -> None:
     made = report()
-    text = certificate.html(made, GIVEN)
+    text = page(certificate.certificate(made, GIVEN))
     words = " ".join(re.sub(r"<[^>]+>", " ", text).split())
     found = before_and_after(made)
     assert found is not None
@@ -73,14 +77,29 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
 
 
 def test_poses_the_model_was_fitted_to_are_called_that() -> None:
-    assert "the poses the model was fitted to" in certificate.html(calibrated(0.0), Particulars())
+    assert "the poses the model was fitted to" in page(certificate.certificate(calibrated(0.0), Particulars()))
 
 
-def test_the_pdf_has_one_or_two_sides(tmp_path: Path) -> None:
-    write_pdf(certificate.certificate(discovered(), GIVEN), tmp_path / "c.pdf")
+@pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
+def test_the_pdf_has_one_side(report: type[Report], tmp_path: Path) -> None:
+    write_pdf(certificate.certificate(report(), GIVEN, 0.2), tmp_path / "c.pdf")
     content = (tmp_path / "c.pdf").read_bytes()
     assert content.startswith(b"%PDF")
-    assert 1 <= len(re.findall(rb"/Type /Page\b", content)) <= 2
+    assert len(re.findall(rb"/Type /Page\b", content)) == 1
+
+
+@pytest.mark.parametrize(("beyond", "said"), [(0.999, "fail: 1 of "), (1.001, "pass: none of "), (None, "")])
+def test_a_tolerance_is_passed_or_failed_by_what_is_predicted(beyond: float | None, said: str) -> None:
+    pair = before_and_after(discovered())
+    assert pair is not None
+    limit = None if beyond is None else beyond * pair[1].largest
+    found = certificate.certificate(discovered(), GIVEN, limit)
+    line = dict(found.scope)["tolerance"]
+    assert line.startswith(said)
+    assert bool(line) == (limit is not None)
+    assert "after, predicted, mm" in page(found)
+    assert dict(found.particulars)["controller"] == ""
+    assert len(found.errors) == pair[1].poses
 
 
 def test_particulars_are_read_from_toml(tmp_path: Path) -> None:
