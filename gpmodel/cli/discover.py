@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,7 @@ from gpmodel.executor import Workers, scheduled
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.progress import Progress, Say, silent
+from gpmodel.progress import Progress, Say
 from gpmodel.records.journal_files import JournalFiles
 from gpmodel.table.split import USUAL
 
@@ -90,7 +89,7 @@ def discover(
         with scheduled(scheduler, workers or 0) as executor, alone_in(folder):
             bounded = replace(request, minutes=request.minutes or WATCHED)
             followed = Watch(request.table, batch or BATCH, rows)
-            followed.follow(partial(looked, bounded, silent, executor, None), folder, on_screen(quiet))
+            followed.follow(lambda say: looked(bounded, say, executor, None), folder, on_screen(quiet))
         return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
         found = discover_request(request, folder, say, executor)

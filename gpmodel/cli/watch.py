@@ -10,6 +10,7 @@ import click
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.api.poses import choose_poses
 from gpmodel.errors import InputError
+from gpmodel.progress import Progress, Say
 from gpmodel.report.schema import Report
 
 PAUSE = 1.0
@@ -25,8 +26,9 @@ class Watch:
     batch: int
     rows: int | None = None
 
-    def follow(self, look: Callable[[], DiscoveryResult], folder: Path, say: Callable[[str], None]) -> None:
-        """Look after every batch, leave the results and the next poses in `folder`, and say how things stand.
+    def follow(self, look: Callable[[Say], DiscoveryResult], folder: Path, say: Callable[[str], None]) -> None:
+        """Look after every batch, leave the results and the next poses in `folder`, and say how things stand; and where
+        it is still busy when the next batch comes, that it waits.
 
         A table that is not sound yet is said so, and looked at again when it has grown. Raises InputError for a
         workbook.
@@ -37,12 +39,25 @@ class Watch:
         while self.rows is None or seen < self.rows:
             seen = self._grown(seen)
             try:
-                found = look()
+                found = look(self._noticing(seen, say))
                 found.report(folder)
                 say(f"{seen} rows: {standing(found.record)}")
                 say(self._next(folder))
             except InputError as error:
                 say(f"{seen} rows: {error}")
+
+    def _noticing(self, seen: int, say: Callable[[str], None]) -> Say:
+        """Looks at the table whenever a search has something to tell."""
+        told = 0
+
+        def notice(_: Progress) -> None:
+            nonlocal told
+            waiting = _rows(self.table) - seen
+            if waiting >= told + self.batch:
+                told = waiting
+                say(f"{waiting} new rows wait")
+
+        return notice
 
     def _next(self, folder: Path) -> str:
         chosen = choose_poses(count=self.batch, after=folder)

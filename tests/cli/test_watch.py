@@ -9,7 +9,10 @@ import pytest
 from cli_cases import one_line, run, table
 from durable_cases import OPTIONS, small
 
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.cli import watch
+from gpmodel.errors import InputError
+from gpmodel.progress import Progress, Say
 
 
 @pytest.fixture(autouse=True)
@@ -44,6 +47,22 @@ def test_it_follows_a_table_and_leaves_verdict_and_next_poses(tmp_path: Path, mo
     assert json.loads((out / "report.json").read_text())["verdict"] in said[-2]
     assert said[-1].startswith("next 10 poses, ")
     assert len(pd.read_csv(out / watch.NEXT)) == 10
+
+
+def test_rows_that_come_while_it_is_busy_are_said_to_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, said = tmp_path / "cell.csv", list[str]()
+    path.write_text("x\n" + 4 * "1\n")
+    monkeypatch.setattr(watch.time, "sleep", lambda _: None)
+
+    def look(say: Say) -> DiscoveryResult:
+        for come in (1, 4, 0, 2):
+            with path.open("a") as file:
+                file.write(come * "1\n")
+            say(Progress("one of the runs", passing=True))
+        raise InputError("too few poses")
+
+    watch.Watch(path, batch=2, rows=4).follow(look, tmp_path, said.append)
+    assert said == ["5 new rows wait", "7 new rows wait", "4 rows: too few poses"]
 
 
 def test_a_table_that_shrank_is_another_and_a_workbook_is_refused(
