@@ -146,18 +146,17 @@ def discover(
 ) -> DiscoveryResult:
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
 
-    mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that
-    choose nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts,
-    which says how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than
-    ENOUGH_HELD poses. seed: of what is evolved; poses held out, folds and permutations are the same for every seed, so
-    that a table is judged one way. search: how hard to look; criteria: when a candidate becomes a
-    finding. candidates: what may be missing, families, candidates or single effects; () leaves naming to the evolved
-    expressions. standard: patterns of the geometric parameters. condition_limit: of the standard model, None for
-    cross-validated. noise: standard deviation of one coordinate, "0.03 mm", where there are no repeats. instrument:
-    its specification, "15um + 6um/m", the largest error of a coordinate: no error of it is expected to be larger, and
-    the noise half of it.
-    progress: called with one Progress at a time, which prints as a line: `print` will do. journal: keeps
-    what is finished, to go on from it to the same numbers. command: what the report says made it.
+    mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that choose
+    nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts, which says
+    how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than ENOUGH_HELD
+    poses. seed: of what is evolved; poses held out, folds and permutations are the same for every seed, so that a table
+    is judged one way. search: how hard to look; criteria: when a candidate becomes a finding. candidates: what may be
+    missing, families, candidates or single effects; () leaves naming to the evolved expressions. standard: patterns of
+    the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
+    deviation of one coordinate, "0.03 mm", where there are no repeats. instrument: its specification, "15um + 6um/m",
+    the largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. progress:
+    called with one Progress at a time, which prints as a line: `print` will do. journal: keeps what is finished, to go
+    on from it to the same numbers. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     if not isinstance(search, Search | None):
