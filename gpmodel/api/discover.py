@@ -159,11 +159,7 @@ def discover(
     on from it to the same numbers. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
-    if not isinstance(search, Search | None):
-        raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
-    if not isinstance(criteria, Criteria | None):
-        raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
-    _sensible(search or Search(), criteria or Criteria())
+    _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
@@ -237,7 +233,11 @@ LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "bl
 
 
 def _sensible(search: Search, criteria: Criteria) -> None:
-    """Raises InputError that names the first field that is no such number."""
+    """Raises InputError that names the argument of another type, or the first field that is no such number."""
+    if not isinstance(search, Search):
+        raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
+    if not isinstance(criteria, Criteria):
+        raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
     limit(search.stop_after, "stop_after", 0.0)
     evolved(search.strategies)
     if isinstance(search.selection, type) or not isinstance(search.selection, SelectionScheme):
