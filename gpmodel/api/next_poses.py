@@ -92,14 +92,9 @@ def of_suspect(saved: SavedModel, record: Report | None, pool: Array, number: in
     return Asked(f"suspect: {name}", (question,), (question,), "± of what it moves the point by [mm]", 1e3)
 
 
-def tellable_rivals(folder: Path) -> frozenset[str] | None:
-    """Names of the close rivals in a result that poses of a pool could tell from their findings; None without a model.
-
-    By the same pool and limit as the next poses are chosen by.
-    """
-    if not (folder / MODEL).is_file():
-        return None
-    model, record = read_result(folder)
+def tellable_rivals(model: Model, record: Report) -> frozenset[str]:
+    """Names of the close rivals in a result that poses of a pool could tell from their findings, by the same pool and
+    limit as the next poses are chosen by."""
     rng = np.random.default_rng(0)
     outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, Reach()), rng)
     asked = ((name, outlook.beside(f, own)) for f in findings_of(outlook, record) for name, own in f.rivals)

@@ -169,16 +169,26 @@ class ExplainResult:
 
 
 def explain(result: object, number: int) -> ExplainResult:
-    """Finding `number`, from 1, of a result or its folder, in words. Of a folder the advice is what next poses of its
-    model could tell. Raises InputError where it is no result, or has no such finding."""
+    """Finding `number`, from 1, of a result or its folder, in words; where it has a model, the advice is what its next
+    poses could tell. Raises InputError where it is no result, or has no such finding."""
     from gpmodel.api.next_poses import tellable_rivals
     from gpmodel.report import explain as explained
 
     record, wanted = record_of(result, "result"), whole(number, "number", 1)
-    folder = result.folder if isinstance(result, SavedResult) else result
     asked = wanted <= len(record.effects) and record.effects[wanted - 1].close_rivals()
-    told = tellable_rivals(Path(folder)) if asked and isinstance(folder, str | Path) else None
+    model = _model_of(result) if asked else None
+    told = tellable_rivals(model, record) if model is not None else None
     return ExplainResult(record, explained.explain(record, wanted, told), told)
+
+
+def _model_of(result: object) -> Model | None:
+    """The model of a result or of its folder, None where there is none."""
+    folder = result.folder if isinstance(result, SavedResult) else result
+    if isinstance(folder, str | Path):
+        path = Path(folder) / "model.json"
+        return load_model(path) if path.is_file() else None
+    model = getattr(result, "model", None)
+    return model if isinstance(model, Model) else None
 
 
 def export(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -56,6 +57,8 @@ def test_the_families_of_effects_are_listed_with_source_inputs_and_an_example() 
     for family in catalogue:
         assert f"\n{family.name}\n" in f"\n{shown}"
     assert "reading torque_J2; --effect 'joint compliance, J2'" in " ".join(shown.split())
+    none = [block.split("\n")[0] for block in re.split(r"\n(?=\S)", shown) if "it would need other joints" in block]
+    assert none == ["linear_axis", "cyclic_error", "ball_lobes", "support_sag"]
     assert max(map(len, shown.splitlines())) <= 80
 
 
