@@ -1,5 +1,6 @@
 """Machines of one type with known mean, spread and outlier."""
 
+from collections.abc import Container
 from functools import cache
 from pathlib import Path
 
@@ -55,16 +56,18 @@ a_mm = 500
 """
 
 
-def two_joint_arms(folder: Path, count: int, poses: int = 30) -> Path:
-    """A folder of machines of two joints, the second with one gear error, and of their description."""
+def two_joint_arms(folder: Path, count: int, poses: int = 30, geared: Container[int] | None = None) -> Path:
+    """A folder of machines of two joints, the second with one gear error, and of their description. geared: numbers of
+    those that have it, all by default."""
     folder.mkdir()
     (folder / "arm.toml").write_text(ARM)
     (folder / "fleet.toml").write_text('mechanism = "arm.toml"\n')
     mechanism, rng = MechanismChoice(str(folder / "arm.toml")).load(), np.random.default_rng(2)
     for k in range(count):
         q = random_poses(mechanism, poses, rng)
+        effects = ["gear_harmonic J2=200 arcsec"] if geared is None or k in geared else []
         made = simulate(
-            mechanism, q, ["gear_harmonic J2=200 arcsec"], rng, noise=NOISE, geometry_sigma=GEOMETRY
+            mechanism, q, effects, rng, noise=NOISE, geometry_sigma=GEOMETRY
         ).dataset  # fmt: skip
         frame_of(made, mechanism).to_csv(folder / f"A-{k + 1}.csv", index=False)
     return folder

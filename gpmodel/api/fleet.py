@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -9,29 +10,35 @@ import pandas as pd
 
 from gpmodel._version import __version__
 from gpmodel.api.arguments import called, file_path, listed, share, whole
-from gpmodel.api.calibrate import checked_poses, named_group, split
+from gpmodel.api.calibrate import CalibrationResult, named_group, split
 from gpmodel.api.display import notebook
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
+from gpmodel.api.fleet_tables import machines_of
+from gpmodel.api.mechanism import MechanismLike
+from gpmodel.api.model import Model
+from gpmodel.api.next_poses import MODEL
+from gpmodel.api.results import write_results
 from gpmodel.api.table import TableLike
-from gpmodel.calibration.comparison import Models, climb, growing, step_of
+from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.executor import Threads, Workers
+from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
-from gpmodel.hierarchy.folder import folder_of_tables
+from gpmodel.hierarchy.folder import folder_names
 from gpmodel.hierarchy.found import Rows, Searched, found_on_most
+from gpmodel.hierarchy.further import PRIOR
 from gpmodel.hierarchy.kept import KeptMachines, NoMachinesKept
-from gpmodel.hierarchy.parts import block_parts, shared_parts
+from gpmodel.hierarchy.parts import block_parts, in_table_names, shared_parts
 from gpmodel.hierarchy.record import (
     KIND,
+    MACHINES,
     NAME,
     SCHEMA,
     BlockPart,
     FleetPart,
     MachinePart,
     Part,
-    check_serial,
     fleet_text,
     prior_parts,
 )
@@ -42,22 +49,32 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import fleet as pages
+from gpmodel.report.build import Ladder
 from gpmodel.report.fitted import statistics_mm
+from gpmodel.report.origin import Origin
 
 COMMAND = "gpmodel.fleet"
-Machines = Mapping[str, tuple[Mechanism, Poses]]
+OWN = "its own effects"
+"""The step of what a machine alone has."""
 
 
 @dataclass(frozen=True, repr=False)
 class FleetResult:
-    """Machines of one type calibrated together. record: the same as fleet.json has it."""
+    """Machines of one type calibrated together. record: the same as fleet.json has it. machines: by serial what each is
+    found to be, with the effects that it alone has, as of `calibrate` with the prior of the type."""
 
     record: FleetPart
+    machines: Mapping[str, CalibrationResult]
+
+    @cached_property
+    def shown(self) -> FleetPart:
+        """The record with the joints as the tables call them."""
+        return in_table_names(self.record)
 
     @property
     def verdict(self) -> str:
         """The answer in one sentence."""
-        return pages.verdict(self.record)
+        return pages.verdict(self.shown)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a machine and parameter or block, SI: serial, parameter, own value and its stderr, of effects that
@@ -67,20 +84,23 @@ class FleetResult:
             [
                 {"serial": machine.serial, "parameter": part.name, **_numbers(part, k), "spread": part.spread,
                  "z": part.z[k], "chance": part.chances[k], "outlier": k in part.outliers}
-                for k, machine in enumerate(self.record.machines)
-                for part in self.record.parts
+                for k, machine in enumerate(self.shown.machines)
+                for part in self.shown.parts
             ]
         )  # fmt: skip
 
     def summary(self) -> str:
         """Verdict, the machines with the worst first, effects and geometry of the type, where they are from."""
-        return pages.summary(self.record)
+        return pages.summary(self.shown)
 
     def report(self, folder: str | Path) -> None:
-        """Leave fleet.html, fleet.json and figures in `folder`: all or none."""
+        """Leave fleet.html, fleet.json, figures, and each machine's page and model.json in `folder`: all or none."""
         with finished_folder(file_path(folder, "folder")) as draft:
-            pages.write_pages(self.record, draft)
+            pages.write_pages(self.shown, draft)
             self.save(draft / NAME)
+            for part in self.record.machines:
+                found, own = self.machines[part.serial], draft / MACHINES / part.folder
+                write_results(found.record, own, partial(_save_model, found.model))
 
     def save(self, file: str | Path) -> None:
         """Write fleet.json, which `calibrate` takes as the prior of a further machine."""
@@ -91,6 +111,10 @@ class FleetResult:
 
     def _repr_html_(self) -> str:
         return notebook(self.summary(), self.to_dataframe())
+
+
+def _save_model(model: Model, folder: Path) -> None:
+    model.save(folder / MODEL)
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:
@@ -134,86 +158,93 @@ def fleet(
     given = None if effects is None else listed(effects, "effects", "['base_compliance']")
     called(progress, "progress")
     say = Teller(progress)
-    machines = _machines(mechanism, tables)
+    machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
     side_by_side, kept = executor or Threads(whole(workers, "workers")), journal or NoMachinesKept()
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
-    named, chosen = _effects(given, tasks, side_by_side, kept, say)
-    models = growing(geometric_effects(arms[0][0]), named)
+    named, own, chosen = _effects(given, list(machines), tasks, side_by_side, kept, say)
+    geometry = geometric_effects(arms[0][0])
+    models = [growing(geometry, (*named, *((OWN, extra) for extra in [of] if extra))) for of in own]
     say("every machine by its own poses, then with what it shares with the others")
-    final = calibrate_fleet(arms, [calibrate(ErrorModel(arm, models[-1][1]), poses, seed=seed) for arm, poses in arms])
-    judged = final if fraction == 0.0 else _judged(arms, rows, models, seed)
+    alone = [
+        calibrate(ErrorModel(arm, of[-1][1]), poses, seed=seed) for (arm, poses), of in zip(arms, models, strict=True)
+    ]
+    effects = growing(geometry, named)[-1][1]
+    final = calibrate_fleet(arms, alone, effects)
+    steps = _judged(arms, rows, models, effects, seed)
     for serial, *fits in zip(machines, final.alone, final.own, final.shrunken, strict=True):
         if diverged := [fit.reason for fit in fits if fit.status == "diverged"]:
             raise InputError(f"{serial}: the fit diverged: {diverged[0]}")
-    arm = arms[0][0]
-    x, y, z = tip_at_probe(arm).tolist()
-    return FleetResult(
-        FleetPart(
-            KIND, SCHEMA, __version__, command, seed, arm.name, (x, y, z), tuple(j.name for j in arm.joints), chosen,
-            final.left_out, _machine_parts(machines, rows, judged, final), shared_parts(final), block_parts(final),
-            prior_parts(final.prior),
+    found = {
+        serial: CalibrationResult(
+            Ladder(poses, train, of, fit, tuple(e for e in fit.model.effects if not e.constant)), Origin(command, seed)
         )
+        for serial, (_, poses), (train, _), of, fit in zip(machines, arms, rows, steps, final.shrunken, strict=True)
+    }
+    return FleetResult(_part(arms, final, _machine_parts(found, own), Origin(command, seed), chosen), found)
+
+
+def _part(
+    arms: Sequence[tuple[Mechanism, Poses]], final: Fleet, parts: tuple[MachinePart, ...], origin: Origin, chosen: str
+) -> FleetPart:
+    """What fleet.json says of machines of one type, in the tables' names of the joints where all agree on them."""
+    arm, called_so = arms[0][0], {poses.dataset.columns for _, poses in arms}
+    joints = tuple(j.name for j in arm.joints)
+    x, y, z = tip_at_probe(arm).tolist()
+    columns = called_so.pop() if len(called_so) == 1 else joints
+    return FleetPart(
+        KIND, SCHEMA, __version__, origin.command, origin.seed, arm.name, (x, y, z), joints, columns or joints, chosen,
+        final.left_out, parts, shared_parts(final), block_parts(final), prior_parts(final.prior),
     )  # fmt: skip
 
 
-def _judged(machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Models, seed: int) -> Fleet:
-    """The fleet of the training poses, each machine by itself as `calibrate` climbs to it."""
+def _judged(
+    machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Sequence[Models],
+    effects: tuple[Effect, ...], seed: int,
+) -> list[tuple[Step, ...]]:  # fmt: skip
+    """The steps of every machine, fitted to its training poses: by itself as `calibrate` climbs, then with the prior of
+    the type."""
     seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
-    alone = [climb(arm, models, poses, poses, seed=seed)[-1].calibration for arm, poses in seen]
-    return calibrate_fleet(seen, alone)
-
-
-def _machines(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
-    """The machines by serial, their tables judged. Raises InputError as `fleet`."""
-    if not isinstance(tables, Mapping):
-        folder = folder_of_tables(file_path(tables, "tables"))
-        tables, mechanism = folder.tables, folder.said_mechanism if mechanism is None else mechanism
-    arm = mechanism_of(mechanism)
-    out: dict[str, tuple[Mechanism, Poses]] = {}
-    seen: dict[tuple[str, bytes], str] = {}
-    for serial, table in tables.items():
-        check_serial(serial)
-        try:
-            out[serial] = checked_poses(arm, table)
-        except InputError as error:
-            known = error.said if Path(str(table)).name in error.said else f"{serial}: {error.said}"
-            raise InputError(known, error.argument) from None
-        dataset = out[serial][1].dataset
-        rows = dataset.sha256, dataset.row.tobytes()
-        if dataset.sha256 and rows in seen:
-            raise InputError(f"machines '{seen[rows]}' and '{serial}' have the same table; expected one for each")
-        seen[rows] = serial
-    if len(out) < 2:
-        raise InputError(f"{len(out)} machine; expected at least 2 of one type", "tables")
-    return out
+    held = [poses.subset(out) for (_, poses), (_, out) in zip(machines, rows, strict=True)]
+    steps = [
+        climb(arm, of, poses, unseen, seed=seed) for (arm, poses), unseen, of in zip(seen, held, models, strict=True)
+    ]
+    together = calibrate_fleet(seen, [of[-1].calibration for of in steps], effects)
+    return [
+        (*of, step_of(PRIOR, fit, poses, unseen))
+        for of, fit, (_, poses), unseen in zip(steps, together.shrunken, seen, held, strict=True)
+    ]
 
 
 def _effects(
-    given: tuple[object, ...] | None, tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
-) -> tuple[Models, str]:
-    """Groups of effects beside the geometry, and in words where they are from."""
+    given: tuple[object, ...] | None, serials: Sequence[str], tasks: Sequence[Searched], workers: Workers,
+    kept: KeptMachines, say: Teller,
+) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:  # fmt: skip
+    """Groups of effects beside the geometry, what each machine has beside them, and in words where they are from."""
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
     if given is not None:
         groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]
-        return groups, f"named: {', '.join(n for n, _ in groups) or 'none'}"
-    effects, chosen = found_on_most(tasks, workers, kept, say)
-    return [("found", effects)], chosen
+        return groups, [()] * len(tasks), f"named: {', '.join(n for n, _ in groups) or 'none'}"
+    effects, own, chosen = found_on_most(serials, tasks, workers, kept, say)
+    return [("found", effects)], own, chosen
 
 
-def _machine_parts(machines: Machines, rows: Sequence[Rows], judged: Fleet, final: Fleet) -> tuple[MachinePart, ...]:
+def _machine_parts(
+    found: Mapping[str, CalibrationResult], own: Sequence[tuple[Effect, ...]]
+) -> tuple[MachinePart, ...]:
     """The machines, their noise with all poses and their errors on those held out."""
     out = []
-    for k, (serial, (_, poses)) in enumerate(machines.items()):
-        train, held = (poses.subset(part) for part in rows[k])
-        own, both = (step_of("", fit[k], train, held).heldout_error for fit in (judged.alone, judged.shrunken))
+    for name, (serial, machine), extra in zip(folder_names(list(found)), found.items(), own, strict=True):
+        ladder, data = machine.calibrated, machine.calibrated.poses.dataset
+        errors = {step.name: statistics_mm(step.heldout_error).rms_mm for step in ladder.steps}
         out.append(
             MachinePart(
-                serial=serial, file=poses.dataset.source, sha256=poses.dataset.sha256, poses=len(poses),
-                train=len(train), sigma_mm=1e3 * final.own[k].sigma, own_mm=statistics_mm(own).rms_mm,
-                fleet_mm=statistics_mm(both).rms_mm,
+                serial=serial, folder=name, effects=tuple(dict.fromkeys(without_phase(e.name) for e in extra)),
+                file=data.source, sha256=data.sha256, poses=len(data), train=len(ladder.train),
+                sigma_mm=1e3 * ladder.final.sigma, standard_mm=errors["standard"],
+                own_mm=statistics_mm(ladder.steps[-2].heldout_error).rms_mm, fleet_mm=errors[PRIOR],
             )
         )  # fmt: skip
     return tuple(out)

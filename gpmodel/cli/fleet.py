@@ -24,7 +24,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import scheduled
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.kept import MachineFiles
-from gpmodel.hierarchy.record import NAME
+from gpmodel.hierarchy.record import MACHINES, NAME
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE
 
@@ -50,7 +50,8 @@ def fleet(
     each with the others' help, and which of them stands out in what.
 
     A table a machine. DIR/fleet.toml may say the mechanism of all, and their serials by file; else a machine is called
-    as its file. With --out: fleet.html, and fleet.json, which calibrate --fleet takes for a further machine.
+    as its file. With --out: fleet.html, machines/SERIAL/ with the page and model.json of each, and fleet.json, which
+    calibrate --fleet takes for a further machine.
     """
     if mechanism is None and tables is not None and resume is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
@@ -76,5 +77,6 @@ def fleet(
     if not quiet:
         click.echo(found.summary())
         if folder is not None:
-            click.echo(f"overview: {folder / PAGE}\nnext, of a further machine:")
+            click.echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
+            click.echo("next, of a further machine:")
             click.echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {folder / NAME}")

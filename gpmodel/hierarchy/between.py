@@ -15,6 +15,9 @@ from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 INTERVAL = 0.95
 """Coverage of the interval of a spread."""
 
+SMALLEST = 1e-300
+"""Chance, below which none is told from zero."""
+
 FEWEST = 4
 """Machines of which one can stand out: the others must leave their spread two degrees of freedom, with one of which
 nothing is ever improbable."""
@@ -120,6 +123,12 @@ def chance_of(z: float, machines: int) -> float:
     """Of a deviation from the mean of `machines` others in their spread, two-sided: Student's t of as many but one
     degrees of freedom."""
     return 2.0 * float(stats.t.sf(abs(z), machines - 1))
+
+
+def in_normal(z: float, chance: float) -> float:
+    """The deviation, in σ of a normal law, that is as improbable as the corrected chance of z, with its sign: machines
+    that do not stand out are never far."""
+    return float(np.copysign(stats.norm.isf(0.5 * max(chance, SMALLEST)), z))
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:

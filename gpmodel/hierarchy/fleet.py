@@ -13,7 +13,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.checks.counting import measured_values
 from gpmodel.hierarchy import block
 from gpmodel.hierarchy.between import Deviations, Shared, between, deleted, deviations
-from gpmodel.hierarchy.prior import learned
+from gpmodel.hierarchy.prior import beyond, learned
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -54,26 +54,33 @@ class Fleet:
     left_out: tuple[str, ...]
 
 
-def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence[Calibration]) -> Fleet:
+def calibrate_fleet(
+    machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence[Calibration], effects: tuple[Effect, ...]
+) -> Fleet:
     """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of what they
     share learned from that, then each estimated again with it as its prior.
 
-    alone: each machine calibrated by itself, with all effects. An effect's own prior holds for a machine by itself and
+    effects: of the type. alone: each machine calibrated by itself, with these first and after them those that it alone
+    has, which stay in every fit of it. An effect's own prior holds for a machine by itself and
     for the mean of the type. A machine that stands out in an effect, or in a block of effects with priors, keeps its
     own numbers there and teaches nothing of the type, unless fewer than two are left. Source: Efron and Morris (1975).
     Raises InputError where the poses of a machine are too few for the effects.
     """
-    effects = alone[0].model.effects
-    held = np.all([fit.kept for fit in alone], axis=0)
+    held = np.all([fit.kept[: len(effects)] for fit in alone], axis=0)
     common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)
     own = tuple(
-        calibrate(ErrorModel(mechanism, common, fit.sigma), poses, condition_limit=LARGEST_LIMIT)
+        calibrate(
+            ErrorModel(mechanism, (*common, *beyond(fit, effects)), fit.sigma), poses, condition_limit=LARGEST_LIMIT
+        )
         for (mechanism, poses), fit in zip(machines, alone, strict=True)
     )
     bare = np.array([np.isinf(effect.prior) for effect in common], dtype=bool)
-    values = np.array([[*fit.theta[bare], np.log(fit.sigma)] for fit in own])
+    values = np.array([[*fit.theta[: len(bare)][bare], np.log(fit.sigma)] for fit in own])
     stderr = np.array(
-        [[*fit.stderr[bare], _of_logarithm(fit, poses)] for fit, (_, poses) in zip(own, machines, strict=True)]
+        [
+            [*fit.stderr[: len(bare)][bare], _of_logarithm(fit, poses)]
+            for fit, (_, poses) in zip(own, machines, strict=True)
+        ]
     )
     groups = block.blocks(common)
     information = [block.block_information(own, group) for _, group in groups]
@@ -99,9 +106,10 @@ def calibrate_fleet(machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence
 
 
 def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlying: Set[str]) -> Calibration:
-    """The same poses fitted with a prior of all but the `outlying`, weighed by the noise that the machine has."""
+    """The same poses fitted with a prior of all but the `outlying` and those that the machine alone has, weighed by the
+    noise that it has."""
     untaught = {e.name: e for e in own.model.effects if e.name in outlying}
-    effects = tuple(untaught.get(e.name, e) for e in prior)
+    effects = (*(untaught.get(e.name, e) for e in prior), *beyond(own, prior))
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
 
 

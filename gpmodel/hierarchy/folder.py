@@ -1,6 +1,8 @@
 """A folder of measured tables, one a machine, and what it says of them."""
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +12,8 @@ from gpmodel.texts import read_toml
 TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
 """How names of files begin that are no tables; Excel leaves the latter beside a table that is open."""
+LONGEST_NAME = 60
+"""Characters of the name of a machine's folder."""
 ABOUT = "fleet.toml"
 EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
@@ -50,6 +54,13 @@ def folder_of_tables(folder: Path) -> Folder:
             raise InputError(f"{folder}: {tables[serial].name} and {path.name} are both of machine '{serial}'")
         tables[serial] = path
     return Folder(tables, mechanism)
+
+
+def folder_names(serials: Sequence[str]) -> tuple[str, ...]:
+    """A name of a folder for each machine: its serial as files may be called, with its place where two are alike."""
+    plain = [re.sub(r"[^\w-]+", "_", serial)[:LONGEST_NAME] for serial in serials]
+    alike = {name for name, count in Counter(name.lower() for name in plain).items() if count > 1}
+    return tuple(f"{n}-{k}" if n.lower() in alike else n for k, n in enumerate(plain, 1))
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:

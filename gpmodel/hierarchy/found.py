@@ -14,6 +14,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller
+from gpmodel.wording import listed
 
 Rows = tuple[IntArray, IntArray]
 
@@ -34,10 +35,10 @@ class Searched:
 
 
 def found_on_most(
-    tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
-) -> tuple[tuple[Effect, ...], str]:
+    serials: Sequence[str], tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
+) -> tuple[tuple[Effect, ...], tuple[tuple[Effect, ...], ...], str]:
     """Effects found and confirmed on more than half of the machines, each searched by itself with the catalogue alone;
-    and in words where they are from: on how many machines each thing was found.
+    of each machine what it has beside these; and in words where they are from: on which machines each thing was found.
 
     workers: where the machines are searched. kept: where what is found goes at once; machines found there are not
     searched again. Where machines found a curve in more or less detail, the plainest is
@@ -53,7 +54,17 @@ def found_on_most(
     found = [candidate for place in range(len(tasks)) for candidate in by_machine[place]]
     counts = Counter(candidate.name for candidate in found)
     common = [name for name, count in counts.items() if 2 * count > len(tasks)]
-    plainest = (min((c for c in found if c.name == name), key=lambda c: len(c.effects)) for name in common)
-    listed = ", ".join(f"{name} on {count}" for name, count in counts.most_common()) or "nothing on any"
-    chosen = f"found on more than half of {len(tasks)} machines, by the catalogue alone: {listed}"
-    return tuple(effect for candidate in plainest for effect in candidate.effects), chosen
+    plainest = [min((c for c in found if c.name == name), key=lambda c: len(c.effects)) for name in common]
+    shared = tuple(effect for candidate in plainest for effect in candidate.effects)
+    own = tuple(
+        tuple(e for c in by_machine[place] if c.name not in common for e in c.effects) for place in range(len(tasks))
+    )
+    on = {n: [serials[k] for k in range(len(tasks)) if any(c.name == n for c in by_machine[k])] for n in counts}
+    where = "; ".join(f"{name} on {_in_words(on[name], name in common)}" for name, _ in counts.most_common())
+    chosen = f"found on more than half of {len(tasks)} machines, by the catalogue alone: {where or 'nothing on any'}"
+    return shared, own, chosen
+
+
+def _in_words(serials: Sequence[str], most: bool) -> str:
+    """Machines by name, of an effect that most of them have by number."""
+    return str(len(serials)) if most else listed(serials)

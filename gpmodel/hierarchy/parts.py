@@ -1,10 +1,12 @@
 """What fleet.json says of machines calibrated together, each of them among the others."""
 
+import msgspec
 import numpy as np
 
 from gpmodel.hierarchy.fleet import Fleet
-from gpmodel.hierarchy.record import NOISE, BlockPart, SharedPart, prior_parts
+from gpmodel.hierarchy.record import NOISE, BlockPart, FleetPart, SharedPart, prior_parts
 from gpmodel.model.effect import Effect
+from gpmodel.model.naming import table_names, translate
 
 
 def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
@@ -37,3 +39,20 @@ def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
         of = (tuple(a.tolist()) for a in (final.deviations.z[:, k], final.deviations.chance[:, k], outside))
         out.append(BlockPart(block.name, prior_parts(block.effects), block.spread, block.low, block.high, *of))
     return tuple(out)
+
+
+def in_table_names(fleet: FleetPart) -> FleetPart:
+    """The same with the joints as the tables call them, to be read: fleet.json itself has the mechanism's names."""
+    names, renamed = table_names(fleet.joints, fleet.columns), msgspec.structs.replace
+
+    def said(of: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(translate(name, names) for name in of)
+
+    return renamed(
+        fleet,
+        chosen=translate(fleet.chosen, names),
+        left_out=said(fleet.left_out),
+        machines=tuple(renamed(m, effects=said(m.effects)) for m in fleet.machines),
+        parameters=tuple(renamed(p, name=translate(p.name, names)) for p in fleet.parameters),
+        blocks=tuple(renamed(b, name=translate(b.name, names)) for b in fleet.blocks),
+    )

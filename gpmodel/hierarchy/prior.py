@@ -49,7 +49,7 @@ def learned(
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
     wide = tuple(replace(e, mean=0.0, prior=float(s)) for e, s in zip(effects, size, strict=True))
     fits = [
-        calibrate(ErrorModel(mechanism, wide, fit.sigma), poses, condition_limit=LARGEST_LIMIT)
+        calibrate(ErrorModel(mechanism, (*wide, *beyond(fit, wide)), fit.sigma), poses, condition_limit=LARGEST_LIMIT)
         for (mechanism, poses), fit in zip(machines, own, strict=True)
     ]
     kinds = np.unique([e.unit if e.constant else e.name for e in effects], return_inverse=True)[1]
@@ -60,6 +60,12 @@ def learned(
     )
 
 
+def beyond(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects of a fit that are none of those of the type: what the machine alone has."""
+    names = {effect.name for effect in effects}
+    return tuple(effect for effect in fit.model.effects if effect.name not in names)
+
+
 def _size(own: Sequence[Calibration], name: str) -> float:
     """Root mean square of an effect over the machines, or of its ± where that is larger."""
     at = [[e.name for e in fit.model.effects].index(name) for fit in own]
@@ -68,10 +74,12 @@ def _size(own: Sequence[Calibration], name: str) -> float:
 
 
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
-    """What the poses alone say, in units of `size`: Λ = C⁻¹ - 1, η = C⁻¹ θ with θ, C of fits with that as prior."""
-    first = len(fits[0].covariance.placement)
-    inverse = np.linalg.inv([fit.covariance.values[first:, first:] / np.outer(size, size) for fit in fits])
-    theta = np.array([fit.theta / size for fit in fits])
+    """What the poses alone say, in units of `size`: Λ = C⁻¹ - 1, η = C⁻¹ θ with θ, C of fits with that as prior, of the
+    first effects of each; those after them are the machine's own."""
+    of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
+    own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
+    inverse = np.linalg.inv(np.array(own) / np.outer(size, size))
+    theta = np.array([fit.theta[: len(size)] / size for fit in fits])
     return Information(inverse - np.eye(len(size)), np.einsum("mij,mj->mi", inverse, theta))
 
 

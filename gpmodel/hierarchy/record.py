@@ -15,6 +15,7 @@ from gpmodel.application.model_schema import (
     MOST_EFFECTS,
     MOST_TERMS,
     Deviation,
+    FileName,
     Finite,
     Label,
     Name,
@@ -33,6 +34,8 @@ from gpmodel.model.error_model import ErrorModel
 from gpmodel.texts import SEAL, seal
 
 KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
+MACHINES = "machines"
+"""The folder beside fleet.json with a folder for each machine."""
 NOISE = "noise of one coordinate"
 """The last of the parameters: its values are logarithms of metres."""
 MOST_MACHINES = 10_000
@@ -42,15 +45,19 @@ PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES
 
 
 class MachinePart(msgspec.Struct, frozen=True):
-    """One machine: its table, σ of one coordinate, and RMS 3-D errors on held-out poses, of its own poses alone and
-    with the prior of the type; null where none was held out."""
+    """One machine: its table, σ of one coordinate, and RMS 3-D errors on held-out poses, of the standard model, of its
+    own poses alone and with the prior of the type; null where none was held out. effects: what it has beside those of
+    the type. folder: of its page and its model, below that of fleet.json."""
 
     serial: Label
+    folder: FileName
+    effects: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     file: Name
     sha256: Name
     poses: int
     train: int
     sigma_mm: Deviation
+    standard_mm: Deviation | None
     own_mm: Deviation | None
     fleet_mm: Deviation | None
 
@@ -122,7 +129,7 @@ Part = SharedPart | BlockPart
 class FleetPart(msgspec.Struct, frozen=True):
     """The whole of fleet.json but its seal. chosen: where the effects are from. left_out: what not every machine's
     poses could tell. parameters: geometry, effects without priors of their own, and the noise. prior: of a further
-    machine, its geometry complete."""
+    machine, its geometry complete. columns: what the tables call the joints, where all of them agree."""
 
     kind: str
     schema: int
@@ -132,6 +139,7 @@ class FleetPart(msgspec.Struct, frozen=True):
     mechanism: Label
     tip_at_probe_m: Point
     joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
+    columns: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
     chosen: str
     left_out: Annotated[tuple[Label, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
     machines: Annotated[tuple[MachinePart, ...], msgspec.Meta(min_length=2, max_length=MOST_MACHINES)]

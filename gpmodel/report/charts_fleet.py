@@ -9,27 +9,37 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.hierarchy.between import in_normal
 from gpmodel.hierarchy.record import NOISE, FleetPart, SharedPart
-from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture
+from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PANELS = 9
 """Parameters drawn one by one, three in a row; the map has all of them."""
 MOST_MACHINES = 60
-"""Columns of the map that can still be told apart, and names along an axis."""
+"""Columns of the map that can still be told apart."""
+MOST_NAMES = 20
+"""Along an axis."""
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
     """The map of every machine in every parameter, then the parameters that say most, one by one."""
     count = len(fleet.machines)
+    if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
+        yield Picture(
+            "machines", "Before and after of each machine", 9.8, 3.0,
+            f"Errors of each of {count} machines on held-out poses: standard model, alone, together.",
+            "3-D RMS on poses held out, machines in the order of the table.", partial(_errors, fleet=fleet),
+        )  # fmt: skip
     if count <= MOST_MACHINES:
         yield Picture(
             "standing", "Every machine in every parameter", 9.8, 0.9 + 0.2 * len(fleet.parts),
             f"Distance of each of {count} machines from the others in each of {len(fleet.parts)} parameters.",
-            "Area: how far a machine is from the others, in their spread and its own ±; hollow below the mean, full "
-            "above. Coloured: beyond chance. Machines in the order of the table.",
+            "Area: how far a machine is from the others, in σ of a normal law as improbable; hollow below the mean, "
+            "full above. Coloured: beyond chance. Machines in the order of the table.",
             partial(_map, fleet=fleet),
         )  # fmt: skip
     for number, part in enumerate(_shown(fleet), 1):
@@ -37,7 +47,7 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
         yield Picture(
             f"parameter_{number}", part.name, 3.25, 2.5,
             f"{part.name} of each machine with its deviation; mean of the type {mean}.",
-            "", partial(_panel, part=part, order=fleet.worst_first()),
+            "", partial(_panel, part=part, fleet=fleet),
         )  # fmt: skip
 
 
@@ -54,8 +64,8 @@ def _shown(fleet: FleetPart) -> list[SharedPart]:
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]
 
 
-def _panel(figure: Figure, part: SharedPart, order: Sequence[int]) -> None:
-    axes = figure.subplots()
+def _panel(figure: Figure, part: SharedPart, fleet: FleetPart) -> None:
+    axes, order = figure.subplots(), fleet.worst_first()
     factor, unit = wording.prefix(*_scale(part))
     at = np.arange(len(order))
     own = _drawn(part, part.values, part.stderrs, factor)
@@ -70,9 +80,29 @@ def _panel(figure: Figure, part: SharedPart, order: Sequence[int]) -> None:
         both = _drawn(part, part.shrunken, part.shrunken_stderrs, factor)[0]
         axes.plot(at, both[np.array(order)], "_", color=INK, ms=6, mew=1.0, zorder=4)
     axes.set_xlim(-0.7, len(order) - 0.3)
-    axes.set_xticks([])
+    _name(axes, [fleet.machines[k].serial for k in order])
     axes.set_ylabel(unit)
     axes.grid(axis="y")
+
+
+def _errors(figure: Figure, fleet: FleetPart) -> None:
+    axes, order = figure.subplots(), fleet.worst_first()
+    machines = [fleet.machines[k] for k in order]
+    of = {"standard model": "standard_mm", "its own poses alone": "own_mm", "with the type": "fleet_mm"}
+    for (name, field), colour, marker in zip(of.items(), (BEFORE, AFTER_LIGHT, AFTER), "so^", strict=True):
+        axes.plot(numbers([getattr(m, field) for m in machines]), marker, color=colour, ms=4, label=name)
+    axes.set_yscale("log")
+    axes.set_ylabel("RMS held out, mm")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+    _name(axes, [m.serial for m in machines])
+    axes.grid(axis="y")
+
+
+def _name(axes: Axes, serials: Sequence[str]) -> None:
+    """Machines along the axis by name, upright where they are many, and every so many where they would overlap."""
+    every = -(-len(serials) // MOST_NAMES)
+    shown = [wording.shortened(serial, 14) for serial in serials[::every]]
+    axes.set_xticks(range(0, len(serials), every), shown, rotation=90 if len(shown) > 3 else 0)
 
 
 def _scale(part: SharedPart) -> tuple[float, str]:
@@ -91,15 +121,12 @@ def _map(figure: Figure, fleet: FleetPart) -> None:
     order = fleet.worst_first()
     for row, part in enumerate(fleet.parts):
         for column, k in enumerate(order):
-            z = part.z[k]
+            z = in_normal(part.z[k], part.chances[k])
             colour = NULL if k in part.outliers else AFTER_LIGHT if z > 0 else BEFORE
             axes.plot(column, row, "o", ms=min(1.5 + 2.0 * abs(z), 11.0), mec=colour, mew=1.1, alpha=0.9,
                       mfc=colour if z > 0 else PAPER)  # fmt: skip
     axes.set_yticks(range(len(fleet.parts)), [wording.shortened(p.name, 34) for p in fleet.parts])
-    serials = [wording.shortened(fleet.machines[k].serial, 14) for k in order]
-    axes.set_xticks(
-        range(len(order)), serials, rotation=45 if len(order) > 8 else 0, ha="left" if len(order) > 8 else "center"
-    )
+    _name(axes, [fleet.machines[k].serial for k in order])
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     axes.tick_params(axis="y", labelcolor=INK)

@@ -9,9 +9,10 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.files import write_text
 from gpmodel.formula.expression import ONE
-from gpmodel.hierarchy.between import FEWEST
-from gpmodel.hierarchy.record import NOISE, BlockPart, FleetPart, Part, SharedPart
+from gpmodel.hierarchy.between import FEWEST, in_normal
+from gpmodel.hierarchy.record import MACHINES, NOISE, BlockPart, FleetPart, Part, SharedPart
 from gpmodel.report.charts_fleet import in_words, pictures
+from gpmodel.report.page import PAGE as REPORT
 from gpmodel.report.page import render
 from gpmodel.report.picture import numbers, rms
 
@@ -39,8 +40,16 @@ def verdict(fleet: FleetPart) -> str:
         f"{fleet.machines[k].serial} in {p.name} (chance {wording.chance(p.chances[k])})" for k, p in found[:MOST_SAID]
     )
     rest = f" and {len(found) - MOST_SAID} more" if len(found) > MOST_SAID else ""
+    further = [f"{m.serial}: {', '.join(m.effects)}" for m in fleet.machines if m.effects]
+    more = f"; {len(further) - MOST_SAID} more" if len(further) > MOST_SAID else ""
+    parts += [f"effects that not most of them have, on {'; '.join(further[:MOST_SAID])}{more}"] if further else []
     parts.append(f"stands out: {told}{rest}" if found else "no machine stands out")
     return "; ".join(parts) + "."
+
+
+def deviation(part: Part, machine: int) -> str:
+    """How far a machine is from the others, in σ of a normal law as improbable as that."""
+    return f"{wording.minus(f'{in_normal(part.z[machine], part.chances[machine]):+.1f}')} σ"
 
 
 def said(part: SharedPart) -> wording.Stated:
@@ -104,16 +113,18 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
 
 
 def _machines(fleet: FleetPart) -> Iterator[str]:
-    yield f"    {'':14}{'':6}{'noise':>7}{'held out, mm RMS':>19}   farthest in"
-    yield f"    {'':14}{'poses':>6}{'mm':>7}{'alone':>10}{'together':>9}"
+    yield f"    {'':12}{'':6}{'noise':>7}{'RMS held out, mm':>26}   farthest in"
+    yield f"    {'':12}{'poses':>6}{'mm':>7}{'standard':>9}{'alone':>8}{'together':>9}"
     for k in fleet.worst_first():
         machine, part = fleet.machines[k], fleet.worst(k)
-        values = ((machine.sigma_mm, 7), (machine.own_mm, 10), (machine.fleet_mm, 9))
+        values = ((machine.sigma_mm, 7), (machine.standard_mm, 9), (machine.own_mm, 8), (machine.fleet_mm, 9))
         cells = "".join(f"{wording.millimetres(value):>{width}}" for value, width in values)
         mark = "*" if k in part.outliers else ""
-        far = f"   {wording.shortened(part.name, 20):<21}{wording.minus(f'{part.z[k]:+.1f}')}{mark}"
-        row = f"    {wording.shortened(machine.serial, 13):<14}{machine.poses:>6}{cells}"
+        far = f"   {wording.shortened(part.name, 17):<18}{deviation(part, k)}{mark}"
+        row = f"    {wording.shortened(machine.serial, 11):<12}{machine.poses:>6}{cells}"
         yield row + (far if len(fleet.machines) >= FEWEST else "")
+        if machine.effects:
+            yield wording.wrapped(f"beside those of the type: {', '.join(machine.effects)}", 6)
 
 
 def _parameters(parts: list[SharedPart]) -> Iterator[str]:
@@ -135,7 +146,8 @@ def _wrapped(text: str) -> str:
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
     """The page's text. drawings: inline SVG of the pictures by name."""
     return render(
-        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, band=band,
+        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, band=band, deviation=deviation,
+        page=f"{MACHINES}/{{}}/{REPORT}",
         record=list(record_of(fleet)), enough=len(fleet.machines) >= FEWEST, drawings=drawings,
         pictures=list(pictures(fleet)),
     )  # fmt: skip

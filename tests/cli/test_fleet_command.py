@@ -5,9 +5,13 @@ from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from brief_results import one_picture
 from cli_cases import one_line, run
-from fleet_cases import BASE, JOINT, MECHANISM, machines, written
+from fleet_cases import BASE, JOINT, MECHANISM, NOISE, machines, written
+
+import gpmodel as gp
 
 SAID = ("fleet", "DIR", "--mechanism", MECHANISM, "--effect", BASE, "--effect", JOINT)
 
@@ -20,7 +24,8 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(tables: Path) -> tuple[str, Path]:
     out = tables.parent / "result"
-    done = run("fleet", tables, *SAID[2:], "--out", out)
+    with one_picture():
+        done = run("fleet", tables, *SAID[2:], "--out", out)
     assert done.exit_code == 0, done.stderr
     return done.stdout, out
 
@@ -51,10 +56,18 @@ class Page(HTMLParser):
 def test_the_page_is_whole_and_opens_offline(result: tuple[str, Path]) -> None:
     text = (result[1] / "fleet.html").read_text()
     page = Page(text)
-    assert page.tags.count("svg") == 10
+    assert page.tags.count("svg") == 11
     assert page.tags.count("tr") > 5 + 15
-    assert page.outward == []
-    assert sorted(p.name for p in result[1].iterdir()) == ["figures", "fleet.html", "fleet.json"]
+    assert sorted(page.outward) == [f"machines/R-0{k}/report.html" for k in range(1, 6)]
+    assert all((result[1] / link).is_file() for link in page.outward)
+    assert sorted(p.name for p in result[1].iterdir()) == ["figures", "fleet.html", "fleet.json", "machines"]
+
+
+def test_every_machine_leaves_a_model_that_predicts(result: tuple[str, Path], tables: Path) -> None:
+    model = gp.load_model(result[1] / "machines" / "R-02" / "model.json")
+    assert np.median(model.misses(tables / "R-02.csv")) < 3e3 * NOISE
+    kept = {e.name for e in model.saved.model.effects if not e.constant}
+    assert kept == {"base compliance", "joint compliance, J2"}
 
 
 def test_names_of_machines_are_escaped(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def expected(tables: Path) -> dict[str, Any]:
     """The numbers of a fleet that nobody disturbed."""
     out = tables.parent / "whole"
     assert run("fleet", tables, "--out", out, "--quiet").exit_code == 0
-    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures"}
+    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures", "machines"}
     return fleet_of(out)
 
 
@@ -97,7 +97,7 @@ def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
     assert searched == MACHINES - 1
     assert "going on from 1 finished machine in" in said
     assert fleet_of(out) == expected
-    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures"}
+    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures", "machines"}
 
 
 def test_folders_may_move_together_and_a_damaged_file_is_done_again(

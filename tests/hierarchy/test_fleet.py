@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from executor_cases import Elsewhere
@@ -11,8 +12,10 @@ from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, 
 
 import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
+from gpmodel.hierarchy.between import in_normal
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
+from gpmodel.numerics.multiple import SIGNIFICANCE
 from gpmodel.report.fleet import band, spread
 from gpmodel.texts import SEAL, seal
 
@@ -87,6 +90,34 @@ def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tm
     far = Elsewhere()
     assert gp.fleet(None, folder, holdout=0.3, executor=far).record == found.record
     assert far.functions == {"found"}
+
+
+def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) -> None:
+    """Of four arms one has a gear error: it is no part of the type, and in the model of that one."""
+    folder = two_joint_arms(tmp_path / "arms", 4, geared=(2,))
+    found = gp.fleet(None, folder)
+    gear = "gear error, 2 per turn, J2"
+    assert [m.effects for m in found.record.machines] == [(), (), (gear,), ()]
+    assert f"{gear} on A-3" in found.record.chosen
+    assert f"A-3: {gear}" in found.verdict
+    fit = found.machines["A-3"]
+    assert fit.rms < 0.5 * fit.record.ladder[1].heldout.rms_mm
+    assert all(gear not in e.name for e in found.machines["A-1"].model.saved.model.effects)
+
+
+def test_no_machine_is_far_where_none_stands_out() -> None:
+    """Four machines hardly know their spread: sixty of it may be chance, and is then said as what it is."""
+    assert abs(in_normal(-59.5, 0.02)) < abs(in_normal(-59.5, SIGNIFICANCE)) < 2.6
+    assert in_normal(-59.5, 0.02) < 0.0
+    assert in_normal(3.0, 1.0) == 0.0
+
+
+def test_joints_are_said_as_the_tables_call_them(found: FleetResult) -> None:
+    record = msgspec.structs.replace(found.record, columns=tuple(f"A{k}" for k in range(1, 7)))
+    shown = FleetResult(record, found.machines)
+    assert "joint compliance, A2" in shown.summary()
+    assert "J2" not in shown.summary().split("[[Record]]")[0]
+    assert prior_model(record, gp.load_mechanism(MECHANISM)).effects
 
 
 def test_a_further_machine_with_few_poses_is_known_better(found: FleetResult) -> None:
