@@ -12,7 +12,7 @@ EXTRAS = {
     "joints": ("rich",),
     "cluster": ("distributed",),
     "excel": ("openpyxl",),
-    "ros": ("rosbags", "yaml"),
+    "ros": ("rosbags",),
 }
 """Extra -> the modules that it brings, as they are imported."""
 

@@ -11,7 +11,6 @@ import pandas as pd
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.extras import extra_for
 from gpmodel.reading import read_text
 from gpmodel.table.cells import read_frame
 from gpmodel.table.imported import Imported, cells
@@ -52,8 +51,10 @@ def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> 
 
 
 def _read(path: Path) -> dict[str, object]:
-    with extra_for(f"reading {path.name}"):
-        import yaml
+    try:
+        import yaml  # pint's optional dask imports it too: no module that a lean installation can be told by
+    except ModuleNotFoundError as error:
+        raise InputError(f"reading {path.name} needs yaml: pip install 'gpmodel[ros]'") from error
 
     loader = type("OpenCvLoader", (yaml.SafeLoader,), {})
     yaml.add_constructor("tag:yaml.org,2002:opencv-matrix", lambda l, node: l.construct_mapping(node, True), loader)
