@@ -145,7 +145,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     assert "worst known effect" in done.stdout
     assert len(read_table(tmp_path / "poses.csv", mechanism, need_measurement=False).q) == 6
     assert len(pd.read_csv(tmp_path / "poses.curve.csv")) == 7
-    assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals"), 2)
+    assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals", "--quiet"), 2)
     assert "mechanism" in one_line(run("poses"), 2)
     record = replace(fit.record, suspects=(SuspectRecord("joint compliance, J3"), SuspectRecord("what nobody named")))
     (tmp_path / "fit" / "report.json").write_text(to_json(record))
@@ -154,7 +154,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     assert value < random < asked.curve.iloc[0, 1]
     assert asked.said == "suspect: joint compliance, J3"
     for number, said in ((2, "no name in the catalogue"), (3, "expected 1 to 2")):
-        line = one_line(run("poses", "--after", tmp_path / "fit", "--suspect", number), 2)
+        line = one_line(run("poses", "--after", tmp_path / "fit", "--suspect", number, "--quiet"), 2)
         assert line.startswith("gpmodel: --suspect: ")
         assert said in line
 
