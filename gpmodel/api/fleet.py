@@ -14,9 +14,7 @@ from gpmodel.api.calibrate import CalibrationResult, named_group, split
 from gpmodel.api.display import notebook
 from gpmodel.api.fleet_tables import machines_of
 from gpmodel.api.mechanism import MechanismLike
-from gpmodel.api.model import Model
-from gpmodel.api.next_poses import MODEL
-from gpmodel.api.results import write_results
+from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
@@ -100,7 +98,7 @@ class FleetResult:
             self.save(draft / NAME)
             for part in self.record.machines:
                 found, own = self.machines[part.serial], draft / MACHINES / part.folder
-                write_results(found.record, own, partial(_save_model, found.model))
+                write_results(found.record, own, partial(save_model, found.model))
 
     def save(self, file: str | Path) -> None:
         """Write fleet.json, which `calibrate` takes as the prior of a further machine."""
@@ -111,10 +109,6 @@ class FleetResult:
 
     def _repr_html_(self) -> str:
         return notebook(self.summary(), self.to_dataframe())
-
-
-def _save_model(model: Model, folder: Path) -> None:
-    model.save(folder / MODEL)
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 Point = Literal["tool", "frame"]
 POINTS: tuple[Point, ...] = ("tool", "frame")
 
+MODEL = "model.json"
+"""What a model is called in the folder of a result."""
+
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Model:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.model import Model, load_model
+from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
@@ -21,7 +21,6 @@ from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
 
-MODEL = "model.json"
 POOLED = 40
 """Poses that a pool is made for where none are chosen: the default of choosing them."""
 TOLD_APART = 2.0
@@ -36,7 +35,7 @@ def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
         return after, None
     path = file_path(after, "after")
     folder = path if path.is_dir() else path.parent
-    model = load_model(folder / "model.json" if path.is_dir() else path)
+    model = load_model(folder / MODEL if path.is_dir() else path)
     return model, read_report(folder) if (folder / NAME).is_file() else None
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.model import Model
+from gpmodel.api.model import MODEL, Model
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.report.saved import to_json
@@ -42,7 +43,12 @@ def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
     check_writable()
     exports = _exports(model, file_path(folder, "folder"))
     record = replace(record, exports=exports.records)
-    write_results(record, folder, lambda draft: model.save(draft / "model.json"), exports.write)
+    write_results(record, folder, partial(save_model, model), exports.write)
+
+
+def save_model(model: Model, folder: Path) -> None:
+    """Write model.json into a folder. Raises InputError when it cannot be written."""
+    model.save(folder / MODEL)
 
 
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:

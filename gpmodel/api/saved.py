@@ -10,7 +10,7 @@ import pandas as pd
 
 from gpmodel.api.arguments import file_path, shown, whole
 from gpmodel.api.display import figure_of, ladder_of, notebook_of
-from gpmodel.api.model import Model, load_model
+from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.api.results import write_results
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -35,7 +35,7 @@ class SavedResult:
     @cached_property
     def model(self) -> Model:
         """Its model.json. Raises InputError where there is none."""
-        return load_model(self.folder / "model.json")
+        return load_model(self.folder / MODEL)
 
     @property
     def verdict(self) -> str:
@@ -135,12 +135,18 @@ def compare(before: object, after: object) -> CompareResult:
 
 def _source(result: object, record: Report) -> str:
     """The folder of a result, its table and the day on which it was written, where they are known."""
-    folder = result.folder if isinstance(result, SavedResult) else result
+    folder = _folder_of(result)
     said = f"{record.data.file}, {record.data.poses} poses"
-    if not isinstance(folder, str | Path):
+    if folder is None:
         return said
-    written = datetime.fromtimestamp((Path(folder) / "report.json").stat().st_mtime, UTC)
-    return f"{Path(folder).resolve().name}: {said}, written on {written:%Y-%m-%d}"
+    written = datetime.fromtimestamp((folder / "report.json").stat().st_mtime, UTC)
+    return f"{folder.resolve().name}: {said}, written on {written:%Y-%m-%d}"
+
+
+def _folder_of(result: object) -> Path | None:
+    """The folder of a result that was saved, None of one that was not."""
+    folder = result.folder if isinstance(result, SavedResult) else result
+    return Path(folder) if isinstance(folder, str | Path) else None
 
 
 @dataclass(frozen=True, repr=False)
@@ -183,10 +189,8 @@ def explain(result: object, number: int) -> ExplainResult:
 
 def _model_of(result: object) -> Model | None:
     """The model of a result or of its folder, None where there is none."""
-    folder = result.folder if isinstance(result, SavedResult) else result
-    if isinstance(folder, str | Path):
-        path = Path(folder) / "model.json"
-        return load_model(path) if path.is_file() else None
+    if folder := _folder_of(result):
+        return load_model(folder / MODEL) if (folder / MODEL).is_file() else None
     model = getattr(result, "model", None)
     return model if isinstance(model, Model) else None
 
@@ -202,7 +206,7 @@ def export(
     """
     if isinstance(result, str | Path):
         path = file_path(result, "result")
-        model: object = load_model(path / "model.json" if path.is_dir() else path)
+        model: object = load_model(path / MODEL if path.is_dir() else path)
     else:
         model = result if isinstance(result, Model) else getattr(result, "model", None)
     if not isinstance(model, Model):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations, count
 
 import numpy as np
 
@@ -50,16 +50,14 @@ def compact_laws(
     left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
     its nodes and of the place: the curve's own, and of terms without a name one of all places.
     """
-    posed = [(curve, task) for curve in curves for task in _posed(left, curve, search, seed)]
-    found = dict(search.side_by_side(run_law_task, [task for _, task in posed]))
-    for curve in curves:
-        residual = left.without(curve.effects)
-        laws: list[Candidate] = []
-        for number, (asked, task) in enumerate(posed):
-            if asked is curve:
-                laws += _candidates(residual, curve, task, found[number], search)
-        if laws:
-            yield curve, residual, tuple(laws)
+    posed = [_posed(left, curve, search, seed) for curve in curves]
+    found = dict(search.side_by_side(run_law_task, list(chain.from_iterable(posed))))
+    numbers = count()
+    for curve, tasks in zip(curves, posed, strict=True):
+        residual = left.without(curve.effects) if tasks else left
+        searched = [_candidates(residual, curve, task, found[next(numbers)], search) for task in tasks]
+        if laws := tuple(chain.from_iterable(searched)):
+            yield curve, residual, laws
 
 
 def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> list[LawTask]:
@@ -67,8 +65,8 @@ def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> list[
     has several places or more inputs."""
     residual = left.without(curve.effects)
     sites = {tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in curve.effects}
-    count = len(residual.poses)
-    rows = np.unique(np.linspace(0, count - 1, min(count, search.evolved_poses)).astype(int))
+    poses = len(residual.poses)
+    rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):

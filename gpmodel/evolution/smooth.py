@@ -8,7 +8,7 @@ A function φ is a sum of sines (``gpmodel.evolution.sines``) of the most likely
 Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (1981) for functions of weighted sums.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,10 +85,7 @@ def _unit(values: Array) -> Array:
 
 def through(targets: Targets, factor: Array) -> Targets:
     """The targets of the other factor of a product (N,): what one pose says of it grows with this one."""
-    return Targets(
-        targets.weight * factor**2, targets.cross * factor, targets.pull * factor, targets.energy, targets.names,
-        targets.samples, targets.unique_share,
-    )  # fmt: skip
+    return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 
 def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
