@@ -8,21 +8,30 @@ import numpy as np
 
 from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, without_outlier_marks
-from gpmodel.discovery.inner_constants import InnerChange, inner_changes
+from gpmodel.discovery.in_words import constants_in_words, in_words
+from gpmodel.discovery.inner_constants import InnerChange, inner_changes, moved
 from gpmodel.discovery.refinement import WINDOW, profile, refined_fit
 from gpmodel.discovery.result import FinalFit
 from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import FittedConstant
+from gpmodel.families.inner import Constant, FittedConstant
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.table.split import JUDGED
+
+STEPS = 6
+"""Of Gauss-Newton in the constants inside laws, at most."""
+
+SETTLED = 0.02
+"""Step of a constant at which it has settled, in its deviations."""
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
     """All that was found fitted to all poses, inner constants moved to where these have them most likely.
 
     Changes of the constants are further unknowns of the fit, so that every deviation knows of them.
+    Source: Seber and Wild (1989), 2.1.
     """
 
     def to_all(found: Sequence[Candidate], start: Calibration) -> Calibration:
@@ -35,14 +44,49 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     beside = _beside_events(state)
 
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
-    found = tuple(refined.values())
-    changes = [inner_changes(c, settled, state.poses.states) for c in found]
-    located = tuple(_located(c, partial(left, settled)) for c in found)
-    whole, further = settled, tuple(change.effect for own in changes for change in own)
-    if further or [c.name for c in located] != [c.name for c in found]:
-        whole = state.to_all(ErrorModel(state.mechanism, (*state.model(located).effects, *further)), settled)
-    known = [(*_known(own, whole), *_events(c)) for own, c in zip(changes, located, strict=True)]
-    return FinalFit(whole, located, tuple(known))
+    located = tuple(_located(c, partial(left, settled)) for c in refined.values())
+    theta = [_values(settled, c.effects) for c in refined.values()]
+    found, changes, whole = _settled(state, located, theta, settled)
+    units = state.poses.states.units
+    known = [(*constants_in_words(c, own, whole, units), *_events(c)) for c, own in zip(found, changes, strict=True)]
+    return FinalFit(whole, found, tuple(known))
+
+
+def _settled(
+    state: State, found: Sequence[Candidate], theta: list[list[float]], fit: Calibration
+) -> tuple[tuple[Candidate, ...], list[tuple[InnerChange, ...]], Calibration]:
+    """Candidates with the constants inside them where the fit to all poses has them, their changes, and that fit.
+
+    Gauss-Newton in the constants: every step moves them by what their changes were fitted to be. At the end these are
+    zero and say how uncertain all is; where constants do not settle they stay where they were, without deviations.
+    theta: values of the candidates' effects in `fit`.
+    """
+    moving, here = tuple(found), fit
+    for _ in range(STEPS):
+        named = in_words(moving, state.poses.states.units)
+        changes = [inner_changes(c, own, state.poses.states) for c, own in zip(named, theta, strict=True)]
+        further = tuple(change.effect for own in changes for change in own)
+        here = state.to_all(ErrorModel(state.mechanism, (*state.model(named).effects, *further)), here)
+        count = len(here.theta) - len(further)
+        steps, deviations = (values[count:][here.kept[count:]] for values in (here.theta, here.stderr))
+        if np.all(np.abs(steps) <= SETTLED * deviations):
+            settled = np.where(np.arange(len(here.theta)) < count, here.theta, 0.0)
+            return named, changes, replace(here, theta=settled)
+        theta = [_values(here, c.effects) for c in named]
+        moving = tuple(moved(c, _known(own, here)) for c, own in zip(moving, changes, strict=True))
+    named = in_words(found, state.poses.states.units)
+    return named, [()] * len(named), state.to_all(state.model(named), fit)
+
+
+def _values(fit: Calibration, effects: Sequence[Effect]) -> list[float]:
+    values = dict(zip((e.name for e in fit.model.effects), fit.theta.tolist(), strict=True))
+    return [values[effect.name] for effect in effects]
+
+
+def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
+    """The constants that a fit corrected."""
+    steps = _values(fit, [change.effect for change in changes])
+    return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 
 def _beside_events(state: State) -> Mask:
@@ -51,15 +95,6 @@ def _beside_events(state: State) -> Mask:
     inner = [c.inner for c in state.found if c.inner]
     events = [c.value for own in inner for c in own.constants if c.whole]
     return np.any([np.abs(rows - event) <= WINDOW for event in events], axis=0) if events else np.zeros(len(rows), bool)
-
-
-def _known(changes: Sequence[InnerChange], fit: Calibration) -> Iterator[FittedConstant]:
-    """The constants that a fit corrected, with their deviations."""
-    at = {e.name: k for k, e in enumerate(fit.model.effects)}
-    for change in changes:
-        k, constant = at[change.effect.name], change.constant
-        deviation = float(fit.stderr[k]) if fit.kept[k] else None
-        yield FittedConstant(constant.name, constant.unit, constant.value + float(fit.theta[k]), deviation)
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:

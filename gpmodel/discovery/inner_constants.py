@@ -1,15 +1,14 @@
 """Nonlinear constants of a law as unknowns of the last fit, linearised: a change of one is a column like any other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.result import Calibration
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family
-from gpmodel.families.inner import Constant
+from gpmodel.families.inner import DIGITS, Constant, law_name, numbered
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.states import States
@@ -49,15 +48,13 @@ class _Moved:
         return STEP * abs(self.constant.value)
 
 
-def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tuple[InnerChange, ...]:
+def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
     """The change of each constant inside a law, as an effect whose unknown is that change: θ ∂φ/∂c.
 
     With them in the model the deviations of the law's coefficient and of what it predicts are those of a nonlinear
     least-squares fit, and each constant has one of its own. Constants that the coefficient or the geometry can stand
-    for have none. Source: Seber and Wild (1989), 2.1.
+    for have none. theta: fitted values of its effects. Source: Seber and Wild (1989), 2.1.
     """
-    values = dict(zip((e.name for e in fit.model.effects), fit.theta.tolist(), strict=True))
-    theta = [values[e.name] for e in candidate.effects]
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
     out: list[InnerChange] = []
@@ -73,6 +70,24 @@ def inner_changes(candidate: Candidate, fit: Calibration, states: States) -> tup
         prior = MOST * float(np.sqrt(np.mean(law**2))) / size
         out.append(InnerChange(moved.constant, replace(effect, prior=prior)))
     return tuple(out)
+
+
+def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
+    """A candidate with other values of some constants inside it, called after them where nobody has named it."""
+    rounded = {constant: float(f"{value:.{DIGITS}g}") for constant, value in values.items()}
+    if not values:
+        return candidate
+    inner = candidate.inner
+    if inner is not None and set(values) <= set(inner.constants):
+        return candidate.at(inner.at([rounded.get(c, c.value) for c in inner.constants]))
+    texts = _with(_texts(candidate.effects), {c.value: v for c, v in rounded.items()})
+    effects = tuple(
+        replace(e, terms=tuple(replace(t, basis=Expression(text)) for t, text in zip(e.terms, own, strict=True)))
+        for e, own in zip(candidate.effects, texts, strict=True)
+    )
+    if candidate.name != law_name(candidate.effects):
+        return replace(candidate, effects=effects)
+    return replace(candidate, name=law_name(effects), effects=numbered(effects))
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
@@ -92,7 +107,7 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
     programs = [Expression(text).program for own in texts for text in own]
     for value in dict.fromkeys(c for program in programs for c in program.constants):
         if value != round(value) or abs(value) > HARMONICS:
-            below, above = (_with(texts, value, v) for v in _beside(value))
+            below, above = (_with(texts, {value: v}) for v in _beside(value))
             yield _Moved(Constant("", "1", value), below, above)
 
 
@@ -106,12 +121,11 @@ def _put(values: Sequence[float], k: int, value: float) -> list[float]:
     return [value if i == k else v for i, v in enumerate(values)]
 
 
-def _with(texts: tuple[tuple[str, ...], ...], value: float, new: float) -> tuple[tuple[str, ...], ...]:
-    """Bases with a constant replaced wherever it is."""
+def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:
+    """Bases with constants replaced wherever they are."""
     programs = [[Expression(text).program for text in own] for own in texts]
     return tuple(
-        tuple(p.with_constants([new if c == value else c for c in p.constants]).written_out() for p in own)
-        for own in programs
+        tuple(p.with_constants([new.get(c, c) for c in p.constants]).written_out() for p in own) for own in programs
     )
 
 

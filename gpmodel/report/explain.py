@@ -110,8 +110,6 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield f"chance of its score: {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
     if pointed := words.beforehand(report, effect):
         yield f"the histogram of referenced inputs {pointed}"
-    if said := words.law(report, effect):
-        yield f"its law is a {said}"
     yield from words.constants(effect)
     for r in effect.ranges:
         unit = f" {wording.pretty_unit(r.unit)}".rstrip()

@@ -1,7 +1,5 @@
 """Sentences that text and pages share: noise floor, confirmation, rivals, the two tests of an input, places."""
 
-import math
-import re
 from collections.abc import Iterator
 
 from gpmodel import wording
@@ -9,8 +7,6 @@ from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
 
-_NUMBER = r"\(?(?P<{}>[-+]?[0-9.]+(?:e[-+]?[0-9]+)?)\)?"
-_BUMP = re.compile(rf"exp\({_NUMBER.format('a')}\*square\((?P<of>\w+)(?P<sign>[-+]){_NUMBER.format('c')}\)\)")
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
@@ -136,21 +132,6 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
     if effect.kind != "single" or len(places) == 1:
         return ((f"× {wording.shortened(basis, 160)}", ", ".join(places)),)
     return tuple((f"× {_weight(t.weight)}{wording.expression(t.basis)}", f"{t.slot} {t.axis}") for t in effect.terms)
-
-
-def law(report: Report, effect: EffectRecord) -> str:
-    """A law of one joint as a person says it: `bump of J2 at −95.5°, width 11.2°`; empty for what has no such word.
-
-    exp(-a (x - c)²) is a bump at c whose width is its standard deviation 1 / √(2 a).
-    """
-    match = _BUMP.fullmatch(effect.basis.replace(" ", ""))
-    if match is None or match["of"] not in report.mechanism.joints or float(match["a"]) >= 0:
-        return ""
-    units = {r.input: r.unit for r in effect.ranges}
-    factor, unit = (1e3, " mm") if units.get(match["of"]) == "mm" else (180 / math.pi, "°")
-    centre = float(match["c"]) if match["sign"] == "-" else -float(match["c"])
-    at, width = factor * centre, factor / math.sqrt(-2 * float(match["a"]))
-    return wording.minus(f"bump of {match['of']} at {at:.1f}{unit}, width {width:.3g}{unit}")
 
 
 def constants(effect: EffectRecord) -> tuple[str, ...]:

@@ -8,8 +8,9 @@ from effect_cases import bare, measure
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.inner_constants import inner_changes
+from gpmodel.discovery.inner_constants import inner_changes, moved
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import law_name
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -32,8 +33,13 @@ def fitted(written: float, seed: int, family: str = "") -> tuple[Calibration, Po
     return calibrate(model, truth.poses, robust=False), truth.poses, candidate
 
 
+def theta_of(fit: Calibration, candidate: Candidate) -> list[float]:
+    names = [e.name for e in fit.model.effects]
+    return [float(fit.theta[names.index(e.name)]) for e in candidate.effects]
+
+
 def with_changes(fit: Calibration, poses: Poses, candidate: Candidate) -> Calibration:
-    changes = inner_changes(candidate, fit, poses.states)
+    changes = inner_changes(candidate, theta_of(fit, candidate), poses.states)
     model = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(c.effect for c in changes)))
     return calibrate(model, poses, start=fit, robust=False)
 
@@ -56,12 +62,26 @@ def test_a_coefficient_is_less_certain_where_the_law_has_constants() -> None:
 
 @pytest.mark.parametrize("text", ["J3/1.7", "sin(2*J3)", "cos(3*J3)*J2/4.1"])
 def test_a_scale_and_a_harmonic_have_no_change_of_their_own(text: str) -> None:
-    fit, poses, _ = fitted(TRUE, 2)
-    candidate = law(text)
-    there = replace(fit, model=ErrorModel(fit.model.mechanism, candidate.effects))
-    assert inner_changes(candidate, there, poses.states) == ()
+    _, poses, _ = fitted(TRUE, 2)
+    assert inner_changes(law(text), [1e-3], poses.states) == ()
 
 
 def test_a_named_law_without_fitted_constants_is_left_as_it_is() -> None:
     fit, poses, candidate = fitted(0.52, 3, family="thermal_growth")
-    assert inner_changes(candidate, fit, poses.states) == ()
+    assert inner_changes(candidate, theta_of(fit, candidate), poses.states) == ()
+
+
+def test_constants_move_into_the_law_and_its_name() -> None:
+    fit, poses, candidate = fitted(0.52, 0)
+    found = candidate
+    for _ in range(3):
+        fit = with_changes(calibrate(ErrorModel(fit.model.mechanism, found.effects), poses, robust=False), poses, found)
+        steps = dict(zip((e.name for e in fit.model.effects), fit.theta.tolist(), strict=True))
+        changes = inner_changes(found, theta_of(fit, found), poses.states)
+        found = moved(found, {c.constant: c.constant.value + steps[c.effect.name] for c in changes})
+    constants = found.bases[0].program.constants  # type: ignore[union-attr]
+    assert constants == pytest.approx((0.2, TRUE), abs=0.05)
+    assert constants != (0.2, 0.52)
+    unnamed = replace(candidate, name=law_name(candidate.effects))
+    by_width = {c.constant: 0.6 for c in inner_changes(unnamed, [1e-3], poses.states) if c.constant.value == 0.52}
+    assert moved(unnamed, by_width).name == "tanh((J3 - 0.2)/0.6) on J3.moving Ry"

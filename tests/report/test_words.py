@@ -6,10 +6,10 @@ import pytest
 
 from gpmodel import wording
 from gpmodel.report.instrument_words import beside_specification, instrument
-from gpmodel.report.schema import MechanismRecord, Report
+from gpmodel.report.schema import Report
 from gpmodel.report.schema_accuracy import InstrumentRecord
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
-from gpmodel.report.words import found, input_tests, law, place, places, written
+from gpmodel.report.words import found, input_tests, place, places, written
 
 
 @pytest.mark.parametrize(
@@ -79,22 +79,6 @@ def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
     )  # fmt: skip
     assert next(input_tests(counted)).startswith("J1 is significant")
     assert next(input_tests(replace(counted, significance=0.05))).startswith("J1 fails by its count and its strength")
-
-
-@pytest.mark.parametrize(
-    ("basis", "said"),
-    [
-        ("exp((-13.195)*square(J2 - (-1.6662)))", "bump of J2 at −95.5°, width 11.2°"),
-        ("exp((-13.195)*square(J2 + 1.6662))", "bump of J2 at −95.5°, width 11.2°"),
-        ("exp(-2*square(J4 - 0.5))", "bump of J4 at 28.6°, width 28.6°"),
-        ("exp((13.195)*square(J2 - (-1.6662)))", ""),
-        ("exp((-13.195)*square(temperature - (20)))", ""),
-        ("sin(J2)", ""),
-    ],
-)
-def test_a_bump_is_called_one(basis: str, said: str) -> None:
-    report = Report(mechanism=MechanismRecord("arm", ("J2", "J4")))
-    assert law(report, EffectRecord("found", basis=basis)) == said
 
 
 def test_an_error_of_the_instrument_is_said_beside_its_specification() -> None:
