@@ -48,21 +48,28 @@ def summarised(rows: list[Row]) -> dict[str, Any]:
 
 
 def covered(rows: list[Row]) -> dict[str, Any]:
-    """Shares of numbers within two of their ±, of coordinates, of statements that hold; false changes."""
+    """Shares of numbers within k of their σ, of coordinates, of statements that hold; false changes."""
     out: dict[str, Any] = {"machines": len(rows)}
     for kind in KINDS:
-        z = np.array([v for row in rows for v in row["z"].get(kind, [])])
-        if len(z):
-            out[kind] = _share(np.abs(z) <= 2.0)
+        held = [abs(v) <= row["k"] for row in rows for v in row["z"].get(kind, [])]
+        if held:
+            out[kind] = _share(held)
     for kind in ("predicted", "compensated"):
         out[kind] = _share([row[kind] for row in rows if row[kind] is not None])
     said = [row for row in rows if row["said"]]
     for name in ("rms", "within_95", "largest"):
         out[f"{name} not exceeded"] = _share([r["there"][name] <= r["said"][name] for r in said])
+    for name in ("ap", "rp"):
+        if repeated := [abs(row[name]) <= 1.0 for row in rows if name in row]:
+            out[f"{name} within U"] = _share(repeated)
+    for name in ("width", "width_predicted"):
+        out[name] = round(float(np.median([row[name] for row in rows])), 3)
     for level in (0.01, 0.05):
+        out[f"verify, false at {level}"] = _share([row["verify"] < level for row in rows])
         out[f"compare, false at {level}"] = _share([row["change"] < level for row in rows])
         out[f"compare, registration false at {level}"] = _share([row["placement_change"] < level for row in rows])
     out["compare, one table"] = _share([row["same_changed"] > 0 for row in rows])
+    out["verify, called changed"] = _share([row["verdict"] != "holds" for row in rows])
     without = [row["without_changed"] > 0 for row in rows if "without_changed" in row]
     out["compare, one table, other model"] = _share(without) if without else None
     return out

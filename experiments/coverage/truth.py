@@ -33,8 +33,13 @@ class Hall:
     machine: Machine
     amounts: list[float]
     mechanism: Mechanism
-    tables: tuple[pd.DataFrame, pd.DataFrame]
+    sheets: tuple[Sheet, Sheet]
     new: Sheet
+
+    @property
+    def tables(self) -> tuple[pd.DataFrame, ...]:
+        """Both measured sheets as a user has them."""
+        return tuple(frame(self.machine, sheet) for sheet in self.sheets)
 
 
 @dataclass(frozen=True)
@@ -49,10 +54,10 @@ class Exact:
 def hall(case: Case, number: int, folder: object) -> Hall:
     """The machine of a case, its tables as a user reads them."""
     machine, amounts, rng = standing(case, number)
-    sheets = [first_table(machine, amounts, rng) for _ in range(2)]
+    sheets = first_table(machine, amounts, rng), first_table(machine, amounts, rng)
     later = machine.under(outliers=0.0, repeats=1, order="independent", walk_mm=0.0)
     new = later.measured(amounts, *later.drawn(NEW, rng), rng)
-    return Hall(machine, amounts, mechanism_of(machine, folder), tuple(frame(machine, s) for s in sheets), new)
+    return Hall(machine, amounts, mechanism_of(machine, folder), sheets, new)
 
 
 def mechanism_of(machine: Machine, folder: object) -> Mechanism:

@@ -13,12 +13,11 @@ from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import placement_columns
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics.tails import Tails, with_far_ones
-from gpmodel.table.bundles import sharing
 
 POSES = 1000
 WORLDS = 400
@@ -55,15 +54,17 @@ def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds 
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
     use, far = np.setdiff1d(whole, fit.outliers), np.intersect1d(whole, fit.outliers)
-    count = independent(fit, poses, use)
-    if data.joints_approximate or data.observations or count < FEWEST:
+    if data.joints_approximate or data.observations:
+        return None
+    problem = problem_at(fit, poses)
+    if (count := _coordinates(fit, problem, use)) < FEWEST:
         return None
     saved, rng = saved_model(fit, poses), np.random.default_rng(seed)
     try:
         known = remembered(saved, data)
     except InputError:
         return None
-    noise = with_far_ones(standardised(fit, poses, use), standardised(fit, poses, far), count)
+    noise = with_far_ones(standardised(fit, problem, use), standardised(fit, problem, far), count)
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
     there = prepare(saved.mechanism, at_joint_values(known, rng.uniform(low, high, (POSES, data.q.shape[1])), rng))
     observed = observe(fit.model, there, fit.theta, fit.placement)
@@ -77,24 +78,14 @@ def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds 
     return _over_worlds(columns, fit.covariance.values, noise, rng)
 
 
-def independent(fit: Calibration, poses: Poses, use: IntArray) -> float:
-    """What the residuals of the rows `use` are worth in independent coordinates, less the unknowns.
-
-    For bundles of n rows that share ρ of the variance of one: Satterthwaite's degrees of freedom of the sum of both
-    parts, 2 T² / V with T = 1 + ρ, V = (2 (1 + n ρ)² / (3 B - rank) + 2 (n - 1)² / (3 (N - B))) / n².
-    """
-    rows, ratio = len(use), fit.pose_ratio
-    bundles = len(np.unique(sharing(poses.dataset)[use]))
-    if ratio == 0.0 or bundles == rows:
-        return float(3 * rows - fit.rank)
-    size, free = rows / bundles, max(3 * bundles - fit.rank, 1)
-    variance = 2 * (1 + size * ratio) ** 2 / free + 2 * (size - 1) ** 2 / max(3 * (rows - bundles), 1)
-    return float(2 * (1 + ratio) ** 2 * size**2 / variance)
+def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
+    """What the points of the rows `use` are worth in independent coordinates, less the unknowns."""
+    fitted = problem.weights[use] > 0
+    return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
 
-def standardised(fit: Calibration, poses: Poses, use: IntArray) -> Array:
+def standardised(fit: Calibration, problem: Linearised, use: IntArray) -> Array:
     """Residuals (M, 3), m, of the rows `use`, as large as those of measurements that no model was fitted to."""
-    problem = problem_at(fit, poses)
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
     rows[at] = np.cumsum(problem.weights.ravel() > 0).reshape(problem.weights.shape)[:, :3][at] - 1

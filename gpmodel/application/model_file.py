@@ -32,10 +32,10 @@ class SavedModel:
     """A fitted model read from text.
 
     theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: of registration, tool
-    and effects together. rotation_weight: m a radian is worth. sigma: m, one component. pose: whether rotations were
-    measured. input_units: units of the extra columns the effects read. ranges: lowest and highest value, SI or the
-    table's unit, of the joints and of every column the effects read, over the poses it was fitted to; empty where
-    nobody fitted it. measured: the table it was fitted to, where it is kept.
+    and effects together. rotation_weight: m a radian is worth. sigma: m, one component; freedom: its degrees of
+    freedom, infinite where it is no estimate. pose: whether rotations were measured. input_units: of the extra columns
+    the effects read. ranges: lowest and highest value, SI or the table's unit, of joints and columns the effects read,
+    over the poses fitted. measured: the table fitted to, where it is kept.
     """
 
     model: ErrorModel
@@ -49,6 +49,7 @@ class SavedModel:
     input_units: Mapping[str, str]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Measured | None = None
+    freedom: float = np.inf
 
     @property
     def mechanism(self) -> Mechanism:
@@ -84,6 +85,7 @@ def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None)
         input_units={k: v for k, v in dataset.extra_units.items() if k in read},
         ranges={c: (float(poses.states[c].min()), float(poses.states[c].max())) for c in sorted(columns)},
         measured=Measured(dataset, np.zeros(0, dtype=np.int64) if heldout is None else heldout),
+        freedom=fit.freedom,
     )
 
 
@@ -139,6 +141,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "anchors_m": dict(saved.placement.anchors),
         "lever_m": saved.rotation_weight,
         "sigma_m": saved.sigma,
+        "freedom": saved.freedom,
         "pose": saved.pose,
         "input_units": dict(saved.input_units),
         "measured": measured_record(saved.measured),
@@ -198,15 +201,10 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     known = same_machine(tip_at_probe(mechanism), about.tip_at_probe_m)
     if tuple(j.name for j in mechanism.joints) != about.joints or not known:
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
+    terms = (tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms) for e in part.effects)
     effects = tuple(
-        Effect(
-            e.name,
-            tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms),
-            e.unit,
-            e.family,
-            np.inf if e.prior is None else e.prior,
-        )
-        for e in part.effects
+        Effect(e.name, t, e.unit, e.family, np.inf if e.prior is None else e.prior)
+        for e, t in zip(part.effects, terms, strict=True)
     )
     odd = [name for e in effects for name in e.inputs if not name.isidentifier()]
     if odd:
@@ -230,6 +228,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         input_units=part.input_units,
         ranges=part.ranges,
         measured=None if part.measured is None else measured_from(part.measured, mechanism),
+        freedom=np.inf if part.freedom is None else part.freedom,
     )
 
 

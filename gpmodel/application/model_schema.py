@@ -37,6 +37,7 @@ ROTATION_TOLERANCE = 1e-6
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
+Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
 PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
 Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
 """Text that cannot end a line, a comment or a string of source that is made of a model."""
@@ -149,6 +150,7 @@ class ModelPart(msgspec.Struct, frozen=True):
     pose: bool
     input_units: Columns
     measured: MeasuredPart | None = None
+    freedom: Freedom | None = None
 
     def __post_init__(self) -> None:
         for label, transforms in (("registration", self.registration), ("tool", self.tool)):

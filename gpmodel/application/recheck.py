@@ -142,7 +142,7 @@ def recheck(session: Session) -> Recheck:
     first = np.unique(blocks.block, return_index=True)[1]
     names = tuple(name for name, own in zip(problem.placement_names, free, strict=False) if own)
     found = Recheck(
-        session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], _freedom(saved),
+        session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], saved.freedom,
         (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
     )  # fmt: skip
     if found.degrees < LEAST_FREEDOM:
@@ -161,12 +161,3 @@ def _in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
     fitted = np.isfinite(saved.stderr)
     effects = np.where(fitted, len(names) + np.arange(len(fitted)), -1)
     return np.concatenate([np.array(placed, dtype=np.int64), effects]).astype(np.int64)
-
-
-def _freedom(saved: SavedModel) -> float:
-    """Degrees of freedom of σ: values measured less unknowns fitted; infinite where σ was not estimated."""
-    if saved.measured is None:
-        return np.inf
-    data = saved.measured.dataset
-    values = sum(np.isfinite(v).sum() for v in (data.position, data.rotation, *data.distances.values()))
-    return float(max(values - np.count_nonzero(np.diag(saved.covariance.values)), 1))

@@ -198,6 +198,7 @@ def _calibration(fitting: Fitting, fitted: Fitted, choices: _Choices, iterations
         unique_share=known.unique_share,
         placed=known.placed,
         sigma=known.sigma,
+        freedom=known.freedom,
         error=pose_error(fitted.problem.observed, fitting.poses.dataset),
         outliers=np.flatnonzero(~fitting.use),
         rank=known.rank,

@@ -96,6 +96,21 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
+def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> float:
+    """Degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
+
+    Of M values that are independent M - rank. Of B blocks of n that share ρ of the variance of one, Satterthwaite's of
+    the sum of both parts: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source:
+    JCGM 100 (2008), G.4.
+    """
+    count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)
+    if ratio == 0.0 or blocks == count:
+        return float(max(count - rank, 1))
+    size = count / blocks
+    variance = 2 * (1 + size * ratio) ** 2 / max(blocks - rank, 1) + 2 * (size - 1) ** 2 / (count - blocks)
+    return 2 * (1 + ratio) ** 2 * size**2 / variance
+
+
 def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:
     """The blocks of a linearised problem, one a bundle (N,) and component, of noise that is independent so far.
 

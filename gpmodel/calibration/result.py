@@ -46,7 +46,8 @@ class Calibration:
 
     theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
     correlation: (E, E). covariance: of everything fitted. unique_share: (E,). placed: registration and tool, number by
-    number. sigma: of one measurement about the model, one component, m. error: (N,) 3-D error of each pose, m.
+    number. sigma: of one measurement about the model, one component, m; freedom: degrees of freedom of it, and of
+    Student's t that the numbers follow in their stderr. error: (N,) 3-D error of each pose, m.
     outliers: indices of poses left out of the fit. rotation_weight: m that a radian of measured rotation counts.
     pose_ratio: variance of what repeats of a pose share over that of their measurements about it, zero where nothing
     was measured twice. status: converged, stalled, diverged or kept previous; reason says why.
@@ -62,6 +63,7 @@ class Calibration:
     unique_share: Array
     placed: tuple[Placed, ...]
     sigma: float
+    freedom: float
     error: Array
     outliers: IntArray
     rank: int

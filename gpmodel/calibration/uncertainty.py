@@ -7,6 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.noise import freedom
 from gpmodel.calibration.priors import ReadJoints, geometry_rows, prior_rows, tool_rows
 from gpmodel.calibration.result import Covariance, Placed
 from gpmodel.mechanism.protocol import AXES
@@ -18,7 +19,8 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram
 @dataclass(frozen=True)
 class Uncertainty:
     """stderr, unique_share: (E,), NaN and zero for what is not held. correlation: (E, E). covariance: of everything.
-    sigma: m, one component. placed: registration and tool. rank: unknowns the measurements determine."""
+    sigma: m, one component; freedom: degrees of it. placed: registration and tool. rank: unknowns the measurements
+    determine."""
 
     stderr: Array
     correlation: Array
@@ -26,6 +28,7 @@ class Uncertainty:
     unique_share: Array
     placed: tuple[Placed, ...]
     sigma: float
+    freedom: float
     rank: int
 
 
@@ -66,7 +69,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     whole[np.ix_(free, free)] = covariance
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
-    return Uncertainty(stderr, correlation, everything, share, placed, sigma, rank)
+    known = freedom(fitted.problem, fitting.bundle, fitting.ratio, rank)
+    return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
 
 
 def _rank(columns: Array) -> int:

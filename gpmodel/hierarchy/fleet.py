@@ -10,7 +10,6 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.checks.counting import measured_values
 from gpmodel.hierarchy import block
 from gpmodel.hierarchy.between import Deviations, Shared, between, deleted, deviations
 from gpmodel.hierarchy.prior import beyond, learned
@@ -76,12 +75,7 @@ def calibrate_fleet(
     )
     bare = np.array([np.isinf(effect.prior) for effect in common], dtype=bool)
     values = np.array([[*fit.theta[: len(bare)][bare], np.log(fit.sigma)] for fit in own])
-    stderr = np.array(
-        [
-            [*fit.stderr[: len(bare)][bare], _of_logarithm(fit, poses)]
-            for fit, (_, poses) in zip(own, machines, strict=True)
-        ]
-    )
+    stderr = np.array([[*fit.stderr[: len(bare)][bare], 1.0 / np.sqrt(2.0 * fit.freedom)] for fit in own])
     groups = block.blocks(common)
     information = [block.block_information(own, group) for _, group in groups]
     alike = [partial(deleted, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
@@ -111,9 +105,3 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
     untaught = {e.name: e for e in own.model.effects if e.name in outlying}
     effects = (*(untaught.get(e.name, e) for e in prior), *beyond(own, prior))
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
-
-
-def _of_logarithm(fit: Calibration, poses: Poses) -> float:
-    """Standard deviation of log σ, 1 / √(2 n) with n degrees of freedom."""
-    used = np.setdiff1d(np.arange(len(poses)), fit.outliers)
-    return float(1.0 / np.sqrt(2.0 * max(measured_values(poses.dataset.subset(used)) - fit.rank, 1)))

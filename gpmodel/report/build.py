@@ -65,6 +65,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         status=final.status,
         reason=final.reason,
         sigma_mm=1e3 * final.sigma,
+        freedom=final.freedom,
         noise_floor_mm=floor,
         noise_from=source,
         instrument=instrument_record(data),

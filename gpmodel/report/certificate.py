@@ -7,10 +7,12 @@ import numpy as np
 
 from gpmodel import wording
 from gpmodel.arrays import Array
+from gpmodel.numerics.interval import coverage_factor
 from gpmodel.report import words
 from gpmodel.report.accuracy import accuracy, errors_before_and_after
 from gpmodel.report.charts_certificate import histogram
 from gpmodel.report.figures import drawn
+from gpmodel.report.iso9283 import REPEATS
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.picture import numbers
@@ -31,8 +33,7 @@ SMALL_PRINT = (
     "registration and tool point alone, with the nominal geometry; after is predicted by the model below, of the "
     "machine as it was measured: measure again with its corrections and certify that (gpmodel verify) for an accuracy "
     "that is measured. Further poses are any within the measured ranges of the joints, as this instrument would read "
-    "them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise (JCGM 101). Values and "
-    "σ, standard uncertainties (k = 1), are of the model fitted to all poses; ± 2 σ (k = 2) is the 95 % interval."
+    "them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise (JCGM 101)."
 )
 
 
@@ -80,6 +81,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
         record=_record(report),
         errors=np.zeros((0, 2)) if errors is None else errors,
         tolerance_mm=tolerance_mm,
+        small_print=f"{SMALL_PRINT} Values are of the model fitted to all poses; {words.interval(report)}.",
     )
 
 
@@ -141,7 +143,7 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
     found, accurate = report.repeatability, report.positioning
     floor = ("noise floor", words.noise_floor(report))
     if found is None:
-        return (("repeatability", "not measured: no pose was measured three times"), floor)
+        return (("AP and RP of ISO 9283", "not stated: no pose was measured three times"), floor)
     lines = list(repeated(found))
     if accurate is None:
         lines.append(("pose accuracy AP", "not stated: fewer than three poses were measured three times"))
@@ -151,25 +153,26 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
             ("before", accurate.before_mm, accurate.before_stderr_mm),
             ("after", accurate.after_mm, accurate.after_stderr_mm),
         ):
-            said = _with_uncertainty(mm, stderr / mm if mm else None)
+            said = _with_uncertainty(mm, stderr, accurate.poses - 1)
             lines.append((f"pose accuracy AP {when}, mean", f"{said}, {accurate.poses} poses {kind}"))
-        lines.append(("pose accuracy AP after, worst pose", _with_uncertainty(accurate.after_max_mm, None)))
+        lines.append(("pose accuracy AP after, worst pose", f"{wording.millimetres(accurate.after_max_mm)} mm"))
     return (*lines, floor)
 
 
 def repeated(found: Repeatability) -> tuple[Line, ...]:
     """Lines of the pose repeatability."""
+    mean = _with_uncertainty(found.rp_mean_mm, found.rp_stderr_mm, found.poses - 1)
     return (
-        ("pose repeatability RP = l + 3 s, mean", _with_uncertainty(found.rp_mean_mm, found.relative)),
-        ("pose repeatability RP, worst pose", _with_uncertainty(found.rp_max_mm, None)),
-        ("from", f"{found.measurements} measurements of {found.poses} poses"),
+        ("pose repeatability RP = l + 3 s, mean", mean),
+        ("pose repeatability RP, worst pose", f"{wording.millimetres(found.rp_max_mm)} mm"),
+        ("from", f"{found.measurements} measurements of {found.poses} poses; ISO 9283 asks for {REPEATS} of each"),
     )
 
 
-def _with_uncertainty(mm: float, relative: float | None) -> str:
-    """A length with its expanded uncertainty, k = 2."""
-    said = f"{wording.millimetres(mm)} mm"
-    return said if relative is None else f"{said}, U = {wording.millimetres(2 * relative * mm)} mm (k = 2)"
+def _with_uncertainty(mm: float, stderr: float | None, freedom: int) -> str:
+    """A length with its expanded uncertainty, by Student's t of `freedom` degrees."""
+    said, factor = f"{wording.millimetres(mm)} mm", coverage_factor(freedom)
+    return said if stderr is None else f"{said}, U = {wording.millimetres(factor * stderr)} mm (k = {factor:.2f})"
 
 
 def _printed(entries: Sequence[EffectRecord | ParameterRecord]) -> tuple[Parameter, ...]:

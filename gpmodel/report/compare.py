@@ -3,21 +3,25 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from textwrap import fill
 
 import numpy as np
 from scipy import stats
 
 from gpmodel import wording
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.identity import same_machine
 from gpmodel.model.naming import table_names, translate
+from gpmodel.numerics.interval import freedom_of_sum
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import wrapped
 
 SIDES = ("before", "after")
+Record = ParameterRecord | EffectRecord
 
 
 @dataclass(frozen=True)
@@ -86,18 +90,19 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
             f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
             f"with {len(after.mechanism.joints)} put their tips elsewhere; expected two calibrations of one machine"
         )
-    before = _named_as(before, after.mechanism.joints)
+    before, shared = _named_as(before, after.mechanism.joints), shared_rows(before, after)
     old, new = ({e.name: e for e in r.effects} for r in (before, after))
     first, second = ({p.name: p for p in r.geometry() if p.stderr} for r in (before, after))
-    shared = shared_rows(before, after)
-    both = (shared / max(before.data.poses, 1), shared / max(after.data.poses, 1))
     placed = ({p.name: p for p in r.placement} for r in (before, after))
+    both = (shared / max(before.data.poses, 1), shared / max(after.data.poses, 1))
+    freedoms = np.array([[np.inf if r.freedom is None else r.freedom] for r in (before, after)])
+    changes = partial(_changes, shared=both, freedoms=freedoms)
     return Comparison(
         before=before,
         after=after,
-        parameters=_changes(first, second, both),
-        effects=_changes(old, new, both),
-        placement=_changes(*_turned_alike(*placed), both),
+        parameters=changes(first, second),
+        effects=changes(old, new),
+        placement=changes(*_turned_alike(*placed)),
         only_before=tuple(e for n, e in old.items() if n not in new),
         only_after=tuple(e for n, e in new.items() if n not in old),
         incomparable=tuple(sorted(set(first) ^ set(second))),
@@ -152,14 +157,13 @@ def _turned_alike(
 
 
 def _changes(
-    old: Mapping[str, ParameterRecord | EffectRecord], new: Mapping[str, ParameterRecord | EffectRecord],
-    shared: tuple[float, float],
-) -> tuple[Change, ...]:  # fmt: skip
-    """Every quantity of both, with its chance by a two-sided normal test corrected for their number.
+    old: Mapping[str, Record], new: Mapping[str, Record], shared: tuple[float, float], freedoms: Array
+) -> tuple[Change, ...]:
+    """Every quantity of both, with its chance by a two-sided test of Student's t corrected for their number.
 
     shared: of the rows of either, the share that the other has as well: what they say is in both estimates. Of s shared
     rows the covariance is the smaller of (s / n) v of the other, which is exact where one table holds the other
-    (Hausman 1978: v of the difference is the difference of the v).
+    (Hausman 1978: v of the difference is the difference of the v). freedoms: (2, 1) of the σ of either.
     """
     pairs = [
         Change(name, a.unit, (a.value, a.stderr), (b.value, b.stderr), _of_difference(a.stderr, b.stderr, shared))
@@ -169,7 +173,8 @@ def _changes(
         and a.value is not None and b.value is not None and a.stderr and b.stderr
     ]  # fmt: skip
     ordered = sorted(pairs, key=lambda c: (-c.z, -abs(c.difference) / c.after[1]))
-    chances = holm(2 * stats.norm.sf([c.z for c in ordered]))
+    deviations = np.array([(c.before[1], c.after[1]) for c in ordered]).reshape(-1, 2).T
+    chances = holm(2 * stats.t.sf([c.z for c in ordered], freedom_of_sum(deviations, freedoms)))
     return tuple(replace(c, chance=float(p)) for c, p in zip(ordered, chances, strict=True))
 
 
@@ -177,9 +182,8 @@ def _of_difference(before: float, after: float, shared: tuple[float, float]) -> 
     """σ of the difference of two estimates, None where they are of the same rows."""
     if min(shared) >= 1.0:
         return None
-    first, second = before**2, after**2
-    common = min(shared[0] * second, shared[1] * first)
-    return float(np.sqrt(max(first + second - 2.0 * common, abs(first - second))))
+    common = min(shared[0] * after**2, shared[1] * before**2)
+    return float(np.sqrt(max(before**2 + after**2 - 2.0 * common, abs(before**2 - after**2))))
 
 
 def verdict(found: Comparison) -> str:
@@ -209,11 +213,8 @@ def verdict(found: Comparison) -> str:
 
 def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
     """What is compared, by heading."""
-    return (
-        ("Effects", found.effects),
-        ("Parameters", found.parameters),
-        ("Tool in the flange, root in the instrument's frame", found.placement),
-    )
+    placed = "Tool in the flange, root in the instrument's frame"
+    return ("Effects", found.effects), ("Parameters", found.parameters), (placed, found.placement)
 
 
 def text(found: Comparison) -> str:

@@ -16,23 +16,24 @@ from gpmodel.table.dataset import Dataset
 
 FEWEST = 3
 """Repeats of a pose from which they have a spread, and poses from which the spread between them is known."""
+REPEATS = 30
+"""Of every pose in the standard, table 7."""
 
 
 def repeatability(data: Dataset) -> Repeatability | None:
     """Pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
 
-    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). Of errors
-    alike in all directions, 3 Σ (n - 1) of which are free, a spread has the relative uncertainty 1 / √(6 Σ (n - 1)).
+    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). The mean
+    over the poses is as uncertain as these differ. Of fewer repeats than the 30 of the standard RP is smaller.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:
         return None
     single: Array = np.array([d.mean() + 3 * d.std(ddof=1) for d in by_pose])
     count = sum(len(d) for d in by_pose)
-    free = count - len(by_pose)
-    spread = float(np.sqrt(sum(np.sum(d**2) for d in by_pose) / free))
-    relative = float(1.0 / np.sqrt(6.0 * free))
-    return Repeatability(len(by_pose), count, spread, float(single.mean()), float(single.max()), relative)
+    spread = float(np.sqrt(sum(np.sum(d**2) for d in by_pose) / (count - len(by_pose))))
+    mean, stderr = _mean(single) if len(single) > 1 else (float(single[0]), None)
+    return Repeatability(len(by_pose), count, spread, mean, float(single.max()), stderr)
 
 
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
@@ -84,4 +85,5 @@ def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
 
 
 def _mean(values: Array) -> tuple[float, float]:
+    """With its standard uncertainty, by how the values differ."""
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))

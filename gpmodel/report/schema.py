@@ -143,7 +143,8 @@ class Report:
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
     the standard model could equally be, and the poses that would tell; mimics: the same by name. further: what is to be
     expected on further poses. readings: each kind beside points in its own unit; unseen: what they cannot show.
-    sigma_mm: of one component. model_sha256: seal of the model.json that belongs to it.
+    sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256: seal of the model.json that belongs to
+    it.
     """
 
     command: str = ""
@@ -167,6 +168,7 @@ class Report:
     reason: str = ""
     stopped: str = ""
     sigma_mm: NotNegative | None = None
+    freedom: NotNegative | None = None
     model_sha256: str = ""
     noise_floor_mm: NotNegative | None = None
     noise_from: NoiseSource | None = None

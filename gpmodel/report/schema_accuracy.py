@@ -31,7 +31,7 @@ class FurtherRecord:
 class Repeatability:
     """ISO 9283 (1998) pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses.
 
-    rms_mm: of these distances. relative: standard uncertainty of them all, over their value: repeats are few.
+    rms_mm: of these distances. rp_stderr_mm: standard uncertainty of the mean; None of one pose.
     """
 
     poses: Count
@@ -39,7 +39,7 @@ class Repeatability:
     rms_mm: NotNegative
     rp_mean_mm: NotNegative
     rp_max_mm: NotNegative
-    relative: NotNegative | None = None
+    rp_stderr_mm: NotNegative | None = None
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,8 @@ def _inputs(report: Report) -> Iterator[str]:
 
 
 def _parameters(report: Report) -> Iterator[str]:
+    if report.geometry():
+        yield _wrapped(words.interval(report))
     for parameter in report.geometry():
         value = wording.measured(parameter.value, parameter.stderr, parameter.unit)
         name = wording.short_name(parameter.name, NAME - 5)

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from gpmodel import wording
 from gpmodel.mechanism.protocol import INSTRUMENT
+from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
 
@@ -25,6 +28,14 @@ def noise_floor(report: Report) -> str:
     if report.noise_floor_mm is None:
         return "unknown: repeat some poses (a column 'repeat'), or give the instrument's noise"
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
+
+
+def interval(report: Report) -> str:
+    """What ± σ is, and the factor of it that is the 95 % interval."""
+    factor = coverage_factor(np.inf if report.freedom is None else report.freedom)
+    of = "" if report.freedom is None else f", Student's t of {report.freedom:.0f} degrees of freedom"
+    sure = wording.percent(COVERAGE)
+    return f"σ: standard uncertainty (k = 1); ± {factor:.2f} σ is the {sure} interval (k = {factor:.2f}{of})"
 
 
 def confirmed(report: Report) -> str:

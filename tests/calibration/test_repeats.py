@@ -50,6 +50,8 @@ def test_as_many_repeats_of_every_pose_are_their_mean() -> None:
     fit = fitted(truth)
     np.testing.assert_allclose(fit.theta, of_means.theta, atol=1e-9)
     np.testing.assert_allclose(fit.stderr, of_means.stderr, rtol=0.15)
+    assert of_means.freedom == 3 * POSES - of_means.rank
+    assert of_means.freedom < fit.freedom < 1.5 * of_means.freedom
 
 
 def test_measuring_again_adds_little_where_poses_share_most() -> None:

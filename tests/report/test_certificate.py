@@ -68,9 +68,9 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
         "IRB 6400R", "64-10291", "tracker", "A. N. &lt;Other&gt;", made.data.sha256, made.command,
         f"RMS {wording.millimetres(found[0].rms)} {wording.millimetres(found[1].rms)}",
         "held out: no step of the calibration saw them", effect.name,
-        wording.measured(effect.value, effect.stderr, effect.unit).value, "not measured: no pose was measured",
+        wording.measured(effect.value, effect.stderr, effect.unit).value, "not stated: no pose was measured",
         wording.measured(made.placement[0].value, made.placement[0].stderr, "m").value, "tool x", "J1",
-        "workspace covered",
+        "workspace covered", "standard uncertainty (k = 1)", "is the 95 % interval (k = ",
     ):  # fmt: skip
         assert said in words
     assert "https://" not in text

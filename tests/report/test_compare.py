@@ -98,6 +98,13 @@ def test_noise_alone_is_seldom_called_a_change_and_a_shift_is_found() -> None:
     assert changed[0] in verdict(moved)
 
 
+def test_a_change_is_less_sure_where_few_measurements_are_left_over() -> None:
+    """What is beyond chance of a known σ is not of one with three degrees of freedom in either."""
+    for freedom, found in ((None, True), (3.0, False)):
+        pair = (dataclasses.replace(remeasured(k, s), freedom=freedom) for k, s in ((1, 0.0), (2, 7.0)))
+        assert any(c.significant for c in compare(*pair).parameters) == found
+
+
 def test_effects_that_came_and_went_are_named() -> None:
     report = discovered()
     new = dataclasses.replace(report, effects=(EffectRecord("something new", value=1.0, stderr=0.1),))
