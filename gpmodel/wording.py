@@ -10,6 +10,8 @@ WIDTH = 80
 """Characters of a line on a terminal."""
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
+"""Factor and unit of every length and every angle of a list."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"
@@ -65,12 +67,16 @@ def pretty_unit(unit: str) -> str:
     return unit.replace("degC", "°C").replace("degF", "°F").replace("/Nm", "/(N·m)").replace("Nm", "N·m")
 
 
-def measured(value: float | None, deviation: float | None, unit: str) -> Stated:
-    """Value and deviation (SI) with two digits of the deviation, in the prefix of the larger of the two."""
+def measured(value: float | None, deviation: float | None, unit: str, *, in_list: bool = False) -> Stated:
+    """Value and deviation (SI) with two digits of the deviation, in the prefix of the larger of the two.
+
+    in_list: one of many, all lengths of which are in mm and all angles in mrad.
+    """
     if value is None or not math.isfinite(value):
         return Stated(UNKNOWN, "", pretty_unit(unit))
     known = deviation is not None and math.isfinite(deviation) and deviation > 0
-    factor, unit = prefix(max(abs(value), deviation if known and deviation else 0.0), unit)
+    one = unit if in_list else ""
+    factor, unit = OF_LISTS.get(one) or prefix(max(abs(value), deviation if known and deviation else 0.0), unit)
     value *= factor
     if not known or deviation is None:
         return Stated(minus(significant(value, 3)), "", unit)

@@ -209,7 +209,7 @@ class Model:
     def summary(self) -> str:
         """Mechanism, effects that are not zero, and the noise of one component."""
         kept = [
-            (e.name, str(measured(value, deviation, e.unit)))
+            (e.name, str(measured(value, deviation, e.unit, in_list=True)))
             for e, value, deviation in zip(self.saved.model.effects, self.saved.theta, self.saved.stderr, strict=True)
             if value != 0.0
         ]

@@ -34,6 +34,8 @@ DRAWS = 5
 """Random choices from the same pool whose mean the curve is held against."""
 MOST = 10_000
 """Poses that may be asked for: twice as many as are chosen in a minute."""
+DECIMALS = 4
+"""Of a degree or a millimetre: what a controller takes."""
 ROWS = 9
 """Of the curve, printed."""
 
@@ -58,6 +60,10 @@ class PosesResult:
         joints = zip(self.columns, self.mechanism.joints, self.q.T, strict=True)
         return pd.DataFrame(dict(joint_column(name, j.kind, values) for name, j, values in joints))
 
+    def to_csv(self) -> str:
+        """The same as text, with as many decimals as a controller takes."""
+        return table_text(self.to_dataframe(), DECIMALS)
+
     def summary(self) -> str:
         """How many, what for, and the curve of what is known against their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
@@ -73,7 +79,7 @@ class PosesResult:
     def save(self, file: str | Path) -> None:
         """Write the poses as .csv, the curve beside them as .curve.csv. Raises InputError: they cannot be written."""
         path = file_path(file, "file")
-        write_text(path, table_text(self.to_dataframe()))
+        write_text(path, self.to_csv())
         write_text(path.with_suffix(".curve.csv"), self.curve.to_csv(index=False, lineterminator="\n"))
 
     def __repr__(self) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.poses import AFTER, BEFORE, MOST, Criterion, choose_poses
-from gpmodel.cli.console import path_for, progress_line, write_frame
+from gpmodel.cli.console import path_for, progress_line
 from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
@@ -56,7 +56,7 @@ def poses(
         )  # fmt: skip
     path = None if out is None else path_for(out, "poses.csv")
     if path is None:
-        write_frame(chosen.to_dataframe(), None, "poses.csv")
+        click.echo(chosen.to_csv(), nl=False)
         return
     chosen.save(path)
     if not quiet:

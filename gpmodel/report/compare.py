@@ -223,7 +223,7 @@ def text(found: Comparison) -> str:
     lines += ["[[Compared]]", *(wrapped(s, 11, f"    {n:6} ") for n, s in zip(SIDES, found.sources, strict=True))]
     for title, changes in tables(found):
         if changes:
-            lines += [f"[[{title}]]", f"    {'':19}{'before':>10}{'after':>10}{'change':>20} {'':10}{'in σ':>5}"]
+            lines += [f"[[{title}]]", f"    {'':16}{'before':>11}{'after':>12}{'change':>19} {'':10}{'in σ':>5}"]
             lines += [_row(c) for c in changes]
     if found.incomparable:
         said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
@@ -232,9 +232,10 @@ def text(found: Comparison) -> str:
 
 
 def cells(c: Change) -> tuple[str, str, str, str]:
-    """Before, after and change ± σ in one prefix, and the unit."""
+    """Before, after and change ± σ in one unit, which is that of all lengths or all angles, and the unit."""
     least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
-    factor, unit = wording.prefix(max(abs(c.before[0]), abs(c.after[0]), least), c.unit)
+    largest = max(abs(c.before[0]), abs(c.after[0]), least)
+    factor, unit = wording.OF_LISTS.get(c.unit) or wording.prefix(largest, c.unit)
     places = min(6, max(0, 1 - int(np.floor(np.log10(factor * least)))))
     old, new, change = (
         wording.minus(f"{factor * v:{sign}.{places}f}")
@@ -245,6 +246,6 @@ def cells(c: Change) -> tuple[str, str, str, str]:
 
 def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
-    name, mark = wording.short_name(c.name, 19), "*" if c.significant else ""
+    name, mark = wording.short_name(c.name, 16), "*" if c.significant else ""
     sure = "" if c.stderr is None else f"{c.z:.1f}"
-    return f"    {name:<19}{old:>10}{new:>10}{change:>20} {unit:<10}{sure:>5}{mark}".rstrip()
+    return f"    {name:<16}{old:>11}{new:>12}{change:>19} {unit:<10}{sure:>5}{mark}".rstrip()

@@ -41,7 +41,7 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
         common,
         effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
-        rounds=tuple(_round(r, names) for r in discovery.rounds),
+        rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         suspects=tuple(_suspect(s, discovery, names) for s in discovery.suspects),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
@@ -108,10 +108,18 @@ def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:
     )
 
 
-def _round(entry: Round, names: Mapping[str, str]) -> RoundRecord:
+def _as_fitted(discovery: Discovery) -> dict[str, str]:
+    """What findings are called in the fit to all poses, by what they were called when they were found."""
+    pairs = zip(discovery.findings, discovery.fitted.candidates, strict=True)
+    return {finding.candidate.name: candidate.name for finding, candidate in pairs}
+
+
+def _round(entry: Round, fitted_as: Mapping[str, str], names: Mapping[str, str]) -> RoundRecord:
+    tried = (_tried(h, names) for h in entry.hypotheses)
+    called = {translate(old, names): translate(new, names) for old, new in fitted_as.items()}
     return RoundRecord(
         round=entry.number,
-        candidates=tuple(_tried(h, names) for h in entry.hypotheses),
+        candidates=tuple(replace(c, name=called.get(c.name, c.name)) for c in tried),
         null_nats=tuple(float(v) for v in entry.exploration.null_nats if np.isfinite(v)),
         dropped=tuple(translate(n, names) for n in entry.dropped),
     )

@@ -10,6 +10,8 @@ from gpmodel.report.picture import numbers
 from gpmodel.report.schema import Report
 
 CSV = "poses.csv"
+DECIMALS = 4
+"""Of a millimetre: a tenth of a micrometre."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def csv(report: Report) -> str:
             frame[[f"{name}_{a} [mm]" for a in "xyz"]] = numbers(plots.residual_mm[residual])
     if len(plots.points_mm) == len(rows):
         frame[[f"nominal_{a} [mm]" for a in "xyz"]] = numbers(plots.points_mm)
-    return frame.to_csv(index=False, lineterminator="\n")
+    return frame.round(DECIMALS).to_csv(index=False, lineterminator="\n")
 
 
 def _errors(report: Report, step: str) -> Array:

@@ -121,7 +121,7 @@ def _parameters(report: Report) -> Iterator[str]:
     if report.geometry():
         yield _wrapped(words.interval(report))
     for parameter in report.geometry():
-        value = wording.measured(parameter.value, parameter.stderr, parameter.unit)
+        value = wording.measured(parameter.value, parameter.stderr, parameter.unit, in_list=True)
         name = wording.short_name(parameter.name, NAME - 5)
         size = f"{value.value:>10} ± {value.deviation or wording.UNKNOWN:<7}{value.unit:<7}"
         share = f"share {wording.percent(parameter.unique_share)}"
@@ -134,9 +134,9 @@ def _parameters(report: Report) -> Iterator[str]:
 
 def _placement(report: Report) -> Iterator[str]:
     for number in report.placement:
-        value = wording.measured(number.value, number.stderr, number.unit)
+        value = wording.measured(number.value, number.stderr, number.unit, in_list=True)
         name = wording.short_name(number.name, NAME - 5)
-        yield f"    {name:<{NAME - 4}}{value.value:>10} ± {value.deviation:<10}{value.unit}"
+        yield f"    {name:<{NAME - 4}}{value.value:>11} ± {value.deviation:<9}{value.unit}"
 
 
 def _doubts(report: Report) -> Iterator[str]:

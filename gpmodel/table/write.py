@@ -39,12 +39,15 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def table_text(frame: pd.DataFrame) -> str:
-    """CSV text: nine decimals of an angle, six of every other number, nothing where there is none."""
+def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
+    """CSV text: nine decimals of an angle, six of every other number, nothing where there is none.
+
+    decimals: of all of them.
+    """
     cells = frame.copy()
     for header, column in frame.items():
         if pd.api.types.is_float_dtype(column):
-            digits = _DIGITS.get(split_header(str(header))[1] or "", 6)
+            digits = decimals or _DIGITS.get(split_header(str(header))[1] or "", 6)
             cells[header] = _cells(column.to_numpy(dtype=float, na_value=np.nan), digits)
     return cells.to_csv(index=False, lineterminator="\n")
 

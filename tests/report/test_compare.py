@@ -133,7 +133,7 @@ def test_text_and_page_show_every_change_in_80_columns() -> None:
     assert sum(line.endswith("*") for line in said.splitlines()) == 1
     page = html(found)
     assert all(
-        c.name[:14] in said and c.name.split()[-1] in said and c.name in page
+        c.name[:11] in said and c.name.split()[-1] in said and c.name in page
         for c in (*found.parameters, *found.effects)
     )
 

@@ -33,7 +33,7 @@ def test_poses_csv_has_a_row_a_pose_and_its_components() -> None:
     assert (frame["set"] == "held out").sum() == report.data.heldout
     for name in ("before", "after"):
         length = np.linalg.norm(frame[[f"{name}_{a} [mm]" for a in "xyz"]], axis=1)
-        np.testing.assert_allclose(length, frame[f"{name} [mm]"], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(length, frame[f"{name} [mm]"], atol=2e-4)  # rounded to 1e-4
 
 
 def row_of(pose: poses.PoseError) -> int:
