@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ from gpmodel.mechanism.protocol import Joint
 from gpmodel.mechanism.workspace import links
 from gpmodel.numerics import se3
 from robots.chain import SerialChain
+from robots.statics import load_names, unit_load_names
 from robots.urdf import read_urdf
 
 
@@ -23,7 +24,8 @@ class Branches:
     """Chains (A,) of one tree, which share the joints that carry several of them.
 
     Slots are those of the first chain but its last, then what the others have beside them, FRAME.tool at the end of
-    each, and `tool`, the first one's. Masses are left out: what rests on a shared joint depends on all arms.
+    each, and `tool`, the first one's. Loads are those of the joints that one chain alone has: what rests on a shared one
+    depends on all arms.
     """
 
     name: str
@@ -84,8 +86,22 @@ class Branches:
         return np.concatenate([placed[:1], np.linalg.solve(placed[:-1], placed[1:])])
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """None."""
-        return {}
+        """Of the joints of one arm, by its own weight and nothing carried; see SerialChain.loads."""
+        return self._of_one_arm(q, lambda chain, own: chain.loads(own, np.zeros(len(own))))
+
+    def unit_loads(self, q: Array) -> dict[str, Array]:
+        """Likewise; see SerialChain.unit_loads."""
+        return self._of_one_arm(q, lambda chain, own: chain.unit_loads(own))
+
+    def _of_one_arm(self, q: Array, of: Callable[[SerialChain, Array], dict[str, Array]]) -> dict[str, Array]:
+        """Loads of every chain by name, those of the joints that no other chain has."""
+        names, out = [joint.name for joint in self.joints], {}
+        for chain in self.chains:
+            alone = [n for n in chain.joint_names if sum(n in other.joint_names for other in self.chains) == 1]
+            kept = {*load_names(alone), *unit_load_names(alone, [link.name for link in chain.links])}
+            loads = of(chain, np.asarray(q)[:, [names.index(name) for name in chain.joint_names]])
+            out |= {name: values for name, values in loads.items() if name in kept}
+        return out
 
 
 def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:

@@ -15,6 +15,11 @@ class Branched(Protocol):
     the next in that list; an error moves only what its own chain carries."""
 
     @property
+    def slots(self) -> tuple[str, ...]:
+        """See Mechanism."""
+        ...
+
+    @property
     def parents(self) -> tuple[int, ...]:
         """The slot before each on its own chain, by index; -1 for the first, which all share."""
         ...
@@ -29,6 +34,14 @@ def branched(mechanism: Mechanism) -> Branched | None:
     """The mechanism, or what it was loaded from, where it has several chains; None of a single one."""
     bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
     return bare if isinstance(bare, Branched) else None
+
+
+def stands(tree: Branched) -> list[int]:
+    """Slots, by index, at which an arm stands beside another on what both share: of each place all but the first, and
+    none of a tip, which the tool places."""
+    tips = [*tree.tips.values()]
+    found = [i for i, parent in enumerate(tree.parents) if parent >= 0 and parent in tree.parents[:i]]
+    return [i for i in found if tree.slots[i] not in tips]
 
 
 def lineage(mechanism: Mechanism) -> Mask:

@@ -4,17 +4,20 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import branched, stands
 from gpmodel.mechanism.protocol import AXES, Mechanism, closed
 from gpmodel.model.effect import Effect, effect_at
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
-    """The redundant complete set: six constant twists on the moving side of every joint, or what closed loops have."""
-    loops = closed(mechanism)
-    moving = ((f"{joint.name}.moving", axis) for joint in mechanism.joints for axis in AXES)
+    """The redundant complete set: six constant twists on the moving side of every joint, or what closed loops have; of
+    several arms also where each but the first stands."""
+    loops, tree = closed(mechanism), branched(mechanism)
+    stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
+    slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints)]
     return tuple(
         effect_at(f"{slot.removesuffix('.moving')} {axis}", slot, axis, family="geometric")
-        for slot, axis in (loops.constants if loops else moving)
+        for slot, axis in (loops.constants if loops else ((slot, axis) for slot in slots for axis in AXES))
     )
 
 

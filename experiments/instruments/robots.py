@@ -1,0 +1,120 @@
+"""Robots with one undeclared effect, or none, made of plain 4x4 products: they share no code with the product.
+
+A machine is one arm, or two side by side on one floor; what is undeclared is in the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.blind.arms import ARMS
+from experiments.blind.description import urdf
+from experiments.blind.effects import draw
+from experiments.blind.oracle import left_by
+from experiments.blind.shapes import Motion, Shape, World, combine
+from experiments.blind.simulator import Arm, Array, draw_poses, frames, gravity_loads, small_motion
+
+SIX = ("ur_like", "puma_like", "staubli_like", "irb_like", "kuka_like", "cobot_ten", "welder")
+UNDECLARED = ("compliance", "harmonic", "gravity_backlash")
+CALLED = dict(zip(UNDECLARED, ("joint compliance", "eccentricity", "backlash by load"), strict=True))
+"""What the catalogue calls them."""
+GEOMETRY, SIZE, TOOL, APART = 3e-4, 4e-4, 0.15, 0.8
+"""m and rad of every constant error; m RMS at the tool that the effect leaves of a geometric fit; m of the tool; of their lengths, how far two arms are
+apart."""
+BOTH_SIDES = 0.15
+"""Share of the poses, at least, in which gravity pushes a joint with play to its rarer side."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """errors: (n, 6) m, rad in the frames of the joints. tool: (3,) m. stands: (4, 4) on the floor, where `base` (6,) is
+    how far it is off."""
+
+    arm: Arm
+    errors: Array
+    tool: Array
+    stands: Array
+    base: Array
+    shape: Shape | None = None
+    kind: str = ""
+    joint: int = 0
+    amount: float = 0.0
+
+    def columns(self, q: Array) -> list[Motion]:
+        """What the undeclared effect moves per unit of its unknowns: its form is known, its size and phase are not."""
+        return [] if self.shape is None else self.shape.basis(self._world(q))
+
+    def true(self, q: Array) -> list[Motion]:
+        """What it does per unit of `amount`; nothing where it is innocent."""
+        return [] if self.shape is None else [self.shape.true(self._world(q))]
+
+    def last(self, q: Array) -> Array:
+        """Its last frame as it really is (N, 4, 4), on the floor."""
+        true = self.true(q)
+        return self.moved(q, self.errors, self.base, true, np.full(len(true), self.amount))
+
+    def moved(self, q: Array, errors: Array, base: Array, columns: list[Motion], shares: Array) -> Array:
+        """The same with other errors (n, 6), a motion (6,) of the base, and shares of an effect's columns."""
+        constant: list[Motion] = [{i: np.tile(e, (len(q), 1))} for i, e in enumerate([base, *errors])]
+        twists = combine(np.concatenate([np.ones(len(constant)), shares]), constant + columns)
+        return np.asarray(self.stands @ frames(self.arm, q, twists)[-1])
+
+    def tools(self, rows: Array) -> Array:
+        """Its tool (N, 3) as often as there are rows."""
+        return np.tile(self.tool, (len(rows), 1))
+
+    def _world(self, q: Array) -> World:
+        return World(self.arm, q, {}, np.zeros(len(q)), gravity_loads(self.arm, q), self.tool, np.zeros((len(q), 3)))
+
+
+def machine(seed: int, guilty: bool, arms: int = 1) -> tuple[Robot, ...]:
+    """One robot, or two beside one another, the first perhaps guilty."""
+    rng = np.random.default_rng([seed, arms])
+    first = _robot(ARMS[SIX[seed % len(SIX)]], np.eye(4), np.zeros(6), rng)
+    out = [_with_effect(first, UNDECLARED[seed % len(UNDECLARED)], rng) if guilty else first]
+    if arms > 1:
+        apart = APART * np.abs(first.arm.rows[1:, 1:3]).sum()
+        at = small_motion(np.array([[apart, 0, 0, 0, 0, np.pi]]))[0]
+        out.append(_robot(first.arm, at, rng.normal(0.0, GEOMETRY, 6), rng))
+    return tuple(out)
+
+
+def _robot(arm: Arm, stands: Array, base: Array, rng: np.random.Generator) -> Robot:
+    tool, errors = rng.normal(size=3), rng.normal(0.0, GEOMETRY, (len(arm.rows), 6))
+    return Robot(arm, errors, TOOL * tool / np.linalg.norm(tool), stands, base)
+
+
+def _with_effect(robot: Robot, kind: str, rng: np.random.Generator) -> Robot:
+    q = draw_poses(robot.arm, 200, rng)
+    joint = int(rng.choice(_yielding(robot.arm, q, kind)))
+    shape = draw(kind, robot.arm, rng, joint=joint, **({"per_turn": 1.0} if kind == "harmonic" else {}))
+    whole = replace(robot, shape=shape, kind=kind, joint=joint)
+    return replace(whole, amount=SIZE / left_by(robot.arm, q, np.eye(4), robot.tool, whole.true(q)[0]))
+
+
+def _yielding(arm: Arm, q: Array, kind: str) -> list[int]:
+    """Joints, from 1, in which an effect of a kind shows: under load; loaded to both sides; any of the first four."""
+    torque = gravity_loads(arm, q).torque
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    loaded = [j for j in (2, 3, 4, 5) if size[j - 1] > 0.05 * size.max()]
+    if kind == "gravity_backlash":
+        rarer = np.minimum((torque > 0).mean(axis=0), (torque < 0).mean(axis=0))
+        return [j for j in loaded if rarer[j - 1] > BOTH_SIDES] or [int(np.argmax(rarer)) + 1]
+    return loaded[:2] if kind == "compliance" else [1, 2, 3, 4]
+
+
+def description(robots: tuple[Robot, ...]) -> str:
+    """URDF of the machine as it should be; the joints of a second arm are R1, R2, ..., its links right_1, ..."""
+    text = urdf(robots[0].arm)
+    if len(robots) > 1:
+        right = urdf(robots[1].arm).split('<link name="base"/>')[1].replace("</robot>", "")
+        right = right.replace('"base"', '"right_base"').replace('"link_', '"right_').replace('name="J', 'name="R')
+        x, y, _, _ = robots[1].stands[:, 3]
+        stand = (
+            '<link name="right_base"/><joint name="stand" type="fixed"><parent link="base"/><child link="right_base"/>'
+            f'<origin xyz="{x:.12g} {y:.12g} 0" rpy="0 0 {np.pi:.15g}"/></joint>'
+        )
+        text = text.replace("</robot>", f"{stand}{right}</robot>")
+    return text
