@@ -28,8 +28,9 @@ POSES = {
     "tracker": 60, "camera": 60, "hand camera": 60, "planes and spheres": 150, "bars": 200, "two arms": 240,
 }  # fmt: skip
 """A bar takes two, as a point of two arms takes four."""
-FRESH, WRONG, SLIP = 200, 0.05, 1e-3
-"""Poses to judge at; share of corners that are wrong; m that a probe slipped by."""
+FRESH, WRONG, SLIP, HELD = 200, 0.05, np.radians(0.3), 0.3
+"""Poses to judge at; share of corners that are wrong; rad that three joints of a slipped probe are off; share
+held out."""
 SHIFT, TURN = 0.3, np.radians(20.0)
 """How far off a wrong start is."""
 CONVERGED = 1e-6
@@ -50,7 +51,7 @@ def judge(kind: str, seed: int, guilty: bool, poses: int | None = None) -> dict[
         loaded = gp.load_mechanism(str(file), frame="link_6,right_6" if arms > 1 else "link_6")
         text, wrong = table(made, loaded), _spoiled(made, rng) if guilty else None
         data = gp.read_table(text, loaded, **made.described)
-        found = gp.discover(loaded, data, search=gp.Search(runs=0))
+        found = gp.discover(loaded, data, holdout=HELD, search=gp.Search(runs=0, workers=1))
         off = tool_error(found.fit[0], made, robots, fresh, arm)
         least = bound(robots, made, fresh, arm)
         row |= {"um": 1e6 * off, "bound_um": 1e6 * least, "ratio": off / least}
@@ -132,5 +133,5 @@ def _spoiled(made: Session, rng: np.random.Generator) -> tuple[Session, set[int]
     if made.kind != "planes and spheres":
         return None
     row, q = int(rng.integers(len(made.q))), made.q.copy()
-    q[row, :3] += np.radians(0.3) * rng.choice([-1.0, 1.0], 3)
+    q[row, :3] += SLIP * rng.choice([-1.0, 1.0], 3)
     return replace(made, q=q), {row}

@@ -69,7 +69,7 @@ def choose(
     of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
     The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
     the smallest, so that tables of one machine hold the same parameters. Effects that vary need a
-    unique share; those with a prior are always held.
+    unique share; those with a prior are always held, and where no reading shows size the length that is most of it.
     Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
@@ -78,7 +78,8 @@ def choose(
     columns = problem.columns[:, fixed:]
     still = still_joints(model.mechanism, problem.poses.dataset)
     hidden = size_hidden(problem)
-    growth = share_of_size(model, problem)[at] if hidden else None
+    lengths = np.array([e.unit == "m" for e in model.effects], dtype=bool)
+    growth = (share_of_size(model, problem) * lengths)[at] if hidden else None
     order = preference(model.mechanism, tuple(model.effects[i] for i in at), still, growth)
     ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:], order)
     curve: tuple[ident.RankChoice, ...] = ()
@@ -99,6 +100,8 @@ def choose(
         limit = min(_largest_good(curve), SIZE_LIMIT if hidden else np.inf)
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
+    if growth is not None and growth.any():
+        kept[at[np.argmax(growth)]] = True
     varying = np.flatnonzero(~constant & ~prior)
     late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True

@@ -9,10 +9,9 @@ from gpmodel.calibration.linear_step import LinearStep, linear_step
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
 from gpmodel.calibration.noise import decorrelated, decorrelated_rows
 from gpmodel.calibration.priors import (
-    GEOMETRY_REACH,
     TOOL_REACH,
+    geometry_reach,
     noise_sigma,
-    of_the_description,
     off_mean,
 )
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
@@ -80,7 +79,7 @@ class Fitting:
         prior = np.array([e.prior for e in self.model.effects])
         pulls = off_mean(self.model, theta) * sigma / prior
         tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values()]
-        geometry = theta[of_the_description(self.model)] * sigma / GEOMETRY_REACH
+        geometry = theta * sigma / geometry_reach(self.model, at.problem)
         read = at.readings.pull(problem)
         return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry, read)))
 

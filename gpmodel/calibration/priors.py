@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.size import size_hidden
 from gpmodel.model.error_model import ErrorModel, Placement
 
 TOOL_REACH = 1.0
@@ -14,6 +15,10 @@ TOOL_REACH = 1.0
 GEOMETRY_REACH = 0.01
 """Metres or radians: a description of a mechanism is right to about so much. It decides only where the poses say nearly
 nothing of a length or a twist, as of those that hundreds of harmonics have taken over."""
+
+DRAWN_REACH = 0.001
+"""Metres: likewise of a length where no reading shows size, so that the description alone says how large a mechanism
+is: all its lengths together, each as far off as machined parts may be."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
@@ -32,17 +37,24 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 
 
 def of_the_description(model: ErrorModel) -> Mask:
-    """The constants (E,) of which no more is believed than that they are within GEOMETRY_REACH of zero."""
+    """The constants (E,) of which no more is believed than that they are within their reach of zero."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
+def geometry_reach(model: ErrorModel, problem: Linearised) -> Array:
+    """How far (E,) the description may be off, m or rad; infinite of what is none of its constants."""
+    length = DRAWN_REACH if size_hidden(problem) else GEOMETRY_REACH
+    each = np.array([length if e.unit == "m" else GEOMETRY_REACH for e in model.effects])
+    return np.where(of_the_description(model), each, np.inf)
+
+
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """The same for the geometry, θ σ / GEOMETRY_REACH = 0."""
-    at = np.flatnonzero(kept & of_the_description(model))
-    weight = residual_sigma(problem) / GEOMETRY_REACH
+    """The same for the geometry, θ σ / reach = 0."""
+    weight = residual_sigma(problem) / geometry_reach(model, problem)
+    at = np.flatnonzero(kept & (weight > 0))
     rows = np.zeros((len(at), problem.columns.shape[1]))
-    rows[np.arange(len(at)), problem.placement + at] = weight
-    return rows, -weight * theta[at]
+    rows[np.arange(len(at)), problem.placement + at] = weight[at]
+    return rows, -weight[at] * theta[at]
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
     names = ", ".join(kind.name for kind in read)
     if not any(map(shows_size, read)):
         yield (
-            f"{names} fit a machine that is larger as a whole as well: the length that is most of its size stays as "
+            f"{names} fit a machine that is larger as a whole as well: its lengths stay, on the whole, as "
             "described; a bar, a ball of known diameter, an artefact or a camera with its board would show it"
         )
     if all(isinstance(kind, Pixels | Inclination) for kind in read):
