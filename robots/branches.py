@@ -24,8 +24,8 @@ class Branches:
     """Chains (A,) of one tree, which share the joints that carry several of them.
 
     Slots are those of the first chain but its last, then what the others have beside them, FRAME.tool at the end of
-    each, and `tool`, the first one's. Loads are those of the joints that one chain alone has: what rests on a shared one
-    depends on all arms.
+    each, and `tool`, the first one's. Loads are those of the joints that one chain alone has: what rests on a shared
+    one depends on all arms.
     """
 
     name: str

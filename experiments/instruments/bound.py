@@ -2,7 +2,7 @@
 
 C = (JᵀJ + P)⁻¹ of readings in standard deviations; the tool's deviation is that of G C Gᵀ less a motion of the whole.
 P is what the errors of the description are drawn with, so that lengths which touches leave open have a bound too; where
-the readings say everything it lowers the bound by a fiftieth. The form of an effect is told, its size and phase are not.
+the readings say everything it lowers the bound by a fiftieth. The form of an effect is told, size and phase are not.
 Source: Van Trees (1968), Detection, Estimation, and Modulation Theory I, ch. 2.
 """
 
@@ -21,7 +21,7 @@ STEP, UNSEEN = 1e-6, 1e-6
 
 
 def tool_points(robots: tuple[Robot, ...], made: Session, q: Array, arm: Array) -> Array:
-    """Where the tool, or the camera or board that it holds, really is on the floor (N, 3) at joint values q (N, all)."""
+    """Where the tool, or the camera or board it holds, really is on the floor (N, 3) at joint values q (N, all)."""
     x = _truth(robots, made)
     last, tools = _frames(robots, q, arm)(x)
     return ends(last, _held(made, x, tools))

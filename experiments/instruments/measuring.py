@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,10 @@ LENGTH = 3e-5
 BALL, BAR, PITCH = 0.025, 0.3, 0.02
 BOARD = PITCH * np.array([[i, j, 0.0] for j in range(4) for i in range(5)])
 STEEPEST = np.cos(np.radians(55.0))
-POOL, STEPS = 6000, 60
+POOL, STEPS, REDRAWN, NEAREST = 6000, 60, 40, 40
+
+Aim = Callable[[Array], Array]
+"""Where tool points (N, 3) should be, m."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +198,9 @@ def _corners(camera: Array, board: Array) -> Array:
 
 def _in_sight(held: Array, stands: Array, outside: bool) -> Array:
     """Whether a camera sees all corners of the board, from its front and not too flat."""
-    camera, board = (np.broadcast_to(stands, held.shape), held) if outside else (held, np.broadcast_to(stands, held.shape))
+    camera, board = (
+        (np.broadcast_to(stands, held.shape), held) if outside else (held, np.broadcast_to(stands, held.shape))
+    )
     x = _corners(camera, board)
     ahead = x[..., 2] > 0.1
     inside = (np.abs(FOCAL * x[..., :2] / np.where(ahead, x[..., 2], 1.0)[..., None]) < 0.5 * np.array(IMAGE)).all(2)
@@ -223,37 +229,41 @@ def _fifth(points: Array, others: Array) -> Array:
     return np.array([np.partition(np.linalg.norm(others - p, axis=1), 5)[5] for p in points])
 
 
-def _reached(
-    robots: tuple[Robot, ...], arm: Array, aim: Callable[[Array], Array], rng: np.random.Generator
-) -> Array:
-    """Joint values (N, all) at which the real tool of the arm in use is where it should be, by damped Newton steps from
-    the nearest of many random poses, another one where these do not arrive; the other arms stand at random."""
+def _reached(robots: tuple[Robot, ...], arm: Array, aim: Aim, rng: np.random.Generator) -> Array:
+    """Joint values (N, all) at which the real tool of the arm in use is where it should be; the others stand at
+    random."""
     q = [draw_poses(r.arm, len(arm), rng) for r in robots]
     for k, robot in enumerate(robots):
-        spare = draw_poses(robot.arm, POOL, rng)
-        known = ends(robot.last(spare), robot.tools(spare))
         mine = np.flatnonzero(arm == k)
-        full = np.zeros((len(arm), 3))
-        full[mine] = known[rng.choice(POOL, len(mine))]
-        for attempt in range(40):
-            near = np.argsort(np.linalg.norm(known[None] - aim(full)[mine, None], axis=2), axis=1)[:, :40]
-            start = spare[near[np.arange(len(mine)), rng.integers(40, size=len(mine))]]
-            q[k][mine], full[mine], off = _newton(robot, start, lambda p, m=mine: _aimed(aim, full, m, p))
-            mine = mine[off]
-            if not len(mine):
-                break
-        else:
-            raise RuntimeError(f"{len(mine)} of {len(arm)} poses are not reached")
+        q[k][mine] = _arrived(robot, len(arm), mine, aim, rng)
     return np.hstack(q)
 
 
-def _aimed(aim: Callable[[Array], Array], full: Array, rows: Array, p: Array) -> Array:
+def _arrived(robot: Robot, count: int, mine: Array, aim: Aim, rng: np.random.Generator) -> Array:
+    """Joint values of one arm at some of the poses, by damped Newton steps from one of the nearest of many random
+    poses, another one where these do not arrive."""
+    spare = draw_poses(robot.arm, POOL, rng)
+    known = ends(robot.last(spare), robot.tools(spare))
+    q, full, left = np.zeros((count, spare.shape[1])), np.zeros((count, 3)), mine
+    full[left] = known[rng.choice(POOL, len(left))]
+    for _ in range(REDRAWN):
+        near = np.argsort(np.linalg.norm(known[None] - aim(full)[left, None], axis=2), axis=1)[:, :NEAREST]
+        start = spare[near[np.arange(len(left)), rng.integers(NEAREST, size=len(left))]]
+        q[left], full[left], off = _newton(robot, start, partial(_aimed, aim, full, left))
+        left = left[off]
+        if not len(left):
+            return q[mine]
+    raise RuntimeError(f"{len(left)} of {count} poses are not reached")
+
+
+def _aimed(aim: Aim, full: Array, rows: Array, p: Array) -> Array:
+    """Where the tool points (n, 3) of some rows should be."""
     whole = full.copy()
     whole[rows] = p
     return np.asarray(aim(whole)[rows])
 
 
-def _newton(robot: Robot, q: Array, aim: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+def _newton(robot: Robot, q: Array, aim: Aim) -> tuple[Array, Array, Array]:
     q, low, high = q.copy(), *robot.arm.limits.T
     for _ in range(STEPS):
         last = robot.last(q)

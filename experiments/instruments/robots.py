@@ -21,16 +21,16 @@ UNDECLARED = ("compliance", "harmonic", "gravity_backlash")
 CALLED = dict(zip(UNDECLARED, ("joint compliance", "eccentricity", "backlash by load"), strict=True))
 """What the catalogue calls them."""
 GEOMETRY, SIZE, TOOL, APART = 3e-4, 4e-4, 0.15, 0.8
-"""m and rad of every constant error; m RMS at the tool that the effect leaves of a geometric fit; m of the tool; of their lengths, how far two arms are
-apart."""
+"""m and rad of every constant error; m RMS at the tool that the effect leaves of a geometric fit; m of the tool; of
+their lengths, how far two arms are apart."""
 BOTH_SIDES = 0.15
 """Share of the poses, at least, in which gravity pushes a joint with play to its rarer side."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """errors: (n, 6) m, rad in the frames of the joints. tool: (3,) m. stands: (4, 4) on the floor, where `base` (6,) is
-    how far it is off."""
+    """errors: (n, 6) m, rad in the frames of the joints. tool: (3,) m. stands: (4, 4) on the floor, and by `base`
+    (6,) off it."""
 
     arm: Arm
     errors: Array

@@ -1,7 +1,8 @@
 """The size of a mechanism: touches of surfaces and points at unknown places fit one twice as large as well.
 
 All lengths of a mechanism, its tool and the places of what it touches can grow alike without moving a gap: the fit is
-the one among these whose lengths are nearest to the description (gpmodel.calibration.priors.DRAWN_REACH). A bar, a ball of known diameter, an artefact or a point in metres shows size.
+that whose lengths are nearest to the description (gpmodel.calibration.priors.DRAWN_REACH). A bar, a ball of known
+diameter, an artefact or a point in metres shows size.
 """
 
 from dataclasses import replace

@@ -1,5 +1,6 @@
 """Two arms on one torso: the tree as it is, and the arms calibrated against one another by points that both touch."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,18 @@ def torso() -> str:
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("torso") / "torso.urdf"
     path.write_text(torso())
+    return path
+
+
+@pytest.fixture(scope="module")
+def weighty(file: Path) -> Path:
+    """The same with a kilogram in every link."""
+    mass = (
+        '<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    )
+    text = re.sub(r'<link name="(\w+_link_\d)"/>', rf'<link name="\1">{mass}</inertial></link>', file.read_text())
+    path = file.with_name("weighty.urdf")
+    path.write_text(text)
     return path
 
 
@@ -109,6 +122,30 @@ def test_points_that_both_arms_touch_calibrate_them_against_one_another(made) ->
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), train)
     assert fit.status == "converged"
     assert gaps(fit, fresh) < 0.5 * gaps(bare, fresh)
+
+
+def test_where_the_second_arm_stands_is_fitted(file: Path) -> None:
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    made = gp.simulate(arms, ["right_0.fixed:Ty:1=2 mm"], poses=96, instrument="points", noise="0.02 mm")
+    poses = prepare(made.truth.mechanism, made.table)
+    fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), poses)
+    assert gaps(fit, poses) < 0.02e-3
+    assert {"right_0.fixed Ty", "left_4 Ry"} <= {e.name for e in geometric_effects(arms)}
+    assert "left_0.fixed Ty" not in {e.name for e in geometric_effects(arms)}
+
+
+def test_each_arm_bears_its_own_weight(weighty: Path) -> None:
+    arms = gp.load_mechanism(str(weighty), frame=TIPS)
+    names, q = [j.name for j in arms.joints], random_poses(arms, 9, np.random.default_rng(0))
+    loads, parts = arms.loads(q, np.zeros(9)), arms.bare.unit_loads(q)
+    for tip, side in (("left_tool", "left"), ("right_tool", "right")):
+        alone = read_urdf(weighty, frame=tip)
+        own = q[:, [names.index(j.name) for j in alone.joints]]
+        wanted = alone.loads(own, np.zeros(9))
+        np.testing.assert_array_equal(loads[f"torque_{side}_1"], wanted[f"torque_{side}_1"])
+        part = f"torque_{side}_1_of_{side}_3_x"
+        np.testing.assert_array_equal(parts[part], alone.unit_loads(own)[part])
+    assert not {"torque_torso", "moment_base_x", "torque_torso_of_left_1"} & {*loads, *parts}
 
 
 def test_two_arms_by_the_commands(file: Path, tmp_path: Path) -> None:
