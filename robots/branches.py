@@ -95,7 +95,7 @@ class Branches:
 
     def _of_one_arm(self, q: Array, of: Callable[[SerialChain, Array], dict[str, Array]]) -> dict[str, Array]:
         """Loads of every chain by name, those of the joints that no other chain has."""
-        names, out = [joint.name for joint in self.joints], {}
+        names, out = [joint.name for joint in self.joints], dict[str, Array]()
         for chain in self.chains:
             alone = [n for n in chain.joint_names if sum(n in other.joint_names for other in self.chains) == 1]
             kept = {*load_names(alone), *unit_load_names(alone, [link.name for link in chain.links])}

@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from experiments.blind.simulator import Array
-from experiments.instruments.measuring import Session, ends, frame
+from experiments.instruments.measuring import Session, frame
+from experiments.instruments.reaching import ends
 from experiments.instruments.robots import GEOMETRY, Robot
 
 STEP, UNSEEN = 1e-6, 1e-6

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
-from experiments.blind.simulator import Array, draw_poses, frames, small_motion
+from experiments.blind.simulator import Array, draw_poses, small_motion
+from experiments.instruments.reaching import ends, reached
 from experiments.instruments.robots import Robot
 
 FOCAL, IMAGE, PIXEL = 2400.0, (2448.0, 2048.0), 0.1
@@ -17,10 +17,7 @@ LENGTH = 3e-5
 BALL, BAR, PITCH = 0.025, 0.3, 0.02
 BOARD = PITCH * np.array([[i, j, 0.0] for j in range(4) for i in range(5)])
 STEEPEST = np.cos(np.radians(55.0))
-POOL, STEPS, REDRAWN, NEAREST = 6000, 60, 40, 40
-
-Aim = Callable[[Array], Array]
-"""Where tool points (N, 3) should be, m."""
+POOL = 6000
 
 
 @dataclass(frozen=True)
@@ -43,11 +40,6 @@ class Session:
 def frame(numbers: Array) -> Array:
     """(4, 4) of three metres and a rotation vector."""
     return np.asarray(small_motion(numbers[None])[0])
-
-
-def ends(last: Array, tools: Array) -> Array:
-    """Tool points (N, 3) of last frames (N, 4, 4) and points in them (N, 3)."""
-    return np.asarray(np.einsum("nij,nj->ni", last[:, :3, :3], tools) + last[:, :3, 3])
 
 
 def session(kind: str, robots: tuple[Robot, ...], count: int, rng: np.random.Generator) -> Session:
@@ -133,7 +125,7 @@ def probe(robots: tuple[Robot, ...], count: int, rng: np.random.Generator) -> Se
         flat = p - (np.sum((p - near[0]) * normal, axis=1, keepdims=True) - slip) * normal
         return np.where(what[:, None] < 3, flat, centre + (BALL + slip) * away)
 
-    q = _reached(robots, np.zeros(count, int), aim, rng)
+    q = reached(robots, np.zeros(count, int), aim, rng)
     names = np.array(["A", "B", "C"])[what % 3]
     columns = {"on_plane": np.where(what < 3, names, ""), "on_sphere": np.where(what >= 3, names, "")}
     balls = {"surfaces": {"sphere": {name: {"diameter_mm": 2e3 * BALL} for name in "ABC"}}}
@@ -154,7 +146,7 @@ def bars(robots: tuple[Robot, ...], count: int, rng: np.random.Generator) -> Ses
         p = ends(last, tool)
         return np.asarray((np.linalg.norm(p[1::2] - p[::2], axis=1) - BAR)[:, None] / (np.sqrt(2) * LENGTH))
 
-    q = _reached(robots, np.zeros(count, int), lambda p: target, rng)
+    q = reached(robots, np.zeros(count, int), lambda p: target, rng)
     columns = {"pair": np.repeat([f"B{k}" for k in range(count // 2)], 2), "length [mm]": np.full(count, 1e3 * BAR)}
     return Session("bars", q, np.zeros(count, int), np.zeros(0), read, np.zeros((count // 2, 1)), columns)
 
@@ -171,7 +163,7 @@ def two_arms(robots: tuple[Robot, ...], count: int, rng: np.random.Generator) ->
         p = ends(last, tool)
         return np.asarray((p - own.reshape(-1, 3)[which[: len(p)]]) / LENGTH)
 
-    q = _reached(robots, arm, lambda p: target, rng)
+    q = reached(robots, arm, lambda p: target, rng)
     columns = {"tip": np.array(["link_6", "right_6"])[arm], "same_point": np.array([f"P{k}" for k in which])}
     return Session("two arms", q, arm, points[: which[-1] + 1].ravel(), read, np.zeros((count, 3)), columns)
 
@@ -227,60 +219,3 @@ def _nearby(robot: Robot, rng: np.random.Generator, share: float = 0.25) -> Arra
 def _fifth(points: Array, others: Array) -> Array:
     """Distance (P,) of points from the fifth nearest of others, small where an arm has many ways to be."""
     return np.array([np.partition(np.linalg.norm(others - p, axis=1), 5)[5] for p in points])
-
-
-def _reached(robots: tuple[Robot, ...], arm: Array, aim: Aim, rng: np.random.Generator) -> Array:
-    """Joint values (N, all) at which the real tool of the arm in use is where it should be; the others stand at
-    random."""
-    q = [draw_poses(r.arm, len(arm), rng) for r in robots]
-    for k, robot in enumerate(robots):
-        mine = np.flatnonzero(arm == k)
-        q[k][mine] = _arrived(robot, len(arm), mine, aim, rng)
-    return np.hstack(q)
-
-
-def _arrived(robot: Robot, count: int, mine: Array, aim: Aim, rng: np.random.Generator) -> Array:
-    """Joint values of one arm at some of the poses, by damped Newton steps from one of the nearest of many random
-    poses, another one where these do not arrive."""
-    spare = draw_poses(robot.arm, POOL, rng)
-    known = ends(robot.last(spare), robot.tools(spare))
-    q, full, left = np.zeros((count, spare.shape[1])), np.zeros((count, 3)), mine
-    full[left] = known[rng.choice(POOL, len(left))]
-    for _ in range(REDRAWN):
-        near = np.argsort(np.linalg.norm(known[None] - aim(full)[left, None], axis=2), axis=1)[:, :NEAREST]
-        start = spare[near[np.arange(len(left)), rng.integers(NEAREST, size=len(left))]]
-        q[left], full[left], off = _newton(robot, start, partial(_aimed, aim, full, left))
-        left = left[off]
-        if not len(left):
-            return q[mine]
-    raise RuntimeError(f"{len(left)} of {count} poses are not reached")
-
-
-def _aimed(aim: Aim, full: Array, rows: Array, p: Array) -> Array:
-    """Where the tool points (n, 3) of some rows should be."""
-    whole = full.copy()
-    whole[rows] = p
-    return np.asarray(aim(whole)[rows])
-
-
-def _newton(robot: Robot, q: Array, aim: Aim) -> tuple[Array, Array, Array]:
-    q, low, high = q.copy(), *robot.arm.limits.T
-    for _ in range(STEPS):
-        last = robot.last(q)
-        p = ends(last, robot.tools(last))
-        miss = aim(p) - p
-        off = np.linalg.norm(miss, axis=1) > 1e-9
-        if not off.any():
-            break
-        reach = _reach(robot, q, p)
-        gram = reach @ reach.swapaxes(1, 2) + 1e-9 * np.eye(3)
-        move = np.einsum("nij,ni->nj", reach, np.linalg.solve(gram, miss[:, :, None])[:, :, 0])
-        move *= np.minimum(1.0, 0.2 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-12))
-        q = np.where(off[:, None], np.clip(q + move, low, high), q)
-    return q, p, off
-
-
-def _reach(robot: Robot, q: Array, p: Array) -> Array:
-    """Motion (N, 3, n) of the tool by every joint: its axis times the lever, of the arm as described."""
-    placed = robot.stands @ frames(robot.arm, q)[1:]
-    return np.stack([np.cross(f[:, :3, 2], p - f[:, :3, 3]) for f in placed], axis=2)
