@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from textwrap import fill
 
 import numpy as np
 from scipy import stats
@@ -18,7 +17,6 @@ from gpmodel.numerics.interval import freedom_of_sum
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
-from gpmodel.wording import wrapped
 
 SIDES = ("before", "after")
 Record = ParameterRecord | EffectRecord
@@ -219,15 +217,16 @@ def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
 
 def text(found: Comparison) -> str:
     """The comparison in 80 columns, changes beyond chance marked with a star."""
-    lines = ["[[Verdict]]", fill(verdict(found), wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
-    lines += ["[[Compared]]", *(wrapped(s, 11, f"    {n:6} ") for n, s in zip(SIDES, found.sources, strict=True))]
+    lines = ["[[Verdict]]", wording.wrapped(verdict(found), 4)]
+    sources = zip(SIDES, found.sources, strict=True)
+    lines += ["[[Compared]]", *(wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources)]
     for title, changes in tables(found):
         if changes:
             lines += [f"[[{title}]]", f"    {'':16}{'before':>11}{'after':>12}{'change':>19} {'':10}{'in σ':>5}"]
             lines += [_row(c) for c in changes]
     if found.incomparable:
         said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
-        lines += ["[[Not comparable]]", fill(said, wording.WIDTH, initial_indent="    ", subsequent_indent="    ")]
+        lines += ["[[Not comparable]]", wording.wrapped(said, 4)]
     return "\n".join(lines)
 
 
