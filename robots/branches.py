@@ -104,6 +104,24 @@ class Branches:
         return out
 
 
+def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
+    """Raises InputError for arms without names of their own, or that do not share what has one name."""
+    names = [chain.tool_frame for chain in chains]
+    if len(set(names)) < len(names) or "" in names:
+        raise InputError(f"{where}: arms {', '.join(map(repr, names))}; expected a name of its own of each")
+    parts: dict[str, tuple[str, ...]] = {}
+    for chain in chains:
+        for k, (link, limits) in enumerate(zip(chain.links, chain.limits.tolist(), strict=True)):
+            before = tuple(other.name for other in chain.links[:k])
+            said = (*before, link.axis, repr(np.round(link.placement, 12).tolist()), repr(limits))
+            if parts.setdefault(link.name, said) != said:
+                arm = chain.tool_frame
+                raise InputError(
+                    f"{where}: joint '{link.name}' of arm '{arm}' is another one than before; expected the "
+                    "same place on the same joints in every arm, or a name of its own"
+                )
+
+
 def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:
     """The arms of a URDF file that end at links `frames`. Raises InputError as `read_urdf`, or for a link twice."""
     if len(set(frames)) < len(frames):

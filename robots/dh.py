@@ -31,12 +31,17 @@
     follows = "J2"
     factor = -1
 
+    [[arm]]                        # or several arms, in place of [base], [tool] and [[joint]]: each has these of its
+    name = "left"                  # own, [[arm.joint]]; its name is that of its measured frame. A joint of several
+                                   # arms, as of a torso, is a row of the same name in each.
+
 Angles take _deg or _rad, lengths _mm, _m or _in, masses _kg.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +51,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.toml_table import TomlTable
 from gpmodel.texts import read_toml
+from robots.branches import Branches, check_arms
 from robots.chain import SerialChain
 from robots.links import Link
 from robots.motion import along, placement
@@ -60,8 +66,8 @@ def of_another_kind(path: Path) -> bool:
         return False
 
 
-def read_dh(path: Path) -> SerialChain:
-    """The chain of a TOML file of Denavit-Hartenberg rows, in the format this module's documentation states.
+def read_dh(path: Path) -> SerialChain | Branches:
+    """The chain, or the arms, of a TOML file of Denavit-Hartenberg rows, in the format of this module's documentation.
 
     The frame of NAME.moving is the row's own in the modified convention; in the standard one it is the one before
     the row's a and alpha. The joint moves about or along its z axis either way.
@@ -71,14 +77,34 @@ def read_dh(path: Path) -> SerialChain:
     name = top.text("name", path.stem)
     convention = top.choice("convention", ("standard", "modified"))
     gravity = top.quantity("gravity", "acceleration", np.array(DOWN), size=3)
+    arms = top.tables("arm")
+    if not arms:
+        return _chain(top, _Common(name, convention, gravity), "tool")
+    top.done()
+    chains = tuple(_chain(arm, _Common(name, convention, gravity), arm.text("name", "")) for arm in arms)
+    check_arms(chains, str(path))
+    return Branches(name, chains)
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What all arms of a file have: its name, the convention of its rows, gravity (3,), m/s²."""
+
+    name: str
+    convention: str
+    gravity: Array
+
+
+def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
+    """The chain of one table, which has [base], [tool], [[joint]] and [[coupling]]."""
     before = _placement(top.table("base"))
     tool = _placement(top.table("tool"))
     rows = top.tables("joint")
     if not rows:
-        raise InputError(f"{path}: no [[joint]] rows; expected one for each joint, from the base")
+        raise InputError(f"{top.where}: no [[joint]] rows; expected one for each joint, from the base")
     links, signs, limits = [], [], []
     for number, row in enumerate(rows, start=1):
-        link, after = _link(row, number, convention, before)
+        link, after = _link(row, number, common.convention, before)
         before = after
         links.append(link)
         signs.append(row.choice("sign", (1, -1), 1))
@@ -91,7 +117,7 @@ def read_dh(path: Path) -> SerialChain:
         row.done()
     names = tuple(link.name for link in links)
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: joint names {', '.join(names)} repeat; expected each once")
+        raise InputError(f"{top.where}: joint names {', '.join(names)} repeat; expected each once")
     coupling = np.diag(np.array(signs, dtype=np.float64))
     for table in top.tables("coupling"):
         joint, follows = table.choice("joint", names), table.choice("follows", names)
@@ -101,13 +127,14 @@ def read_dh(path: Path) -> SerialChain:
         table.done()
     top.done()
     return SerialChain(
-        name=name,
+        name=common.name,
         links=tuple(links),
         tool=before @ tool,
         joint_names=names,
         coupling=coupling,
         limits=np.array(limits),
-        gravity=gravity,
+        tool_frame=frame,
+        gravity=common.gravity,
     )
 
 

@@ -50,7 +50,7 @@ def load_mechanism(
     of Denavit-Hartenberg rows (robots.dh).
 
     frame: link to measure at (default: the last link of the arm), or one of each arm of a URDF, with commas between
-    them. payload_com: (3,) m, centre of mass of a
+    them; of a table with several arms all of these. payload_com: (3,) m, centre of mass of a
     payload in the measured frame (default: its origin). None where the name is none of a robot, or a .toml file says
     what other `kind` of mechanism it describes.
     Raises InputError where the file is missing or bad, or the frame unknown.
@@ -86,10 +86,16 @@ def _read_urdf(path: Path, name: str | None, frame: str | None) -> SerialChain |
     return read_urdf(path, name=name, frame=frame) if len(frames) == 1 else read_branches(path, frames, name=name)
 
 
-def _measured_at(chain: SerialChain, frame: str | None) -> SerialChain:
-    if frame not in (None, chain.tool_frame):
-        raise InputError(f"{chain.name}: no frame named {frame!r} to measure at; it has {chain.tool_frame!r}")
-    return chain
+def _measured_at(chain: SerialChain | Branches, frame: str | None) -> SerialChain | Branches:
+    known = {c.tool_frame: c for c in (chain.chains if isinstance(chain, Branches) else (chain,))}
+    if frame is None:
+        return chain
+    asked = [part.strip() for part in frame.split(",")]
+    if unknown := [name for name in asked if name not in known]:
+        has = ", ".join(repr(name) for name in known)
+        raise InputError(f"{chain.name}: no frame named {unknown[0]!r} to measure at; it has {has}")
+    chosen = tuple(known[name] for name in dict.fromkeys(asked))
+    return chosen[0] if len(chosen) == 1 else Branches(chain.name, chosen)
 
 
 def _vector(payload_com: Sequence[float]) -> Array:

@@ -1,6 +1,7 @@
 """Where a camera and a board are, in closed form: homographies, poses of the views, hand-eye.
 
-Sources: Zhang (2000), a lens from homographies; Shah (2013), A B = C T by Kronecker products.
+Sources: Zhang (2000), a lens from homographies; Lu, Hager and Mjolsness (2000), a body's pose by orthogonal iteration;
+Shah (2013), A B = C T by Kronecker products.
 """
 
 import numpy as np
@@ -9,7 +10,10 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 
 REWEIGHTED = 10
-"""Fits of a homography, each with less weight on what stands far out of the one before."""
+"""Fits of a homography, a body's pose or hand and eye, each with less weight on what stands far out of the one
+before."""
+IN_TURN = 20
+"""Steps of a body's pose between them."""
 TURNING = 1e-3
 """Of the largest singular value, the second smallest: less, and the views turn about one axis alone."""
 FEWEST_VIEWS = 3
@@ -28,7 +32,7 @@ def homography(flat: Array, seen: Array) -> Array:
         h = np.linalg.svd(rows * np.repeat(weight, 2)[:, None])[2][-1].reshape(3, 3)
         mapped = source @ h.T
         off = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - image, axis=1)
-        weight = 1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2)
+        weight = _trusted(off)
     out = np.linalg.solve(b, h @ a)
     return out / np.linalg.norm(out)
 
@@ -67,11 +71,13 @@ def flattened(board: Array) -> tuple[Array, Array]:
     return out, np.abs((board - middle) @ out[:3, 2])
 
 
-def view_pose(board: Array, seen: Array, plane: Array) -> Array:
-    """The board in the camera's frame (4, 4): corners (C, 3), m, of a flat board and their directions (C, 2).
+def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
+    """The board in the camera's frame (4, 4): its corners (C, 3), m, and their directions (C, 2).
 
-    plane: frame of the board's plane, as `flattened`.
+    plane: frame of a flat board's plane, as `flattened`; None of a body.
     """
+    if plane is None:
+        return _body_pose(board, seen)
     flat = (board - plane[:3, 3]) @ plane[:3, :2]
     h = homography(flat, seen)
     h = h / np.linalg.norm(h[:, 0]) * (np.sign(h[2, 2]) or 1.0)
@@ -83,6 +89,32 @@ def view_pose(board: Array, seen: Array, plane: Array) -> Array:
     return out @ np.linalg.inv(plane)
 
 
+def _body_pose(body: Array, seen: Array) -> Array:
+    """The same of points that are not in one plane, from weak perspective on: t to the lines of sight for R, R to the
+    points nearest on them, in turn, reweighted against wrong points."""
+    sight = np.column_stack([seen, np.ones(len(seen))])
+    onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
+    weight, out = np.ones(len(body)), np.eye(4)
+
+    def turned_onto(target: Array) -> Array:
+        middle, there = weight @ body / weight.sum(), weight @ target / weight.sum()
+        return _rotation((weight[:, None] * (target - there)).T @ (body - middle))
+
+    turn = turned_onto(sight)
+    for _ in range(REWEIGHTED):
+        for _ in range(IN_TURN):
+            turned = body @ turn.T
+            away = np.einsum("n,nij,nj->i", weight, onto - np.eye(3), turned)
+            shift = np.linalg.solve(np.einsum("n,nij->ij", weight, np.eye(3) - onto), away)
+            near = np.einsum("nij,nj->ni", onto, turned + shift)
+            turn = turned_onto(near)
+        placed = body @ turn.T + shift
+        off = np.linalg.norm(placed[:, :2] / placed[:, 2:] - seen, axis=1)
+        weight = _trusted(off)
+    out[:3, :3], out[:3, 3] = turn, shift
+    return out
+
+
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
     """B and C (4, 4) with A B = C T: moved A (V, 4, 4), the board's carrier in the camera's; seen T (V, 4, 4).
 
@@ -90,21 +122,24 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
     """
     if len(moved) < FEWEST_VIEWS:
         raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
-    eye = np.eye(3)
-    rows = [
-        np.hstack([np.kron(a, eye), -np.kron(eye, t.T)]) for a, t in zip(moved[:, :3, :3], seen[:, :3, :3], strict=True)
-    ]
-    _, size, vt = np.linalg.svd(np.vstack(rows))
-    if size[-2] < TURNING * size[0]:
-        raise InputError("the board turns about one axis only; expected poses that turn it about two more")
-    found = [
-        _rotation(vt[-1][k : k + 9].reshape(3, 3) * np.sign(np.linalg.det(vt[-1][:9].reshape(3, 3)))) for k in (0, 9)
-    ]
+    eye, weight = np.eye(3), np.ones(len(moved))
+    for _ in range(REWEIGHTED):
+        rows = [
+            w * np.hstack([np.kron(a, eye), -np.kron(eye, t.T)])
+            for w, a, t in zip(weight, moved[:, :3, :3], seen[:, :3, :3], strict=True)
+        ]
+        _, size, vt = np.linalg.svd(np.vstack(rows))
+        if size[-2] < TURNING * size[0]:
+            raise InputError("the board turns about one axis only; expected poses that turn it about two more")
+        sign = np.sign(np.linalg.det(vt[-1][:9].reshape(3, 3)))
+        found = [_rotation(sign * vt[-1][k : k + 9].reshape(3, 3)) for k in (0, 9)]
+        off = np.linalg.norm(moved[:, :3, :3] @ found[0] - found[1] @ seen[:, :3, :3], axis=(1, 2))
+        weight = _trusted(off)
     board, camera = np.eye(4), np.eye(4)
     board[:3, :3], camera[:3, :3] = found
-    system = np.concatenate([np.concatenate([a[:3, :3], -eye], axis=1) for a in moved])
-    right = np.concatenate([camera[:3, :3] @ t[:3, 3] - a[:3, 3] for a, t in zip(moved, seen, strict=True)])
-    places = np.linalg.lstsq(system, right, rcond=None)[0]
+    system = np.concatenate([w * np.hstack([a[:3, :3], -eye]) for w, a in zip(weight, moved, strict=True)])
+    right = weight[:, None] * (seen[:, :3, 3] @ camera[:3, :3].T - moved[:, :3, 3])
+    places = np.linalg.lstsq(system, right.ravel(), rcond=None)[0]
     board[:3, 3], camera[:3, 3] = places[:3], places[3:]
     return board, camera
 
@@ -114,6 +149,11 @@ def middle_of(frames: Array) -> Array:
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = _rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0)
     return out
+
+
+def _trusted(off: Array) -> Array:
+    """Weights (C,) of what is off by so much, little of what is far beyond most."""
+    return np.asarray(1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2))
 
 
 def _rotation(rough: Array) -> Array:

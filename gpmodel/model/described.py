@@ -6,7 +6,6 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.model import camera_start
 from gpmodel.model.pixel import Board, Camera
 from gpmodel.model.surfaces import aligned
 from gpmodel.model.touches import Feature
@@ -14,9 +13,6 @@ from gpmodel.table.toml_table import TomlTable
 
 KINDS = ("cameras", "board", "surfaces")
 """What a file may describe."""
-
-FLAT = 1e-3
-"""Of a board's size, how far its corners may be off one plane: its poses start from homographies."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
 """Numbers of a lens by what `solve` calls them."""
@@ -63,8 +59,6 @@ def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Ar
         corners = np.array([*markers.values()])
         if len(corners) < 4:
             raise InputError(f"{table.where}: {len(corners)} corners, expected at least 4")
-        if camera_start.flattened(corners)[1].max() > FLAT * np.ptp(corners, axis=0).max():
-            raise InputError(f"{table.where}: its corners are not in one plane; describe each plane as a board")
         out.append((Board(name, slot(table.text("link", "tool"), table.where), corners), markers))
         table.done()
     return tuple(out)

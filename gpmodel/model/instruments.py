@@ -132,7 +132,8 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
         board[row], corner[row] = markers[str(dataset.label("marker")[row])]
     same = np.column_stack([np.round(dataset.q / SAME_VIEW), dataset.codes("setup")[1], dataset.codes("repeat")[1]])
     view = np.unique(same, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
-    _check_views(dataset, [c.name for c in cameras], view, np.column_stack([camera, board]))
+    flat = np.isin(board, [i for i, (b, _) in enumerate(boards) if b.flat])
+    _check_views(dataset, [c.name for c in cameras], view, np.column_stack([np.where(flat, camera, -1), board]))
     used = [np.unique(codes[seen]) for codes in (camera, board)]
     yield Pixels(
         values, tuple(cameras[i] for i in used[0]), tuple(boards[i][0] for i in used[1]), _renumbered(camera, used[0]),
@@ -148,7 +149,7 @@ def _spelled(board: str, markers: Mapping[str, Array]) -> Iterator[tuple[str, Ar
 
 
 def _check_views(dataset: Dataset, cameras: list[str], view: IntArray, which: IntArray) -> None:
-    """Raises InputError naming the first row of a view with too few corners."""
+    """Raises InputError naming the first row of a view of a flat board with too few corners."""
     rows = np.flatnonzero(which[:, 0] >= 0)
     keys = np.column_stack([view, which])[rows]
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)

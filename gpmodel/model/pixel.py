@@ -22,8 +22,10 @@ WORLD = -1
 """The carrier of what stands still."""
 
 
-FEWEST_CORNERS = 4
-"""Of one view: fewer leave the pose of a board open."""
+FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
+"""Of one view: fewer leave the pose of a board open, or that of a body where some are wrong."""
+FLAT = 1e-3
+"""Of a board's size, how far its corners may be off one plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +46,15 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """corners: (P, 3) of all its corners, m."""
+    """corners: (P, 3) of all its corners, m, or of markers around a body, of which a view has some."""
 
     corners: Array
+
+    @cached_property
+    def flat(self) -> bool:
+        """Whether its corners are in one plane."""
+        off = camera_start.flattened(self.corners)[1].max()
+        return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,19 +170,24 @@ class Pixels:
 
     def _views(self, camera: int, board: int) -> list[IntArray]:
         rows = np.flatnonzero(self.readings.all(axis=1) & (self.camera == camera) & (self.board == board))
-        views = (rows[self.view[rows] == view] for view in np.unique(self.view[rows]))
-        return [view for view in views if len(view) >= FEWEST_CORNERS]
+        views = [rows[self.view[rows] == view] for view in np.unique(self.view[rows])]
+        needed = FEWEST_CORNERS if self.boards[board].flat else FEWEST_MARKERS
+        most = max(map(len, views), default=0)
+        return [view for view in views if len(view) >= max(FEWEST_CORNERS, min(needed, most))]
 
     def _lens(self, i: int, camera: Camera) -> Array:
         """(9,), what is not known of it by Zhang's homographies."""
         out = camera.lens.copy()
         if missing := [k for k in camera.solved if k < 4 and out[k] == 0.0]:
-            out[missing] = camera_start.lens_from([*self._homographies(i)])[missing]
+            found = [*self._homographies(i)]
+            if not found:
+                raise InputError(f"camera '{camera.name}': no flat board shows its focal length; expected focal_px")
+            out[missing] = camera_start.lens_from(found)[missing]
         return out
 
     def _homographies(self, camera: int) -> Iterator[Array]:
         for pair in self._pairs():
-            if pair[0] == camera:
+            if pair[0] == camera and self.boards[pair[1]].flat:
                 plane = camera_start.flattened(self.boards[pair[1]].corners)[0]
                 for rows in self._views(*pair):
                     flat = (self.corner[rows] - plane[:3, 3]) @ plane[:3, :2]
@@ -183,7 +196,7 @@ class Pixels:
     def _posed(self, tips: Tips, pair: tuple[int, int], known: Array) -> tuple[Array, Array]:
         """Of every view of a pair the board's carrier in the camera's, and the board in the camera (V, 4, 4)."""
         camera, board = self.cameras[pair[0]], self.boards[pair[1]]
-        plane = camera_start.flattened(board.corners)[0]
+        plane = camera_start.flattened(board.corners)[0] if board.flat else None
         moved, seen = [], []
         for rows in self._views(*pair):
             frames = [np.eye(4) if p.slot == WORLD else tips.slots[p.slot, rows[0]] for p in (camera, board)]

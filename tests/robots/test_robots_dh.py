@@ -9,7 +9,9 @@ from robots_cases import STANDARD_DH, slot_frames
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.numerics import se3
 from robots.dh import read_dh
+from robots.library import load_mechanism
 
 ROW = "[[joint]]\na_mm = 100\n"
 MODIFIED = 'convention = "modified"\n'
@@ -126,3 +128,59 @@ def test_a_table_nested_too_deep_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match="nested too deep"):
         MechanismChoice(str(path)).load()
+
+
+ARMS_DH = """
+convention = "standard"
+[[arm]]
+name = "left"
+[arm.tool]
+xyz_mm = [0, 0, 100]
+[[arm.joint]]
+name = "torso"
+d_mm = 900
+alpha_deg = -15
+[[arm.joint]]
+name = "left_1"
+a_mm = 400
+d_mm = 200
+[[arm]]
+name = "right"
+[[arm.joint]]
+name = "torso"
+d_mm = 900
+alpha_deg = 15
+[[arm.joint]]
+name = "right_1"
+a_mm = 500
+d_mm = -200
+"""
+
+
+def test_arms_that_share_a_joint_are_rows_of_one_name(tmp_path: Path) -> None:
+    arms = load_mechanism(str(written(ARMS_DH, tmp_path)))
+    assert [joint.name for joint in arms.joints] == ["torso", "left_1", "right_1"]
+    q = np.array([[0.3, -0.5, 0.8]])
+    frames = se3.chain(arms.transforms(q))
+    for tip, side, column, a, d, z in (("left", -15, 1, 0.4, 0.2, 0.1), ("right", 15, 2, 0.5, -0.2, 0.0)):
+        end = shift(2, 0.9) @ turn(2, q[0, 0]) @ turn(0, np.radians(side)) @ turn(2, q[0, column])
+        end = end @ shift(2, d) @ shift(0, a) @ shift(2, z)
+        np.testing.assert_allclose(frames[arms.slots.index(arms.tips[tip])][0], end, atol=1e-12)
+    alone = load_mechanism(str(written(ARMS_DH, tmp_path)), frame="right")
+    assert [joint.name for joint in alone.joints] == ["torso", "right_1"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("d_mm = 900\nalpha_deg = 15", "d_mm = 800", "joint 'torso' of arm 'right' is another one than before"),
+        ('name = "right"', 'name = "left"', "arms 'left', 'left'; expected a name of its own of each"),
+        ('[[arm]]\nname = "right"', "[[arm]]", "name is '', expected a text"),
+        ('convention = "standard"', 'convention = "standard"\n[tool]', "unknown key tool"),
+    ],
+)
+def test_arms_that_cannot_be_are_one_line(old: str, new: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        load_mechanism(str(written(ARMS_DH.replace(old, new), tmp_path)))
+    with pytest.raises(InputError, match="no frame named 'third' to measure at; it has 'left', 'right'"):
+        load_mechanism(str(written(ARMS_DH, tmp_path)), frame="left,third")
