@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from gpmodel.application.possible_changes import Kind, PossibleChange, zero_of
-from gpmodel.application.recheck import Recheck
+from gpmodel.application.possible_changes import Kind, PossibleChange, wander, zero_of
+from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
 
+SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
 """Of each of the two tests of a model that holds, of all that is left and of what is named: a hundredth in all."""
 MOST = 4
@@ -50,28 +51,26 @@ class Visible:
 def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[NamedChange, ...], Recheck]:
     """What changed beyond chance, the least probable first, each beside those before it; and what is left then.
 
-    The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni).
+    The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni). Where the set-up
+    is seen to move along the rows, poses depend on those before: a set-up that wanders is taken out too, and
+    what it explains as well as the machine does is laid to it.
     """
     out: list[NamedChange] = []
     left = found
-    while tried and len(out) < MOST:
+    while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
         here = [h.beside(left) for h in tried]
         scores = [h.explained(left.z) for h in here]
         chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
         best = min(range(len(here)), key=lambda k: (chances[k], -scores[k][0]))
         if chances[best] >= SIGNIFICANCE:
             break
-        value, deviation = here[best].fitted(left.z)
         own, numbers = scores[best]
-        rivals = [
-            h.name for h, (score, k) in zip(here, scores, strict=True)
-            if h is not here[best] and k <= numbers and score > own - AS_LIKELY
-        ]  # fmt: skip
-        chosen = here[best]
-        out.append(
-            NamedChange(chosen.name, chosen.kind, value, deviation, chosen.unit, chances[best], tuple(rivals[:4]))
-        )
-        left = left.without(chosen.columns)
+        alike = [k for k, (score, n) in enumerate(scores) if n <= numbers and score > own - AS_LIKELY]
+        best = next((k for k in alike if here[k].kind == SET_UP and chances[k] < SIGNIFICANCE), best)
+        chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
+        size = chosen.fitted(left.z)
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))
+        left = left.without(chosen.columns if chosen.kind != SET_UP else np.hstack([chosen.columns, wander(left)]))
     return tuple(out), left
 
 

@@ -10,25 +10,35 @@ import numpy as np
 
 from gpmodel.application.recheck import Recheck
 from gpmodel.arrays import Array
+from gpmodel.calibration.rivals import ROW
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
-from gpmodel.formula.expression import ONE
-from gpmodel.model.effect import drive_effect
+from gpmodel.formula.expression import ONE, Expression
+from gpmodel.mechanism.protocol import AXES, INSTRUMENT
+from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.memory import clock_of
 from gpmodel.numerics import rank
 
-Kind = Literal["zero", "tool", "size", "geometry", "catalogue"]
-SHARES: dict[Kind, float] = {"zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 6}
+Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
+SHARES: dict[Kind, float] = {
+    "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12, "set-up": 1 / 12
+}  # fmt: skip
 """How the significance is shared: what slips and is crashed oftenest is asked for first."""
 LEAST = 1e-3
 """Of a column's length: where less than that is left of it, registration or tool stand for it."""
+STANDING = "base"
+"""The slot of what the machine stands on."""
+HALF_WAVES, POSES_A_WAVE = 6, 16
+"""A set-up that wanders does so by as many half waves along the rows at most, each of as many poses."""
 
 
 @dataclass(frozen=True)
 class PossibleChange:
     """One thing that may have changed: whitened columns (M, k), one a number in `unit`; share: of the significance.
 
-    A `size` is a share of what the model has of that effect.
+    A `size` is a share of what the model has of that effect. Of kind `set-up` is what no machine did: the instrument,
+    or what stands still, moved along the rows.
     """
 
     name: str
@@ -132,10 +142,24 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
     ]  # fmt: skip
     if not offered:
         return
-    raw = found.problem.effect_rows([e for c in offered for e in c.effects], model)
+    raw, clock = found.problem.effect_rows([e for c in offered for e in c.effects], model), clock_of(poses.dataset)
     ends = np.cumsum([len(c.effects) for c in offered])[:-1]
     for candidate, columns in zip(offered, np.split(raw, ends, axis=1), strict=True):
-        yield from _seen(found, candidate.name, "catalogue", candidate.unit, columns)
+        aside = all(
+            e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= {ROW, clock}) for e in candidate.effects
+        )
+        yield from _seen(found, candidate.name, "set-up" if aside else "catalogue", candidate.unit, columns)
+
+
+def wander(found: Recheck) -> Array:
+    """Whitened columns (M, k) of a set-up that moves slowly along the rows: cosines of half waves over the session, of
+    every axis."""
+    rows = found.problem.poses.dataset.row
+    waves = min(HALF_WAVES, len(rows) // POSES_A_WAVE)
+    along = f"(row - {rows.min()})/{max(int(np.ptp(rows)), 1)}"
+    bases = [Expression(f"cos({np.pi * k:.9g}*{along})") for k in range(1, waves + 1)]
+    effects = [effect_at(f"{basis} {axis}", INSTRUMENT, axis, basis) for basis in bases for axis in AXES]
+    return found.whitened(found.problem.effect_rows(effects, found.session.saved.model))
 
 
 def _seen(found: Recheck, name: str, kind: Kind, unit: str, raw: Array) -> Iterator[PossibleChange]:

@@ -25,6 +25,8 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import rank
 from gpmodel.table.bundles import sharing
 
+NORMAL = 3.0
+"""Kurtosis of a normal distribution."""
 LEAST_FREEDOM = 6
 """Degrees of freedom below which nothing is judged: what four poses of three coordinates leave a registration."""
 
@@ -85,8 +87,15 @@ class Recheck:
 
     @property
     def chance(self) -> float:
-        """Of so large a |z|² while the model holds."""
-        return float(stats.f.sf(self.chi_square / self.degrees, self.degrees, self.freedom))
+        """Of so large a |z|² while the model holds.
+
+        Tails heavier than normal, of kurtosis κ, make a sum of squares vary as one of 2 / (κ - 1) as many degrees of
+        freedom does (Box 1953).
+        """
+        squares = self.z**2
+        kurtosis = np.mean(squares**2) / max(float(np.mean(squares)) ** 2, np.finfo(float).tiny)
+        share = 2.0 / (max(float(kurtosis), NORMAL) - 1.0)
+        return float(stats.f.sf(self.chi_square / self.degrees, share * self.degrees, share * self.freedom))
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from gpmodel.application.changes import SIGNIFICANCE, NamedChange, Visible, changes, visible
+from gpmodel.application.changes import SET_UP, SIGNIFICANCE, NamedChange, Visible, changes, visible
 from gpmodel.application.kinematics import tips
 from gpmodel.application.later import Session, settled
 from gpmodel.application.model_file import SavedModel
@@ -37,10 +37,11 @@ what its square moves the point by, a micrometre."""
 class Verified:
     """A model against later poses.
 
-    verdict: holds; drifted; another machine, which the model serves hardly better than nominal geometry though few
-    changes do not explain it. alone: (N,) 3-D error, m, of nominal geometry with the best registration and tool point;
-    outside: (N,) inputs beyond the model's ranges. instrument: whether
-    the errors of the instrument that the model has are in these readings; None where it has none.
+    verdict: holds, also where nothing but the set-up moved during the session; drifted; another machine, which the
+    model serves hardly better than nominal geometry though few changes do not explain it. alone: (N,) 3-D
+    error, m, of nominal geometry with the best registration and tool point; outside: (N,) inputs beyond the model's
+    ranges. instrument: whether the errors of the instrument that the model has are in these readings; None where it
+    has none.
     """
 
     verdict: Verdict
@@ -75,7 +76,8 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     named, left = changes(found, tried)
     session = found.session
     verdict: Verdict = "holds"
-    if moved or named or found.chance < SIGNIFICANCE:
+    of_the_machine = tuple(c for c in named if c.kind != SET_UP)
+    if moved or of_the_machine or left.chance < SIGNIFICANCE:
         useless = _rms(session.errors[session.use]) > HALF * _rms(alone.error[session.use])
         few = left.chi_square < UNEXPLAINED * found.chi_square
         verdict = "another machine" if useless and not few else "drifted"

@@ -35,6 +35,8 @@ def verdict(record: Verification) -> str:
             f"The model holds: {len(record.poses)} poses measured afterwards miss it by {mm(after.rms_mm)} mm RMS, "
             f"{mm(record.promised_mm)} mm are promised, {mm(record.without.rms_mm)} mm without it."
         )
+        if record.changes:
+            said += f" Not the machine but its set-up or the instrument: {'; '.join(map(change, record.changes))}."
     elif record.verdict == "drifted":
         said = f"The machine has drifted: {mm(after.rms_mm)} mm RMS, {mm(record.promised_mm)} mm are promised"
         named = "; ".join(change(c) for c in record.changes)

@@ -65,6 +65,24 @@ def test_a_model_that_holds_is_said_to(fitted: tuple[gp.Model, Simulation]) -> N
     assert list(found.to_dataframe()["with [mm]"]) == sorted(found.to_dataframe()["with [mm]"], reverse=True)
 
 
+def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(
+    fitted: tuple[gp.Model, Simulation],
+) -> None:
+    """A random walk along the rows is named as the set-up's; a zero that moved beside it is found."""
+    model, made = fitted
+    kinds, verdicts = [], []
+    for seed in range(8):
+        data, rng = later(made, seed, 60, joint=2, moved=1e-4 * (seed % 2)), np.random.default_rng([seed, 5])
+        walk = np.cumsum(rng.normal(size=(60, 3)), axis=0)
+        walk *= 2 * NOISE / (walk - walk.mean(axis=0)).std()
+        found = model.verify(replace(data, position=data.position + walk)).record
+        kinds.append({c.kind for c in found.changes})
+        verdicts.append(found.verdict)
+    assert sum("set-up" in k for k in kinds) >= 6
+    assert verdicts[::2].count("holds") >= 3
+    assert verdicts[1::2] == ["drifted"] * 4
+
+
 def test_a_zero_that_moved_is_named_with_its_size(fitted: tuple[gp.Model, Simulation]) -> None:
     model, made = fitted
     for joint, moved in ((1, 1e-4), (2, -1e-4), (2, 5e-3)):
