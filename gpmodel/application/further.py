@@ -1,7 +1,7 @@
 """What accuracy is to be expected on poses that nobody measured, as bounds: a Monte Carlo over all that is fitted.
 
-Each world draws the model's numbers from their covariance and the noise from its own distribution, both with the scale
-of that world, and measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
+Each world draws the model's numbers from their covariance, the tails and the scale of the noise as sure as they are, and
+measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,8 @@ def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds 
         known = remembered(saved, data)
     except InputError:
         return None
-    noise = with_far_ones(standardised(fit, problem, use), standardised(fit, problem, far), count)
+    (inside, blur), (outside, around) = (left_out(fit, problem, rows) for rows in (use, far))
+    noise = with_far_ones(inside, outside, count, (blur, around))
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
     there = prepare(saved.mechanism, at_joint_values(known, rng.uniform(low, high, (POSES, data.q.shape[1])), rng))
     observed = observe(fit.model, there, fit.theta, fit.placement)
@@ -84,17 +85,18 @@ def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
 
-def standardised(fit: Calibration, problem: Linearised, use: IntArray) -> Array:
-    """Residuals (M, 3), m, of the rows `use`, as large as those of measurements that no model was fitted to."""
+def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
+    """Residuals (M, 3), m, of the rows `use` by a fit to all others, and how much of the noise's variance (M,) that
+    fit's own uncertainty adds to them: r / (1 - h) and h / (1 - h) with leverage h of a row that was fitted."""
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
     rows[at] = np.cumsum(problem.weights.ravel() > 0).reshape(problem.weights.shape)[:, :3][at] - 1
     own = rows[use]
     columns = problem.columns[own.ravel()]
-    known = np.sum((columns @ fit.covariance.values) * columns, axis=1).reshape(own.shape).mean(axis=1)
+    known = np.sum((columns @ fit.covariance.values) * columns, axis=1).reshape(own.shape).mean(axis=1) / fit.sigma**2
     fitted = np.isin(use, fit.outliers, invert=True)
-    left = np.where(fitted, 1.0 - np.minimum(known / fit.sigma**2, LARGEST_LEVERAGE), 1.0)
-    return np.asarray(problem.residual[own] / np.sqrt(left)[:, None])
+    left = np.where(fitted, 1.0 - np.minimum(known, LARGEST_LEVERAGE), 1.0)
+    return problem.residual[own] / left[:, None], known / left
 
 
 def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random.Generator) -> ErrorBounds:

@@ -3,14 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
 """Degrees of freedom that are weighed against each other, all alike beforehand; the last is the normal distribution."""
-STEPS = 200
-SETTLED = 1e-8
+NODES = 40
+"""Of Student's t as a mixture of normal distributions."""
+STEPS = 100
+SETTLED = 1e-3
 """Iterations of a scale at most; its relative change that ends them."""
 
 
@@ -38,39 +40,56 @@ class Tails:
         return np.asarray(out * scale[:, None, None])
 
 
-def tails(values: Array, count: float) -> Tails:
+def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     """Of a sample (M,) about zero that is worth `count` independent ones: likelihood over FREEDOMS, each with its best
     scale, whose variance is s² (f + 3) / (2 f count).
 
-    Scales by the EM iteration s² ← mean (f + 1) v² / (f + v² / s²) (Lange, Little and Taylor 1989).
+    blur: (M,) variance of what a fit to the rest adds to each value, over that of the value: a sum of many, so that it
+    is normal. Student's t is one over draws of its variance s² u, u = f / χ²_f, at NODES quantiles; scales by the EM
+    iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
     """
-    freedom = np.array(FREEDOMS)
-    squares = np.square(values)
-    variance = np.full(len(freedom), squares.mean())
+    freedom, squares = np.array(FREEDOMS), np.square(values)[:, None, None]
+    spread = freedom[:, None] / stats.chi2.ppf((np.arange(NODES) + 0.5) / NODES, freedom[:, None])
+    widths = spread + np.broadcast_to(blur, np.shape(values))[:, None, None] * spread.mean(axis=1)[:, None]
+    variance = squares.mean() / spread.mean(axis=1)
     for _ in range(STEPS):
-        before = variance
-        variance = np.mean((freedom + 1) * squares[:, None] / (freedom + squares[:, None] / before), axis=0)
+        densities = np.exp(-0.5 * squares / (widths * variance[:, None])) / np.sqrt(widths)
+        each = densities.sum(axis=2) + np.finfo(float).tiny
+        before, variance = variance, np.mean(np.sum(densities / widths, axis=2) / each * squares[:, :, 0], axis=0)
         if np.abs(variance / before - 1).max() < SETTLED:
             break
-    constant = -0.5 * np.log(np.pi) + special.gammaln(0.5 * (freedom + 1)) - special.gammaln(0.5 * freedom)
-    each = -0.5 * (freedom + 1) * np.log1p(squares[:, None] / (freedom * variance))
-    likelihood = count * (constant - 0.5 * np.log(freedom * variance) + each.mean(axis=0))
+    likelihood = count * (np.log(each / NODES).mean(axis=0) - 0.5 * np.log(2 * np.pi * before))
     evidence = float(special.logsumexp(likelihood))
     uncertain = np.sqrt((freedom + 3) / (2 * freedom * count))
     return Tails(freedom, np.sqrt(variance), np.exp(likelihood - evidence), uncertain, evidence - np.log(len(freedom)))
 
 
-def with_far_ones(inside: Array, far: Array, count: float) -> Tails:
-    """Of errors (M, 3) and of those (F, 3) that a fit left out: of both where they are better explained as the tails of
-    one distribution than as failures, which may lie anywhere as far away as the farthest.
+def with_far_ones(
+    inside: Array, far: Array, count: float, blurs: tuple[Array | float, Array | float] = (0.0, 0.0)
+) -> Tails:
+    """Of errors (M, 3) and of those (F, 3) that a fit left out: the tails of one distribution, or failures, which may
+    lie anywhere as far away as the farthest, each weighed by its evidence; any rate of failures is as likely as another
+    beforehand, so that F of them are F! M! / (F + M + 1)!.
 
-    count: independent coordinates that the errors inside are worth.
+    count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as of `tails`.
     """
-    alone = tails(inside.ravel(), count)
+    own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
+    alone = tails(inside.ravel(), count, own)
     if not len(far):
         return alone
-    whole = tails(np.concatenate([inside, far]).ravel(), count + 3 * len(far))
-    radius = float(np.linalg.norm(far, axis=1).max())
-    rate = len(far) / (len(inside) + len(far))
-    failed = len(far) * (np.log(rate) - np.log(4.0 / 3.0 * np.pi * radius**3)) + len(inside) * np.log1p(-rate)
-    return whole if whole.evidence > alone.evidence + failed else alone
+    every = np.concatenate([inside, far]).ravel(), count + 3 * len(far), np.concatenate([own, other])
+    whole = tails(*every)
+    volume = np.log(4.0 / 3.0 * np.pi) + 3.0 * np.log(float(np.linalg.norm(far, axis=1).max()))
+    failed = special.betaln(len(far) + 1, len(inside) + 1) - len(far) * volume
+    share = float(special.expit(whole.evidence - alone.evidence - failed))
+    return _mixed(whole, alone, share, float(np.logaddexp(whole.evidence, alone.evidence + failed)))
+
+
+def _mixed(one: Tails, other: Tails, share: float, evidence: float) -> Tails:
+    """The one with probability `share`, or the other."""
+    freedom, scale, uncertain = (
+        np.concatenate([getattr(t, k) for t in (one, other)]) for k in ("freedom", "scale", "uncertain")
+    )
+    return Tails(
+        freedom, scale, np.concatenate([share * one.weight, (1.0 - share) * other.weight]), uncertain, evidence
+    )
