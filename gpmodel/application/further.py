@@ -1,6 +1,6 @@
 """What accuracy is to be expected on poses that nobody measured, as bounds: a Monte Carlo over all that is fitted.
 
-Each world draws the model's numbers from their covariance, the tails and the scale of the noise as sure as they are, and
+Each world draws the model's numbers from their covariance, tails and scale of the noise by how sure they are, and
 measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
 """
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import softmax
 
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -83,6 +84,7 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
                 RivalRecord(translate(n, names), fitted.optional(1e3 * v))
                 for n, v in sorted(hypothesis.rivals, key=_rms)
             ),
+            probability=_among_rivals(hypothesis, discovery.final.freedom),
             cv_rms_mm=1e3 * hypothesis.cv_rms,
             cv_before_mm=1e3 * hypothesis.cv_before,
             p_value=hypothesis.p_value,
@@ -95,6 +97,13 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
             heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
             constants=discovery.fitted.constants[i],
         )
+
+
+def _among_rivals(hypothesis: Hypothesis, freedom: float) -> float:
+    """Probability of a finding among its rivals, all alike beforehand: each as likely as a normal noise of what it
+    leaves of poses left out, over the independent values. Source: Yao et al. (2018), pseudo-BMA."""
+    left = np.array([hypothesis.cv_rms, *(rms for _, rms in hypothesis.rivals if rms > 0.0)])
+    return float(softmax(-freedom * np.log(left))[0]) if hypothesis.cv_rms > 0.0 else 1.0
 
 
 def _rms(rival: tuple[str, float]) -> float:

@@ -70,7 +70,8 @@ class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
-    rivals: alike ones, closest first; None where nobody looked. p_value: chance of it among `shuffles` of what was
+    rivals: alike ones, closest first; None where nobody looked. probability: that it is this and none of them, by what
+    each leaves of poses left out. p_value: chance of it among `shuffles` of what was
     `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
@@ -94,6 +95,7 @@ class EffectRecord:
     kept: bool = True
     terms: tuple[TermRecord, ...] = ()
     rivals: tuple[RivalRecord, ...] | None = None
+    probability: Share | None = None
     correlated_with: tuple[Correlation, ...] = ()
     cv_rms_mm: NotNegative | None = None
     cv_before_mm: NotNegative | None = None
@@ -118,6 +120,14 @@ class EffectRecord:
         """One line."""
         size = measured(self.value, self.stderr, self.unit)
         return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
+
+    @property
+    def stderr_over_rivals(self) -> float | None:
+        """Root mean square deviation of the amount from the value, which is zero where it is a rival that is there:
+        √(p σ² + (1 - p) value²). Source: Hoeting et al. (1999), variance within and between models."""
+        if self.probability is None or self.value is None or self.stderr is None:
+            return None
+        return float((self.probability * self.stderr**2 + (1.0 - self.probability) * self.value**2) ** 0.5)
 
     def close_rivals(self) -> tuple[RivalRecord, ...]:
         """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""

@@ -72,11 +72,16 @@ def moves(effect: EffectRecord) -> str:
 
 
 def rivalled(effect: EffectRecord) -> str:
-    """That the ± of an effect with close rivals holds only if it is none of them; empty where it has none."""
-    close = effect.close_rivals()
+    """That the ± of an effect with close rivals holds only if it is none of them, how likely that is, and the ± over
+    all of them; empty where it has none."""
+    close, over_all = effect.close_rivals(), effect.stderr_over_rivals
     if not close:
         return ""
-    return f"if it is none of its {len(close)} rivals" if len(close) > 1 else "if it is not its rival"
+    said = f"if it is none of its {len(close)} rivals" if len(close) > 1 else "if it is not its rival"
+    if over_all is None or effect.probability is None:
+        return said
+    size = wording.measured(effect.value, over_all, effect.unit)
+    return f"{said} ({wording.percent(effect.probability)} likely; ± {size.deviation} {size.unit} over all of them)"
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
