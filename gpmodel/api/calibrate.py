@@ -7,13 +7,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.model_file import check_table, saved_model
 from gpmodel.arrays import IntArray
@@ -36,7 +34,6 @@ from gpmodel.report.build import Ladder
 from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.text import summary
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import hold_out
 
@@ -70,29 +67,6 @@ class CalibrationResult(FittedResult):
     def fit(self) -> tuple[Calibration, Poses]:
         """The fit to all poses, and these."""
         return self.calibrated.final, self.calibrated.poses
-
-    @property
-    def verdict(self) -> str:
-        """One sentence: from registration to the last step."""
-        return self.record.verdict
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
-        columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
-        rows = (*self.record.parameters, *self.record.effects)
-        return pd.DataFrame([{c: getattr(row, c) for c in columns} for row in rows], columns=columns)
-
-    def summary(self) -> str:
-        """Verdict, ladder with held-out errors first, effects and parameters ± σ, what to distrust."""
-        return summary(self.record)
-
-    def report(self, folder: str | Path) -> None:
-        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
-        write_fitted(self.record, self.model, folder)
-
-    def save(self, file: str | Path) -> None:
-        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
-        save_fitted(self.record, self.model, file)
 
     def __repr__(self) -> str:
         return f"<calibration of {self.model.mechanism.name} on {self.record.data.file}: {self.verdict}>"

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,6 @@ from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
@@ -41,8 +39,7 @@ from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord, HistogramRecord, SuspectRecord
-from gpmodel.report.text import summary
+from gpmodel.report.schema_search import SuspectRecord
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
@@ -74,30 +71,9 @@ class DiscoveryResult(FittedResult):
         return self.found.final, self.found.poses
 
     @property
-    def histogram(self) -> pd.DataFrame:
-        """One row an input of the first round: how many programs refer to it, on shuffled residuals too, and whether
-        that is beyond chance; empty where none were evolved."""
-        found = self.record.histograms[0] if self.record.histograms else HistogramRecord()
-        rows = {
-            "input": found.inputs, **found.counts, "shuffled": found.shuffled, "p_value": found.p_values,
-            "significant": [name in found.significant for name in found.inputs],
-        }  # fmt: skip
-        return pd.DataFrame({name: pd.Series(list(values)) for name, values in rows.items()})
-
-    @property
-    def findings(self) -> tuple[EffectRecord, ...]:
-        """The effects added, in the order they were found."""
-        return self.record.effects
-
-    @property
     def suspects(self) -> tuple[SuspectRecord, ...]:
         """What something speaks for and was not added; `choose_poses(after=, suspect=)` has the poses that decide."""
         return self.record.suspects
-
-    @property
-    def verdict(self) -> str:
-        """The answer in one sentence."""
-        return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, rivals."""
@@ -108,18 +84,6 @@ class DiscoveryResult(FittedResult):
             for f in self.findings
         ]
         return pd.DataFrame(rows, columns=[*columns, "inputs", "rivals"])
-
-    def summary(self) -> str:
-        """Verdict, ladder with held-out errors first, noise floor, findings ± σ with rivals, what to distrust."""
-        return summary(self.record)
-
-    def report(self, folder: str | Path) -> None:
-        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
-        write_fitted(self.record, self.model, folder)
-
-    def save(self, file: str | Path) -> None:
-        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
-        save_fitted(self.record, self.model, file)
 
     def __repr__(self) -> str:
         names = "; ".join(f.name for f in self.findings) or "nothing"

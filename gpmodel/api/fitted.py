@@ -1,26 +1,88 @@
 """What results of a fit have in common: numbers, predictions and pictures at hand."""
 
 from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from gpmodel.api.display import figure_of, ladder_of, notebook_of
 from gpmodel.api.model import Model
+from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import TableLike
 from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
 from gpmodel.model.error_model import Poses
+from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import EffectRecord, HistogramRecord
+from gpmodel.report.text import summary
 
 
-class FittedResult(ABC):
-    """A result with a fitted model."""
+class RecordedResult:
+    """A result of a fit, here or read back: what its report.json says."""
+
+    if TYPE_CHECKING:  # a field of one, made when it is asked for by another
+
+        @property
+        def record(self) -> Report:
+            """The same as report.json has it."""
 
     @property
-    @abstractmethod
-    def record(self) -> Report:
-        """The same as report.json has it."""
+    def histogram(self) -> pd.DataFrame:
+        """One row an input of the first round: how many programs refer to it, on shuffled residuals too, and whether
+        that is beyond chance; empty where none were evolved."""
+        found = self.record.histograms[0] if self.record.histograms else HistogramRecord()
+        rows = {
+            "input": found.inputs, **found.counts, "shuffled": found.shuffled, "p_value": found.p_values,
+            "significant": [name in found.significant for name in found.inputs],
+        }  # fmt: skip
+        return pd.DataFrame({name: pd.Series(list(values)) for name, values in rows.items()})
+
+    @property
+    def findings(self) -> tuple[EffectRecord, ...]:
+        """The effects added, in the order they were found."""
+        return self.record.effects
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one sentence."""
+        return self.record.verdict
+
+    @property
+    def rms(self) -> float:
+        """RMS, mm, of the 3-D error of the last step, on the held-out poses where there are any."""
+        found = self.record.ladder[-1].errors.rms_mm
+        return float("nan") if found is None else found
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
+        columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
+        rows = (*self.record.parameters, *self.record.effects)
+        return pd.DataFrame([{c: getattr(row, c) for c in columns} for row in rows], columns=columns)
+
+    def summary(self) -> str:
+        """Verdict, ladder with held-out errors first, effects and parameters ± σ, what to distrust."""
+        return summary(self.record)
+
+    def ladder(self) -> pd.DataFrame:
+        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
+        return ladder_of(self.record)
+
+    def plot(self, name: str | None = None) -> object:
+        """A picture of the report as a matplotlib Figure: the first one, or that of a name.
+
+        Raises InputError, listing the names, for one that is none.
+        """
+        return figure_of(self.record, name)
+
+    def _repr_html_(self) -> str:
+        return notebook_of(self.record)
+
+
+class FittedResult(RecordedResult, ABC):
+    """A result with a fitted model. Parameters and effects are called by the names of the table."""
 
     @property
     @abstractmethod
@@ -51,38 +113,30 @@ class FittedResult(ABC):
     @property
     def params(self) -> pd.Series:
         """The values of the model's parameters and effects by name, SI."""
-        fit = self.fit[0]
-        return pd.Series(fit.theta, index=[e.name for e in fit.model.effects], name="value")
+        return pd.Series(self.fit[0].theta, index=self._names, name="value")
 
     @property
     def stderr(self) -> pd.Series:
         """Their standard deviations; NaN where the poses could not determine one."""
-        fit = self.fit[0]
-        return pd.Series(fit.stderr, index=[e.name for e in fit.model.effects], name="stderr")
+        return pd.Series(self.fit[0].stderr, index=self._names, name="stderr")
 
     @property
     def covariance(self) -> pd.DataFrame:
         """Their covariance, SI, registration and tool first; zero where not fitted."""
-        fit = self.fit[0]
-        names = [*fit.covariance.placement, *(e.name for e in fit.model.effects)]
-        return pd.DataFrame(fit.covariance.values, index=names, columns=names)
+        known = self.fit[0].covariance
+        names = [*known.placement, *self._names]
+        return pd.DataFrame(known.values, index=names, columns=names)
 
     @property
-    def rms(self) -> float:
-        """RMS, mm, of the 3-D error of the last step, on the held-out poses where there are any."""
-        found = self.record.ladder[-1].errors.rms_mm
-        return float("nan") if found is None else found
+    def _names(self) -> list[str]:
+        fit, poses = self.fit
+        names = names_of(poses.dataset)
+        return [translate(e.name, names) for e in fit.model.effects]
 
-    def ladder(self) -> pd.DataFrame:
-        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
-        return ladder_of(self.record)
+    def report(self, folder: str | Path) -> None:
+        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
+        write_fitted(self.record, self.model, folder)
 
-    def plot(self, name: str | None = None) -> object:
-        """A picture of the report as a matplotlib Figure: the first one, or that of a name.
-
-        Raises InputError, listing the names, for one that is none.
-        """
-        return figure_of(self.record, name)
-
-    def _repr_html_(self) -> str:
-        return notebook_of(self.record)
+    def save(self, file: str | Path) -> None:
+        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
+        save_fitted(self.record, self.model, file)

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from gpmodel.api.arguments import file_path, shown, whole
-from gpmodel.api.display import figure_of, ladder_of, notebook_of
+from gpmodel.api.fitted import RecordedResult
 from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.api.results import write_results
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.report.saved import read_report
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord
-from gpmodel.report.text import summary
 
 if TYPE_CHECKING:
     from gpmodel.api.exports import ExportsResult
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class SavedResult:
+class SavedResult(RecordedResult):
     """What calibrate or discover left in a folder. record: its report.json."""
 
     folder: Path
@@ -37,43 +35,12 @@ class SavedResult:
         """Its model.json. Raises InputError where there is none."""
         return load_model(self.folder / MODEL)
 
-    @property
-    def verdict(self) -> str:
-        """The answer in one sentence."""
-        return self.record.verdict
-
-    @property
-    def findings(self) -> tuple[EffectRecord, ...]:
-        """The effects added, in the order they were found."""
-        return self.record.effects
-
-    def ladder(self) -> pd.DataFrame:
-        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
-        return ladder_of(self.record)
-
-    def to_dataframe(self) -> pd.DataFrame:
-        """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
-        columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
-        rows = (*self.record.parameters, *self.record.effects)
-        return pd.DataFrame([{c: getattr(row, c) for c in columns} for row in rows], columns=columns)
-
-    def summary(self) -> str:
-        """As it was printed."""
-        return summary(self.record)
-
-    def plot(self, name: str | None = None) -> object:
-        """As `CalibrationResult.plot`."""
-        return figure_of(self.record, name)
-
     def report(self, folder: str | Path) -> None:
         """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
         write_results(self.record, folder)
 
     def __repr__(self) -> str:
         return f"<{self.record.kind} of {self.record.mechanism.name} in {self.folder}: {self.verdict}>"
-
-    def _repr_html_(self) -> str:
-        return notebook_of(self.record)
 
 
 def load_result(folder: str | Path) -> SavedResult:

@@ -54,7 +54,7 @@ def deviation(part: Part, machine: int) -> str:
 
 def said(part: SharedPart) -> wording.Stated:
     """Mean ± of the type."""
-    return wording.measured(*in_words(part, part.mean, part.stderr))
+    return wording.measured(*in_words(part, part.mean, part.stderr), in_list=part.constant)
 
 
 def spread(part: Part) -> str:
@@ -63,7 +63,9 @@ def spread(part: Part) -> str:
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.spread)} of prior"
     size = _size(part)
-    return str(wording.measured(part.spread, None, part.unit)) if size is None else wording.percent(part.spread / size)
+    if size is not None:
+        return wording.percent(part.spread / size)
+    return str(wording.measured(part.spread, None, part.unit, in_list=part.constant))
 
 
 def band(part: Part) -> str:
@@ -72,7 +74,8 @@ def band(part: Part) -> str:
         return f"{wording.percent(part.low)} to {wording.percent(part.high)}"
     if (size := _size(part)) is not None:
         return f"{wording.percent(part.low / size)} to {wording.percent(part.high / size)}"
-    factor, unit = wording.prefix(part.spread or part.high, part.unit)
+    listed = wording.OF_LISTS.get(part.unit) if part.constant else None
+    factor, unit = listed or wording.prefix(part.spread or part.high, part.unit)
     low, high = (wording.significant(factor * value, 3) for value in (part.low, part.high))
     return f"{low} to {high} {unit}"
 

@@ -108,6 +108,7 @@ def test_what_was_written_is_read_compared_explained_certified_and_exported(foun
     again = gp.load_result(tmp_path / "R")
     assert again.verdict == found.verdict
     assert again.model == gp.load_result(tmp_path / "R").model
+    assert list(again.histogram.columns) == ["input", "shuffled", "p_value", "significant"]
     assert again.findings == found.findings
     assert len(again.ladder()) == len(found.ladder())
     gp.compare(found, again).report(tmp_path)

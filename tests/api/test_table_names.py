@@ -71,3 +71,11 @@ def test_a_search_tells_its_progress_in_the_names_of_the_table() -> None:
     )
     assert [f.name for f in found.findings] == ["drag at J2"]
     assert "round 1: added drag at J2" in [str(line) for line in told]
+
+
+def test_the_numbers_of_a_fit_are_named_as_the_table_does() -> None:
+    fit = fitted()
+    names = list(fit.params.index)
+    assert "J1 Tx" in names
+    assert not any(name.startswith(("shoulder", "elbow")) for name in names)
+    assert list(fit.stderr.index) == names == list(fit.covariance.columns)[-len(names) :]
