@@ -13,6 +13,7 @@ from gpmodel.table.figaroh import figaroh_table, is_figaroh
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.imported import Imported
 from gpmodel.table.opencv import camera_or_corners
+from gpmodel.table.robot_calibration import calibrated_urdf
 from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.table.units import parse_quantity
 from gpmodel.table.ur_conf import calibrated_rows
@@ -26,7 +27,7 @@ from gpmodel.texts import toml_text
 @click.option("--joints", type=click.Path(path_type=Path), help="Of corners: joint values, a row a view.")
 @click.option("--square", metavar="SIZE", help="Of corners: from one to the next, as in 24mm.")
 @click.option("--topic", help="Of a ROS bag: the measurements, where several topics hold some.")
-@click.option("--nominal", type=click.Path(path_type=Path), help="Of UR's calibration.conf: urcontrol.conf.")
+@click.option("--nominal", type=click.Path(path_type=Path), help="What a calibration corrects: urcontrol.conf, a URDF.")
 @click.option("--out", type=click.Path(path_type=Path), default=None, help="The table, .csv. [default: print it]")
 @quiet_option
 def import_table(
@@ -36,7 +37,8 @@ def import_table(
     """Turn a FILE of another program into what this one reads.
 
     A table of FIGAROH and a ROS bag (--mechanism M says which joints slide), corners of OpenCV (--joints, --square)
-    become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf (--nominal) a mechanism.
+    become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf and robot_calibration's
+    offsets (--nominal) a mechanism.
     A table of any other layout goes by a map, which names for every column the file's column, or a formula of its
     columns, and the unit:
 
@@ -56,6 +58,8 @@ def import_table(
         made = bag_table(file, mechanism, topic)
     elif file.suffix.lower() == ".conf":
         made = calibrated_rows(file, nominal)
+    elif file.suffix.lower() in (".yaml", ".yml") and nominal is not None:
+        made = calibrated_urdf(file, nominal)
     elif file.suffix.lower() in (".yaml", ".yml"):
         made = camera_or_corners(file, joints, None if square is None else parse_quantity(square, "length", "square"))
     elif is_figaroh(file):

@@ -24,6 +24,7 @@ from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.numerics import se3
+from gpmodel.table.robot_calibration import calibrated_urdf
 
 MICROMETRE = 1e-6
 
@@ -133,6 +134,10 @@ def test_offsets_are_applied_as_robot_calibration_does(case: Case, tmp_path: Pat
     assert len(changed) >= 5
     flange = flange_of(with_origins(nominal, changed), frame, case, tmp_path)
     assert case.missed(flange, tool_said(text)) < MICROMETRE
+    (tmp_path / "offsets.yaml").write_text(text)
+    (tmp_path / "nominal.urdf").write_text(nominal)
+    again = str(calibrated_urdf(tmp_path / "offsets.yaml", tmp_path / "nominal.urdf").content)
+    assert case.missed(flange_of(again, frame, case, tmp_path), tool_said(text)) < MICROMETRE
 
 
 def test_ur_description_builds_the_calibrated_arm(case: Case, tmp_path: Path) -> None:

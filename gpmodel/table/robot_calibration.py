@@ -1,0 +1,101 @@
+"""What robot_calibration found: offsets of joints and frames, put into the URDF that they belong to.
+
+    origin' = origin · X · M(o),   X of NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad;
+    M(o) the motion of the joint NAME by its offset o, rad or m
+
+Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF; there an offset of a joint
+goes into <calibration rising>, which nothing reads.
+"""
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.numerics import se3
+from gpmodel.reading import read_text
+from gpmodel.table.imported import Imported
+
+LARGEST = 16 << 20
+"""Bytes of a URDF."""
+EXPECTED = "robot_calibration's offsets, a line `NAME: number` each"
+
+
+def calibrated_urdf(path: Path, nominal: Path) -> Imported:
+    """The URDF with the offsets in it. Raises InputError where a file cannot be read, or no offset is of one of its
+    joints."""
+    offsets = _offsets(path)
+    try:
+        robot = ET.fromstring(read_text(nominal, LARGEST, "a URDF file"))
+    except ET.ParseError as error:
+        raise InputError(f"{nominal.name}: is no XML ({error}); expected the URDF that was calibrated") from None
+    used: set[str] = set()
+    for joint in robot.findall("joint"):
+        name = joint.get("name", "")
+        keys = [f"{name}_{axis}" for axis in "xyzabc"]
+        frame = np.eye(4)
+        frame[:3, 3] = [offsets.get(key, 0.0) for key in keys[:3]]
+        frame[:3, :3] = Rotation.from_rotvec([offsets.get(key, 0.0) for key in keys[3:]]).as_matrix()
+        if found := {name, *keys} & offsets.keys():
+            _set_origin(joint, _origin(joint, nominal) @ frame @ _motion(joint, offsets.get(name, 0.0), nominal))
+            used |= found
+    if not used:
+        raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {', '.join([*offsets][:8])}")
+    left = ", ".join(sorted(offsets.keys() - used))
+    note = f"{nominal.name} with the offsets of {path.name}" + (f"; of no joint here: {left}" if left else "")
+    robot.insert(0, ET.Comment(f" {note.replace('--', '- -')} "))
+    return Imported(ET.tostring(robot, encoding="unicode") + "\n")
+
+
+def _offsets(path: Path) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for number, line in enumerate(read_text(path, LARGEST, EXPECTED).splitlines(), 1):
+        if not (text := line.partition("#")[0].strip()) or text == "---":
+            continue
+        name, found, value = text.rpartition(":")
+        try:
+            out[name.strip()] = float(value) if found else math.nan
+        except ValueError:
+            out[name.strip()] = math.nan
+        if not math.isfinite(out[name.strip()]):
+            raise InputError(f"{path.name}, line {number}: {text[:60]!r}; expected {EXPECTED}")
+    return out
+
+
+def _numbers(text: str, where: str) -> list[float]:
+    try:
+        out = [float(word) for word in text.split()]
+    except ValueError:
+        out = []
+    if len(out) != 3:
+        raise InputError(f"{where}: '{text}'; expected three numbers")
+    return out
+
+
+def _origin(joint: ET.Element, file: Path) -> Array:
+    place, where = joint.find("origin"), f"{file.name}, joint '{joint.get('name')}', origin"
+    given = {} if place is None else place.attrib
+    out = np.eye(4)
+    out[:3, 3] = _numbers(given.get("xyz", "0 0 0"), where)
+    out[:3, :3] = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"), where)).as_matrix()
+    return out
+
+
+def _motion(joint: ET.Element, value: float, file: Path) -> Array:
+    axis = joint.find("axis")
+    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    along = np.array(_numbers(text, f"{file.name}, joint '{joint.get('name')}', axis"))
+    along = along / (np.linalg.norm(along) or 1.0)
+    slides = joint.get("type") == "prismatic"
+    return np.asarray(se3.exp(value * np.concatenate([along * slides, along * (not slides)])))
+
+
+def _set_origin(joint: ET.Element, frame: Array) -> None:
+    place = joint.find("origin")
+    place = ET.SubElement(joint, "origin") if place is None else place
+    for key, numbers in (("xyz", frame[:3, 3]), ("rpy", se3.roll_pitch_yaw(frame[:3, :3]))):
+        place.set(key, " ".join(repr(float(v)) for v in numbers))
