@@ -17,6 +17,7 @@ from gpmodel.numerics import se3
 from robots.chain import SerialChain
 from robots.statics import load_names, unit_load_names
 from robots.urdf import read_urdf
+from robots.urdf_export import write_arms_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,16 @@ class Branches:
     def unit_loads(self, q: Array) -> dict[str, Array]:
         """Likewise; see SerialChain.unit_loads."""
         return self._of_one_arm(q, lambda chain, own: chain.unit_loads(own))
+
+    def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
+        """Writes the arms with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        arms, before, given = [], set[str](), twists or {}
+        for chain, own in zip(self.chains, self._own, strict=True):
+            shared = before if chain.source else set()
+            slots = zip(chain.slots, own, strict=True)
+            arms.append((chain, {s: given[n] for s, n in slots if n in given and n not in shared}))
+            before |= {*own}
+        return write_arms_urdf(arms, path)
 
     def _of_one_arm(self, q: Array, of: Callable[[SerialChain, Array], dict[str, Array]]) -> dict[str, Array]:
         """Loads of every chain by name, those of the joints that no other chain has."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,38 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
     a chain measured at its very last link needs a link of its own, FRAME_calibrated.
     Raises InputError for a slot the mechanism does not have, or a file that cannot be written.
     """
+    errors = _errors(mechanism, twists)
+    if mechanism.source is None:
+        robot, frame = _generated(mechanism, errors), mechanism.tool_frame
+    else:
+        robot = parse_xml(mechanism.source)
+        frame = _corrected(mechanism, robot, errors)
+    _write(robot, path)
+    return frame
+
+
+def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
+    """The same of several arms of one tree, each with the twists by its own slots; where they are read from a file,
+    those of shared slots with the first arm that has them. Returns the links to measure at, commas between them."""
+    robot, frames = None, []
+    for mechanism, twists in arms:
+        errors = _errors(mechanism, twists)
+        if mechanism.source is not None:
+            robot = parse_xml(mechanism.source) if robot is None else robot
+            frames.append(_corrected(mechanism, robot, errors))
+            continue
+        own = _generated(mechanism, errors)
+        robot = own if robot is None else robot
+        there = {(part.tag, part.get("name")) for part in robot}
+        robot.extend(part for part in own if (part.tag, part.get("name")) not in there)
+        frames.append(mechanism.tool_frame)
+    assert robot is not None
+    _write(robot, path)
+    return ",".join(frames)
+
+
+def _errors(mechanism: Chain, twists: Mapping[str, Array]) -> dict[str, Array]:
+    """Slot -> the motion (4, 4) of its twist. Raises InputError for a slot that the mechanism does not have."""
     for slot, twist in twists.items():
         if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
             raise InputError(
@@ -38,18 +70,15 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
                 f"{', '.join(mechanism.slots)}"
             )
     errors = dict.fromkeys(mechanism.slots, np.eye(4))
-    errors |= {slot: se3.exp(np.asarray(twist, dtype=np.float64)) for slot, twist in twists.items()}
-    if mechanism.source is None:
-        robot, frame = _generated(mechanism, errors), mechanism.tool_frame
-    else:
-        robot = parse_xml(mechanism.source)
-        frame = _corrected(mechanism, robot, errors)
+    return errors | {slot: se3.exp(np.asarray(twist, dtype=np.float64)) for slot, twist in twists.items()}
+
+
+def _write(robot: ET.Element, path: Path) -> None:
     ET.indent(robot)
     try:
         ET.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
-    return frame
 
 
 def _corrected(mechanism: Chain, robot: ET.Element, errors: Mapping[str, Array]) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from experiments.blind.simulator import Array, draw_poses, small_motion
-from experiments.instruments.reaching import ends, reached
+from experiments.instruments.reaching import Unreached, ends, reached
 from experiments.instruments.robots import Robot
 
 FOCAL, IMAGE, PIXEL = 2400.0, (2448.0, 2048.0), 0.1
@@ -156,14 +157,20 @@ def two_arms(robots: tuple[Robot, ...], count: int, rng: np.random.Generator) ->
     reach = [_nearby(r, rng, 1.0) for r in robots]
     which, arm = np.arange(count) // 4, np.arange(count) % 2
     apart = np.max([_fifth(reach[0], arm_s) for arm_s in reach], axis=0)
-    points = reach[0][rng.choice(np.argsort(apart)[: max(100, count)], 1 + count // 4, replace=False)]
-    target = points[which] + rng.normal(0.0, LENGTH, (count, 3))
+    for widest in (max(100, count), 2 * (1 + count // 4), 1 + count // 4):
+        points = reach[0][rng.choice(np.argsort(apart)[:widest], 1 + count // 4, replace=False)]
+        target = points[which] + rng.normal(0.0, LENGTH, (count, 3))
+        try:
+            q = reached(robots, arm, partial(_fixed, target), rng)
+            break
+        except Unreached:
+            continue
+    else:
+        raise Unreached("no points that both arms reach")
 
     def read(last: Array, tool: Array, own: Array) -> Array:
-        p = ends(last, tool)
-        return np.asarray((p - own.reshape(-1, 3)[which[: len(p)]]) / LENGTH)
+        return np.asarray((ends(last, tool) - own.reshape(-1, 3)[which[: len(last)]]) / LENGTH)
 
-    q = reached(robots, arm, lambda p: target, rng)
     columns = {"tip": np.array(["link_6", "right_6"])[arm], "same_point": np.array([f"P{k}" for k in which])}
     return Session("two arms", q, arm, points[: which[-1] + 1].ravel(), read, np.zeros((count, 3)), columns)
 
@@ -214,6 +221,11 @@ def _nearby(robot: Robot, rng: np.random.Generator, share: float = 0.25) -> Arra
     p = ends(last, robot.tools(last))
     off = np.linalg.norm(p - np.median(p, axis=0), axis=1)
     return np.asarray(p[np.argsort(off)[: int(share * len(p))]])
+
+
+def _fixed(target: Array, tools: Array) -> Array:
+    """The same place wherever the tools are."""
+    return target
 
 
 def _fifth(points: Array, others: Array) -> Array:

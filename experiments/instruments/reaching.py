@@ -16,6 +16,10 @@ Aim = Callable[[Array], Array]
 """Where tool points (N, 3) should be, m."""
 
 
+class Unreached(RuntimeError):
+    """Some poses do not get where they should be."""
+
+
 def ends(last: Array, tools: Array) -> Array:
     """Tool points (N, 3) of last frames (N, 4, 4) and points in them (N, 3)."""
     return np.asarray(np.einsum("nij,nj->ni", last[:, :3, :3], tools) + last[:, :3, 3])
@@ -45,7 +49,7 @@ def _arrived(robot: Robot, count: int, mine: Array, aim: Aim, rng: np.random.Gen
         left = left[off]
         if not len(left):
             return q[mine]
-    raise RuntimeError(f"{len(left)} of {count} poses are not reached")
+    raise Unreached(f"{len(left)} of {count} poses are not reached")
 
 
 def _aimed(aim: Aim, full: Array, rows: Array, p: Array) -> Array:

@@ -3,8 +3,8 @@
     origin' = origin · X · M(o),   X of NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad;
     M(o) the motion of the joint NAME by its offset o, rad or m
 
-Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF; there an offset of a joint
-goes into <calibration rising>, which nothing reads.
+Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF, where an offset of a
+joint goes into <calibration rising>, which nothing reads.
 """
 
 import math

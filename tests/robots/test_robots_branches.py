@@ -8,11 +8,13 @@ import pytest
 from cli_cases import one_line, run
 
 import gpmodel as gp
+from gpmodel.application.exports.make import exports_of
+from gpmodel.application.exports.sample import Place
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
-from gpmodel.mechanism.branches import lineage
+from gpmodel.mechanism.branches import assembled, lineage
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
@@ -177,3 +179,38 @@ def test_what_two_arms_cannot_be_is_one_line(file: Path) -> None:
         gp.load_mechanism(str(file), frame="left_tool,hand")
     with pytest.raises(InputError, match="planes is of one arm"):
         gp.simulate(gp.load_mechanism(str(file), frame=TIPS), poses=12, instrument="planes")
+
+
+ROWS = (
+    '\nname = "{side}"\n[arm.tool]\nxyz_mm = [0, 0, 80]\n[[arm.joint]]\nname = "torso"\nd_mm = 900\n'
+    'alpha_deg = {tilt}\n[[arm.joint]]\nname = "{side}_1"\nd_mm = {d}\na_mm = 400\nalpha_deg = 90\n'
+)
+
+
+@pytest.mark.parametrize("source", ["urdf", "rows"])
+def test_arms_are_written_with_their_errors(source: str, file: Path, tmp_path: Path) -> None:
+    if source == "rows":
+        sides = [ROWS.format(side=s, tilt=t, d=d) for s, t, d in (("left", 20, 100), ("right", -20, -100))]
+        file = tmp_path / "rows.toml"
+        file.write_text('convention = "standard"\n' + "".join(f"[[arm]]{side}" for side in sides))
+    arms = gp.load_mechanism(str(file), frame=TIPS if source == "urdf" else None)
+    rng, slots = np.random.default_rng(2), arms.slots
+    twists = {slot: 1e-3 * rng.normal(size=6) for slot in slots}
+    q = random_poses(arms, 5, rng)
+    errors = {i: np.broadcast_to(se3.exp(twists[slot]), (5, 4, 4)) for i, slot in enumerate(slots)}
+    placed = assembled(arms.bare, arms.transforms(q), errors)
+    frames = arms.bare.write_urdf(tmp_path / "written.urdf", twists)
+    again = gp.load_mechanism(str(tmp_path / "written.urdf"), frame=frames)
+    found = se3.chain(again.transforms(q))
+    for (_, slot), (_, other) in zip(arms.bare.tips.items(), again.bare.tips.items(), strict=True):
+        np.testing.assert_allclose(found[again.slots.index(other)], placed[slots.index(slot)], atol=1e-9)
+
+
+def test_a_fit_of_two_arms_is_exported_as_a_urdf_that_says_its_own_error(made, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    result = gp.calibrate(made.truth.mechanism, made.table)
+    saved = result.model.saved
+    found = {e.file: e for e in exports_of(saved, Place.of(saved)).made}
+    assert found["calibrated.urdf"].largest < 1e-9
+    (tmp_path / "arms.urdf").write_text(found["calibrated.urdf"].text)
+    again = gp.load_mechanism(str(tmp_path / "arms.urdf"), frame=TIPS)
+    assert [j.name for j in again.joints] == [j.name for j in made.truth.mechanism.joints]

@@ -1,7 +1,7 @@
 """Exports held against `predict` on fresh poses."""
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,9 @@ from gpmodel.application.exports.rigid import Rigid
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
@@ -42,6 +43,25 @@ class Check:
         """RMS and largest distance, m, of points (N, 3) from those predicted."""
         off = np.linalg.norm(points - self.points, axis=1)
         return root_mean_square(off), float(off.max())
+
+
+def read_back_arms(text: str, frames: str, rigid: Rigid, dataset: Dataset) -> Array:
+    """The same of a URDF of several arms; frames: the link of each, in the order of the mechanism's own."""
+    tree = branched(rigid.fit.model.mechanism)
+    assert tree is not None
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "read_back.urdf"
+        path.write_text(text, encoding="utf-8")
+        mechanism = MechanismChoice(str(path), frames).load()
+    own = dict(zip(tree.tips, frames.split(","), strict=True))
+    tips = np.array([own.get(name, frames.split(",")[0]) for name in dataset.label("tip").tolist()])
+    order = [dataset.joints.index(joint.name) for joint in mechanism.joints]
+    names = tuple(joint.name for joint in mechanism.joints)
+    moved = replace(dataset, joints=names, q=dataset.q[:, order], labels={**dataset.labels, "tip": tips})
+    placement = replace(rigid.fit.placement, anchors={})
+    bare = ErrorModel(mechanism, ())
+    poses = prepare(mechanism, replace(moved, observations=()))
+    return observe(bare, poses, np.zeros(0), placement).tip[:, :3, 3]
 
 
 def read_back(text: str, suffix: str, frame: str | None, rigid: Rigid, dataset: Dataset) -> Array:

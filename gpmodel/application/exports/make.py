@@ -6,13 +6,13 @@ import subprocess
 import tempfile
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.exports.against import Check, read_back
+from gpmodel.application.exports.against import Check, read_back, read_back_arms
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
 from gpmodel.application.exports.forward import Forward
@@ -24,10 +24,14 @@ from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, input_names, latex_text, numpy_text, to_the_digits
 from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text, written
 from gpmodel.application.model_file import SavedModel
+from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.printing import DIGITS
+from gpmodel.mechanism.branches import branched
+from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import table_text
 
 GRID = "exports/grid.csv"
@@ -84,6 +88,9 @@ def exports_of(
         "exports/model.tex": lambda file: _latex(file, check()),
         GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, rng), nodes),
     }
+    if branched(saved.mechanism):
+        fresh = partial(fresh_poses, saved, POSES, rng)
+        makers["calibrated.urdf"] = lambda file: _arms(file, rigid(), saved, fresh())
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -110,6 +117,18 @@ def geometry_export(file: str, rigid: Rigid, check: Check) -> Export:
     rms, largest = check.errors(points)
     heldout = root_mean_square(rigid.heldout)
     return Export(file, f"the refitted geometry {what}", text, rms, largest, heldout, rigid.missing)
+
+
+def _arms(file: str, rigid: Rigid, saved: SavedModel, dataset: Dataset) -> Export:
+    """The refitted geometry of several arms."""
+    kept = usable(saved)
+    data = replace(dataset, observations=())
+    points = observe(kept.model, prepare(saved.mechanism, data), kept.theta, kept.placement).tip[:, :3, 3]
+    text = urdf_text(rigid, note_of(rigid))
+    off = np.linalg.norm(read_back_arms(text, measured_link(text), rigid, data) - points, axis=1)
+    heldout = root_mean_square(rigid.heldout)
+    what = "the refitted geometry as a URDF"
+    return Export(file, what, text, root_mean_square(off), float(off.max()), heldout, rigid.missing)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
