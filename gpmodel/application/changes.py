@@ -8,6 +8,7 @@ from scipy import stats
 
 from gpmodel.application.possible_changes import Kind, PossibleChange, wander, zero_of
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
+from gpmodel.numerics.multiple import chance_of_ratio
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
@@ -75,7 +76,7 @@ def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[Name
 
 
 def _chance(found: Recheck, score: float, numbers: int) -> float:
-    return float(stats.f.sf(score / numbers, numbers, found.freedom)) if numbers else 1.0
+    return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0
 
 
 def visible(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[Visible, ...]:

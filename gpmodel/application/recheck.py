@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from gpmodel.application.kinematics import REACHED
 from gpmodel.application.later import Session
@@ -23,6 +22,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank
+from gpmodel.numerics.multiple import chance_of_ratio
 from gpmodel.table.bundles import sharing
 
 NORMAL = 3.0
@@ -95,7 +95,7 @@ class Recheck:
         squares = self.z**2
         kurtosis = np.mean(squares**2) / max(float(np.mean(squares)) ** 2, np.finfo(float).tiny)
         share = 2.0 / (max(float(kurtosis), NORMAL) - 1.0)
-        return float(stats.f.sf(self.chi_square / self.degrees, share * self.degrees, share * self.freedom))
+        return chance_of_ratio(self.chi_square / self.degrees, share * self.degrees, share * self.freedom)
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
@@ -110,7 +110,7 @@ class Recheck:
             unlikely = float(left[rows] @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ left[rows])
             here = (self.bundle == code) & self.session.use
             promised[here] = np.sqrt(np.trace(covariance[~turns[rows]][:, ~turns[rows]]))
-            chance[here] = stats.f.sf(unlikely / len(rows), len(rows), self.freedom)
+            chance[here] = chance_of_ratio(unlikely / len(rows), len(rows), self.freedom)
         return promised, chance
 
     @property

@@ -1,6 +1,7 @@
 """Chances of many tests at once."""
 
 import numpy as np
+from scipy import stats
 
 from gpmodel.arrays import Array
 
@@ -18,3 +19,13 @@ def holm(chances: Array) -> Array:
     out = np.empty_like(flat)
     out[order] = np.minimum(1.0, np.maximum.accumulate(np.arange(len(flat), 0, -1) * flat[order]))
     return out.reshape(chances.shape)
+
+
+def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
+    """Of a mean square of `numbers` normal deviates this many times a variance estimated with `freedom`, or more.
+
+    F distributed; where the variance is known, `freedom` infinite, χ² over its degrees. scipy's F is NaN there.
+    """
+    if np.isinf(freedom):
+        return float(stats.chi2.sf(ratio * numbers, numbers))
+    return float(stats.f.sf(ratio, numbers, freedom))

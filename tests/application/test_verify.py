@@ -106,6 +106,16 @@ def test_another_machine_is_told_from_one_that_drifted(fitted: tuple[gp.Model, S
     assert fitted[0].verify(later(other, 5)).record.verdict == "another machine"
 
 
+def test_a_model_whose_noise_is_known_for_sure_is_judged_as_well(fitted: tuple[gp.Model, Simulation]) -> None:
+    """Also one written before the degrees of freedom of its noise were kept."""
+    known = gp.Model(replace(fitted[0].saved, freedom=np.inf))
+    assert known.verify(later(fitted[1], 5)).holds
+    drifted = known.verify(later(fitted[1], 5, joint=1, moved=1e-4)).record
+    assert drifted.verdict == "drifted"
+    assert drifted.chance < 1e-6
+    assert all(pose.chance is not None for pose in drifted.poses)
+
+
 def test_the_zero_that_the_registration_stands_for_is_said_to_be_unseen(fitted: tuple[gp.Model, Simulation]) -> None:
     model, made = fitted
     found = model.verify(later(made, 6, joint=0, moved=1e-3))
