@@ -1,4 +1,4 @@
-"""Precision spherical joints: the joint and a hexapod of them as mechanisms, and the models it is designed with."""
+"""Precision spherical joints: the joint and machines of twelve as mechanisms, and the models it is designed with."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from gpmodel.errors import InputError
 if TYPE_CHECKING:
     from joints.hexapod import Hexapod
     from joints.passive_joint import PassiveJoint
+    from joints.tau import Tau
 
-SPHERICAL_JOINT, HEXAPOD = "spherical-joint", "hexapod"
+SPHERICAL_JOINT, HEXAPOD, TAU = "spherical-joint", "hexapod", "tau"
 
 
 def mechanism_names() -> tuple[str, ...]:
     """Names that load_mechanism knows."""
-    return (SPHERICAL_JOINT, HEXAPOD)
+    return (SPHERICAL_JOINT, HEXAPOD, TAU)
 
 
 def spherical_joint() -> PassiveJoint:
@@ -30,8 +31,8 @@ def spherical_joint() -> PassiveJoint:
 
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
-) -> PassiveJoint | Hexapod | None:
-    """The joint or hexapod `name`, or that of a TOML file which says its kind; None where it is neither.
+) -> PassiveJoint | Hexapod | Tau | None:
+    """The joint, hexapod or Tau robot `name`, or that of a TOML file which says its kind; None where it is neither.
 
     frame: only `TCP`, the measured point. payload_com: (3,) m from there, in the frame after the last rotation or of
     the platform. Raises InputError for another frame or a bad file.
@@ -46,16 +47,19 @@ def load_mechanism(
     return machine if payload_com is None else replace(machine, payload_com=vector(payload_com))
 
 
-def _described(name: str) -> PassiveJoint | Hexapod | None:
+def _described(name: str) -> PassiveJoint | Hexapod | Tau | None:
     from joints.description import kind_of, read_joint
     from joints.hexapod_description import hexapod, read_hexapod
+    from joints.tau_description import read_tau, tau
 
     if name in mechanism_names():
-        return spherical_joint() if name == SPHERICAL_JOINT else hexapod()
+        return spherical_joint() if name == SPHERICAL_JOINT else hexapod() if name == HEXAPOD else tau()
     if Path(name).suffix.lower() != ".toml":
         return None
     kind = kind_of(Path(name))
-    return None if kind is None else read_hexapod(Path(name)) if kind == HEXAPOD else read_joint(Path(name))
+    if kind in (HEXAPOD, TAU):
+        return read_hexapod(Path(name)) if kind == HEXAPOD else read_tau(Path(name))
+    return None if kind is None else read_joint(Path(name))
 
 
 __all__ = ["load_mechanism", "mechanism_names", "spherical_joint"]

@@ -22,7 +22,7 @@ from joints.passive_joint import PassiveJoint, Rotation, vector
 from joints.settings import Settings, laid_over, load_settings, read_toml
 
 KINDS = ("spherical", "universal")
-"""Of one joint; `hexapod` is a machine of twelve (joints.hexapod_description)."""
+"""Of one joint; `hexapod` and `tau` are machines of twelve (joints.hexapod_description, joints.tau_description)."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """What `gpmodel joint design` reads of the same file."""
@@ -47,7 +47,7 @@ def read_joint(path: Path) -> PassiveJoint:
     given = read_toml(path)
     kind = given.get("kind")
     if kind not in KINDS:
-        raise InputError(f"{path.name}: kind = {kind!r}, expected 'spherical', 'universal' or 'hexapod'")
+        raise InputError(f"{path.name}: kind = {kind!r}, expected 'spherical', 'universal', 'hexapod' or 'tau'")
     own = {key: value for key, value in given.items() if key not in SECTIONS}
     joint = _built(laid_over(f"{kind}_joint", own, path.name), path.name)
     return joint if "name" in given else replace(joint, name=path.stem)

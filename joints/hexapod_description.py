@@ -2,15 +2,19 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.hexapod import Hexapod
+from joints.legs import OnLegs
 from joints.limits import positive
 from joints.passive_joint import vector
 from joints.settings import Settings, laid_over, load_settings, read_toml
+
+Machine = TypeVar("Machine", bound=OnLegs)
 
 KIND = "hexapod"
 WEAKEST = 1e-3
@@ -47,7 +51,7 @@ def _built(s: Settings, file: str) -> Hexapod:
         base, platform, (shortest, longest), vector(s["tool"]["centre"]), s["platform"]["mass"], vector(s["gravity"]),
         name=s["name"],
     )  # fmt: skip
-    return _held(machine, file)
+    return held(machine, file)
 
 
 def _ring(radius: float, angles: list[float]) -> Array:
@@ -56,13 +60,12 @@ def _ring(radius: float, angles: list[float]) -> Array:
     return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])
 
 
-def _held(machine: Hexapod, file: str) -> Hexapod:
-    """The same. Raises InputError where at half stroke the legs do not meet, or hold the platform no better than
-    WEAKEST."""
+def held(machine: Machine, file: str) -> Machine:
+    """The same. Raises InputError where at home the links do not meet, or hold the platform no better than WEAKEST."""
     try:
-        held = float(machine.weakest(np.full((1, 6), np.mean(machine.limits)))[0])
+        weakest = float(machine.weakest(machine.home)[0])
     except InputError as error:
         raise InputError(f"{file}: {error}; expected longer legs or smaller rings") from None
-    if held < WEAKEST:
+    if weakest < WEAKEST:
         raise InputError(f"{file}: at half stroke the legs leave the platform loose; expected rings that are not alike")
     return machine

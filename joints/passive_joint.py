@@ -9,6 +9,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.balls import Ball, Shift
 from gpmodel.mechanism.protocol import Joint
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
@@ -71,6 +72,19 @@ class PassiveJoint:
     def levers(self) -> dict[str, Array]:
         """What grows with temperature: the lever as far as it is known, (3,) m, in the frame of its slot."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
+
+    @property
+    def balls(self) -> tuple[Ball, ...]:
+        """Its ball, where no sensor reads how it turns: its centre shifts along the axes of the base, or the lever."""
+        angles = tuple(r.name for r in self.rotations if not r.measured)
+        lever = self.levers["tool"] / np.linalg.norm(self.levers["tool"])
+        shifts: dict[str, Shift] = {f"along {a}": (("base", f"T{a}", 1.0),) for a in "zxy"}
+        shifts["along the lever"] = tuple(("tool", f"T{a}", float(w)) for a, w in zip("xyz", lever, strict=True) if w)
+        return (Ball("", angles, shifts),) if angles else ()
+
+    def turned(self, q: Array) -> dict[str, Array]:
+        """None: the angles of its ball are its joint coordinates."""
+        return {}
 
     @cached_property
     def slots(self) -> tuple[str, ...]:

@@ -11,9 +11,10 @@ import numpy as np
 from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.model import Model
+from gpmodel.api.model import MODEL, Model
 from gpmodel.api.table import TableLike, read_table, specified
-from gpmodel.application.model_file import check_table, saved_model
+from gpmodel.application.joint_posterior import of_the_ball
+from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
@@ -83,6 +84,7 @@ def calibrate(
     instrument: str | None = None,
     seed: int = 0,
     fleet: str | Path | FleetPart | None = None,
+    joints: Sequence[str] = (),
     command: str = COMMAND,
 ) -> CalibrationResult:
     """Fit registration, tool point, the standard model and the named effects together; say what each gained.
@@ -94,7 +96,8 @@ def calibrate(
     final fit sees, 0 for none. instrument: its specification, "15um + 6um/m", the largest error of a coordinate, which
     says how large its errors and the noise are expected to be. fleet: the fleet.json of machines of the same type, or
     the record of a `FleetResult`, whose effects then take the place of the standard model, with mean and spread as
-    their prior. command: what the report says made it.
+    their prior. joints: "BALL=RESULT" of ball joints that were measured alone, whose posterior is the prior of that
+    ball. command: what the report says made it.
     Raises InputError: a table that is not sound, an unknown effect, a fit that diverges.
     """
     started = time.perf_counter()
@@ -106,7 +109,7 @@ def calibrate(
     known = None if fleet is None else _fleet_of(fleet, named_effects)
     table = specified(read_table(table, arm), instrument)
     arm, poses = checked_poses(arm, table, geometry if known is None else ())
-    groups = [named_group(effect, arm, poses) for effect in named_effects]
+    groups = [*measured_joints(joints, arm), *(named_group(effect, arm, poses) for effect in named_effects)]
     train, held = split(poses.dataset, fraction, seed)
     seen, unseen = poses.subset(train), poses.subset(held)
     note = ""
@@ -148,6 +151,19 @@ def checked_poses(
     poses = weighed(mechanism, poses)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses
+
+
+def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:
+    """What "BALL=RESULT" says of each ball of a machine. Raises InputError for what says nothing of one."""
+    out = []
+    for said in texts(joints, "joints", "('L3.fixed=rig',)"):
+        name, _, result = said.partition("=")
+        if not result:
+            raise InputError(f"'{said}', expected BALL=RESULT, as in L3.fixed=rig", "joints")
+        path = Path(result)
+        saved = load_model(path / MODEL if path.is_dir() else path)
+        out.append((f"joint {name}", of_the_ball(name, saved, mechanism)))
+    return out
 
 
 def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:

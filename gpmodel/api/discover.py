@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, quantity, share, shown, texts, whole
-from gpmodel.api.calibrate import checked_poses
+from gpmodel.api.calibrate import checked_poses, measured_joints
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -104,6 +104,7 @@ def discover(
     condition_limit: float | None = None,
     noise: str | float | None = None,
     instrument: str | None = None,
+    joints: Sequence[str] = (),
     progress: Say = silent,
     journal: Journal | None = None,
     command: str = COMMAND,
@@ -118,9 +119,10 @@ def discover(
     missing, families, candidates or single effects; () leaves naming to the evolved expressions. standard: patterns of
     the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
     deviation of one coordinate, "0.03 mm", where there are no repeats. instrument: its specification, "15um + 6um/m",
-    the largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. progress:
-    called with one Progress at a time, which prints as a line: `print` will do. journal: keeps what is finished, to go
-    on from it to the same numbers. command: what the report says made it.
+    the largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
+    "BALL=RESULT" as of `calibrate`, in the standard model. progress: called with one Progress at a time, which prints
+    as a line: `print` will do. journal: keeps what is finished, to go on from it to the same numbers. command: what the
+    report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
@@ -137,7 +139,8 @@ def discover(
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)
-    run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=geometry,
+    handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
+    run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
     whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
     fraction, parts = _split(holdout, folds, poses.dataset)

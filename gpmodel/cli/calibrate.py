@@ -12,6 +12,7 @@ from gpmodel.cli.options import (
     holdout_option,
     in_order_option,
     instrument_option,
+    joints_option,
     mechanism_options,
     out_folder_option,
     quiet_option,
@@ -30,6 +31,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option(
     "--fleet", type=click.Path(path_type=Path), metavar="FLEET", help="fleet.json of its type: what is known."
 )
+@joints_option
 @sights_options
 @standard_option
 @click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
@@ -40,7 +42,8 @@ from gpmodel.mechanism.source import LoadedMechanism
 @out_folder_option
 @quiet_option
 def calibrate(
-    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None, standard: tuple[str, ...],
+    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None,
+    joints: tuple[str, ...], standard: tuple[str, ...],
     condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
     folder: Path | None, quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
@@ -54,7 +57,7 @@ def calibrate(
     dataset = read_table(table, mechanism, in_order=in_order, **sights)
     result = fit(
         mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout,
-        instrument=instrument, seed=seed, fleet=fleet, command=command_line(),
+        instrument=instrument, seed=seed, fleet=fleet, joints=joints, command=command_line(),
     )  # fmt: skip
     if not quiet:
         click.echo(result.summary())

@@ -17,6 +17,7 @@ from gpmodel.cli.options import (
     Number,
     in_order_option,
     instrument_option,
+    joints_option,
     mechanism_options,
     quiet_option,
     resume_option,
@@ -61,6 +62,7 @@ WATCHED = 0.5
 @in_order_option
 @click.option("--noise", default=None, metavar="LENGTH", help="Standard deviation of one coordinate, as in 0.03mm.")
 @instrument_option
+@joints_option
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
 @click.option("--no-catalogue", is_flag=True, help="Offer no named family: what is found is what was evolved.")
 @seed_option
@@ -139,6 +141,7 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
         search=search_of(request, executor),
         candidates=() if options["no_catalogue"] else catalogue,
         condition_limit=options["condition_limit"],
+        joints=options.get("joints", ()),
         noise=options["noise"],
         instrument=options["instrument"],
         progress=say,

@@ -82,6 +82,9 @@ instrument_option = click.option(
     metavar="LIMIT",
     help="Its specification, the largest error of a coordinate: '15um + 6um/m'.",
 )
+joints_option = click.option(
+    "--joint", "joints", multiple=True, metavar="BALL=RESULT", help="A ball joint measured alone: its prior here."
+)
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
 )

@@ -22,7 +22,7 @@ from gpmodel.records.unfinished import Unfinished, unfinished
 from gpmodel.texts import parse_json, seal
 
 Journal = TypeVar("Journal")
-CALLED = {"effects": "effect"}
+CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""
 
 

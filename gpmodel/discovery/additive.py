@@ -43,7 +43,7 @@ MOST_DETERMINED = 20.0
 law of seven nodes has three constants."""
 
 MOST_RIVALS = 6
-"""Rivals shown beside a finding, the nearest first."""
+"""Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +229,8 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
     """The verdict on a kept group beside all the others; residual: without it."""
     before = cross_validated(residual, ())
-    rivals = tuple((g.name, cross_validated(residual, g.effects).rms) for g, _ in kept.rivals[:MOST_RIVALS])
+    predicted = {cross_validated(residual, g.effects).rms: g.name for g, _ in reversed(kept.rivals)}
+    rivals = tuple((name, rms) for rms, name in sorted(predicted.items())[:MOST_RIVALS])
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
     by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), chosen.by_chance)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import chain
+from itertools import chain, product
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gpmodel.families.candidate import Candidate, across, one, pair, revolute
 from gpmodel.families.frequency_grid import FrequencyGrid, frequency_grid
 from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.balls import balls_of
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
 from gpmodel.model.sites import Site
@@ -31,6 +32,9 @@ WOBBLE, RUN_OUT = 5e-5, 2e-5
 NAMED, HIGHEST = 12, 400
 """Ripples per turn that are offered by name; up to where any number, whole or not, is looked for: twice the ratio of
 the slowest strain-wave gears."""
+
+LOBES = (2, 3, 4)
+"""Of a ball: oval, as centreless grinding leaves it, and one more, that a number has neighbours on either side."""
 
 Curve = tuple[Effect, ...]
 
@@ -103,7 +107,8 @@ def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Wobble about and run-out along every axis that the drive does not move, as smooth curves of the angle."""
+    """Wobble about and run-out along every axis that the drive does not move, as smooth curves of the angle; run-out of
+    every ball of a machine along its leg."""
     for j in revolute(mechanism):
         for axis in AXES:
             if axis != j.drive[0][1]:
@@ -112,6 +117,10 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 site = Site(((f"{j.name}.moving", axis, 1.0),))
                 effects = harmonics(name, site, j.name, "axis_motion", size * spectrum(*SMOOTH))
                 yield Candidate(name, effects, "axis_motion", 6.0)
+    for angle, said, site, balls in _machine_balls(mechanism):
+        name = f"run-out curve over {angle} {said}"
+        effects = harmonics(name, site, angle, "axis_motion", RUN_OUT * spectrum(*SMOOTH))
+        yield Candidate(name, effects, "axis_motion", 6.0 + balls)
 
 
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -168,7 +177,12 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Shift of a revolute joint along each axis, once per turn, of an unmeasured one twice as well, m."""
+    """Shift of a revolute joint along each axis, once per turn, of an unmeasured one twice as well, m; of every ball of
+    a machine along its leg, once per turn of each of its angles."""
+    for angle, said, site, balls in _machine_balls(mechanism):
+        name = f"axis run-out, 1 per turn of {angle}, {said}"
+        effects = tuple(site.effect(f"{name}, {f}", wave(f, 1, angle), "m", "axis_run_out") for f in ("sin", "cos"))
+        yield Candidate(name, effects, "axis_run_out", 5.5 + balls)
     for j in revolute(mechanism):
         for a in "xyz":
             for f in ("sin", "cos"):
@@ -191,16 +205,22 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Shift by the lobes of a ball joint's ball, two or three a turn of an unmeasured rotation, m."""
-    for j in mechanism.joints:
-        if not j.measured and j.kind == "revolute":
-            for lobes in (2, 3):
-                for a in "xyz":
-                    name = f"out-of-round ball, {lobes} lobes over {j.name}, lift along {a}"
-                    effects = tuple(
-                        effect_at(
-                            f"{name}, {f}", "base", f"T{a}", Expression(f"{f}({lobes}*{j.name})"), family="ball_lobes"
-                        )
-                        for f in ("sin", "cos")
-                    )
-                    yield Candidate(name, effects, "ball_lobes", 4.5 if a == "z" else 5.0)
+    """Shift by the lobes of a ball joint's ball, two to four a turn of an unmeasured rotation, m."""
+    balls = balls_of(mechanism)
+    for ball in balls:
+        for angle, lobes, (said, shift) in product(ball.angles, LOBES, ball.shifts.items()):
+            name = f"out-of-round ball, {lobes} lobes over {angle}, lift {said}"
+            effects = tuple(
+                Site(shift).effect(f"{name}, {f}", wave(f, lobes, angle), "m", "ball_lobes") for f in ("sin", "cos")
+            )
+            yield Candidate(name, effects, "ball_lobes", 5.0 + float(np.log(len(balls))))
+
+
+def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:
+    """Of every ball of a machine and each of its angles: the angle, the direction of its leg in words and as a place,
+    and the log of how many balls there are."""
+    balls = [ball for ball in balls_of(mechanism) if ball.name]
+    for ball in balls:
+        said, shift = ball.along
+        for angle in ball.angles:
+            yield angle, said, Site(shift), float(np.log(len(balls)))

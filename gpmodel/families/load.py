@@ -4,10 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, across, loaded, one, revolute
+from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
+from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.balls import balls_of
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect
+from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 
@@ -79,8 +82,26 @@ def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
             yield one(name, drive_effect(name, j, basis, family="hardening_stiffness"), 5.0)
 
 
+def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A ball that yields along its leg to what pulls at it beyond a part of its preload, m/N."""
+    for ball in balls_of(mechanism):
+        if ball.axial and loaded(states, ball.axial):
+            pull = states[ball.axial]
+            name = f"ball that yields beyond {symbol()} N{ball.suffix}"
+            basis = Expression(f"max({ball.axial} - {symbol()}, 0)")
+            effect = Site(ball.along[1]).effect(name, basis, "m/N", "preload")
+            for share in (0.25, 0.5, 0.75):
+                limit = Constant("load", "N", float(f"{np.quantile(pull, share):.4g}"), float(np.ptp(pull)) / 4)
+                yield inside(NonlinearParameters(name, (effect,), (limit,)), "preload", 6.0)
+
+
 def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The support shifts along gravity's direction in the base, all axes together and each alone, m."""
+    """The support shifts along gravity's direction in the base, all axes together and each alone, m; that of every ball
+    of a machine along its leg, in proportion to the load there, m/N."""
+    for ball in balls_of(mechanism):
+        if ball.axial and loaded(states, ball.axial):
+            name = f"sag of the support{ball.suffix}"
+            yield one(name, Site(ball.along[1]).effect(name, Expression(ball.axial), "m/N", "support_sag"), 4.5)
     terms = tuple(Term("base", f"T{a}", Expression(f"gravity_{a}")) for a in "xyz" if f"gravity_{a}" in states.columns)
     if terms:
         unit = f"m/({states.units[str(terms[0].basis)]})"

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpmodel.mechanism.protocol import Array, Mechanism
+from gpmodel.mechanism.protocol import Array, Mechanism, closed
+from gpmodel.mechanism.workspace import joint_range
 from gpmodel.numerics.se3 import chain
 
 TIP_TOLERANCE = 1e-7
@@ -11,8 +12,15 @@ TIP_TOLERANCE = 1e-7
 
 
 def tip_at_probe(mechanism: Mechanism) -> Array:
-    """Tip (3,), m, at one oblique pose: a fingerprint of the nominal geometry up to the measured frame."""
-    q = 0.1 * np.arange(1.0, len(mechanism.joints) + 1.0)[None]
+    """Tip (3,), m, at one oblique pose: a fingerprint of the nominal geometry up to the measured frame.
+
+    The pose is near the middle of the limits where loops do not close at the usual one.
+    """
+    count = np.arange(1.0, len(mechanism.joints) + 1.0)
+    q, loops = 0.1 * count[None], closed(mechanism)
+    if loops is not None and not loops.closes(q)[0]:
+        lower, upper = np.array([joint_range(joint) for joint in mechanism.joints]).T
+        q = (0.5 * (lower + upper) + 0.01 * (upper - lower) * count)[None]
     return chain(mechanism.transforms(q))[-1][0, :3, 3]
 
 

@@ -97,6 +97,10 @@ class ClosedLoops(Protocol):
         """
         ...
 
+    def closes(self, q: Array) -> Mask:
+        """Whether its loops close (N,) at nominal geometry; q: (N, n) table coordinates."""
+        ...
+
     def carried(self, frames: Array, slot: int) -> Array:
         """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.
 

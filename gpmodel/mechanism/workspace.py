@@ -3,12 +3,16 @@
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import Joint, Levered, Mechanism
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Joint, Levered, Mechanism, closed
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
 """Radians and metres to each side that an unlimited joint is taken to move: all directions, and the room of a
 machine."""
+
+MOST_DRAWS = 100
+"""Times as many random joint values as are asked for: where one in a hundred closes, hardly any machine does."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
@@ -24,9 +28,24 @@ def joint_range(joint: Joint) -> tuple[float, float]:
 
 
 def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> Array:
-    """Joint values (count, n), uniform within the limits, rad and m."""
+    """Joint values (count, n), uniform within the limits, rad and m; where loops close alone."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
-    return rng.uniform(lower, upper, (count, len(mechanism.joints)))
+    return drawn_between(mechanism, lower, upper, count, rng)
+
+
+def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, rng: np.random.Generator) -> Array:
+    """Joint values (count, n), uniform between two (n,), of a machine with loops those at which these close.
+
+    Raises InputError where hardly any do.
+    """
+    loops, found = closed(mechanism), np.zeros((0, len(lower)))
+    for _ in range(MOST_DRAWS):
+        q = rng.uniform(lower, upper, (count, len(lower)))
+        found = np.concatenate([found, q if loops is None else q[loops.closes(q)]])
+        if len(found) >= count:
+            return found[:count]
+    raise InputError(f"{mechanism.name}: its loops close at {len(found)} of {MOST_DRAWS * count} random poses within "
+                     "the limits; expected narrower limits")  # fmt: skip
 
 
 def links(mechanism: Mechanism) -> dict[str, Array]:

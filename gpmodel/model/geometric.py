@@ -41,8 +41,9 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
     return tuple(e for e in everything if e.name in chosen)
 
 
-def _aliases(name: str, mechanism: Mechanism) -> tuple[str, str]:
+def _aliases(name: str, mechanism: Mechanism) -> tuple[str, ...]:
+    """The name itself, and with J1..Jn for the joint that it is at; a link of closed loops may be at none."""
     place, axis = name.rsplit(" ", 1)
     names = [joint.name for joint in mechanism.joints]
-    joint = place if place in names else next(n for n in names if place.startswith(f"{n}."))
-    return name, f"J{names.index(joint) + 1}{place.removeprefix(joint)} {axis}"
+    at = (i for i, n in enumerate(names) if place == n or place.startswith(f"{n}."))
+    return name, *(f"J{i + 1}{place.removeprefix(names[i])} {axis}" for i in at)

@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
+from gpmodel.mechanism.balls import Turned, ball_jointed
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
@@ -48,7 +49,8 @@ class States:
     what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
     that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
     what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
-    point (`seen`) by those of gpmodel.model.instrument. None of these is listed in `columns`. loads: columns that are
+    point (`seen`) by those of gpmodel.model.instrument, how far each ball joint is turned (`turned`) by those of its
+    Ball. None of these is listed in `columns`. loads: columns that are
     loads of the mechanism, computed or measured.
     """
 
@@ -58,6 +60,7 @@ class States:
     weights: UnitLoads | None = None
     seen: Seen | None = None
     carried: Carried | None = None
+    turned: Turned | None = None
     rows: IntArray | None = None
     loads: frozenset[str] = frozenset()
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -74,7 +77,7 @@ class States:
     def __getitem__(self, name: str) -> Array:
         if name in self.columns:
             return self.columns[name]
-        for derived in (self.past, self.weights, self.seen, self.carried):
+        for derived in (self.past, self.weights, self.seen, self.carried, self.turned):
             whole = derived.column(name) if derived else None
             if whole is not None:
                 return whole if self.rows is None else whole[self.rows]
@@ -95,7 +98,7 @@ class States:
         if name in self.units:
             return self.units[name]
         self[name]
-        derived = (self.past, self.weights, self.seen, self.carried)
+        derived = (self.past, self.weights, self.seen, self.carried, self.turned)
         return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
     def unit_of_constant(self, what: str, of: str) -> str:
@@ -215,9 +218,11 @@ def _remembering(
 ) -> States:
     """The states of a table, with the standing columns of memory where its rows are in order."""
     if same:
-        past, weights, seen, rows = same.past, same.weights, same.seen, same.rows
+        past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:
         past, weights, seen, rows = None, UnitLoads(mechanism, dataset.q), _seen(dataset), None
+        jointed = ball_jointed(mechanism)
+        turned = Turned(jointed, dataset.q) if jointed else None
     clock = None if past else memory.clock_of(dataset)
     if clock is not None:
         past = Past(MappingProxyType(dict(columns)), MappingProxyType(dict(units)), clock)
@@ -226,7 +231,7 @@ def _remembering(
             whole = past.column(name)
             if whole is not None and name not in columns:
                 columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
-    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, rows=rows)
+    return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, turned=turned, rows=rows)
 
 
 def _seen(dataset: Dataset) -> Seen | None:

@@ -33,15 +33,22 @@ class Alternative:
 
 
 def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, ...], Array]:
-    """The best groups in place of a kept one, nearest first, and the variance (G,) each would have."""
-    active = replacements.active
-    own = active.net_nats(g)
-    margin = active.criteria.rival_nats
+    """The best groups in place of a kept one, its own neighbours first, then nearest first, and the variance (G,) each
+    would have.
+
+    Neighbours are of its family and read the same, at whatever loss: another number of lobes may predict as well as
+    this one and differ in how large it and the geometry beside it would be, which is no evidence against it.
+    """
+    active, groups = replacements.active, replacements.active.pool.groups
+    own, kept = active.net_nats(g), groups[g]
+    near = np.array([bool(h.family) and (h.family, h.inputs) == (kept.family, kept.inputs) for h in groups])
+    margin = np.where(near, np.inf, active.criteria.rival_nats)
     gains, variances = replacements.of(g, own - margin)
     losses = own - (gains - active.pool.cost)
     losses[list(active.variances)] = np.inf
-    order = np.argsort(losses)[:MOST_RIVALS]
-    return tuple(Alternative(int(h), float(losses[h])) for h in order if losses[h] < margin), variances
+    order = np.lexsort((losses, ~near))
+    able = [h for h in order.tolist() if np.isfinite(losses[h]) and losses[h] < margin[h]]
+    return tuple(Alternative(h, float(losses[h])) for h in able[:MOST_RIVALS]), variances
 
 
 def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]]]:
@@ -78,4 +85,5 @@ def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | N
         known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
         return 0.0 if known else -active.criteria.swap_nats
 
-    return next((r.number for r in rivals if r.loss < enough(r.number)), None)
+    better = (r for r in sorted(rivals, key=lambda r: r.loss) if r.loss < enough(r.number))
+    return next((r.number for r in better), None)

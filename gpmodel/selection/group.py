@@ -146,7 +146,11 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
             spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
             out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_REACH, always_included=True))
     for e in declared:
-        out.append(Group(e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=DECLARED_CAP, always_included=True))
+        out.append(
+            Group(
+                e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=min(DECLARED_CAP, e.prior), always_included=True
+            )
+        )
     return tuple(out)
 
 

@@ -76,8 +76,8 @@ class Replacements:
         place = np.arange(len(self.active.pool.effects))
         return [conditional_gram(self.active, c, *self._whitened, place) for c in self.active.pool.classes]
 
-    def of(self, g: int, least: float) -> tuple[Array, Array]:
-        """Gain (G,) and best variance (G,) of every group in place of g; -∞ where it must be under `least`.
+    def of(self, g: int, least: Array) -> tuple[Array, Array]:
+        """Gain (G,) and best variance (G,) of every group in place of g; -∞ where it must be under `least` (G,).
 
         Taking g out: S gains u uᵀ / σ² with u = (XᵀA H)_g chol(H_gg)⁻ᵀ, XᵀC⁻¹y likewise. No gain exceeds
         ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, which is cheaper.
@@ -95,7 +95,7 @@ class Replacements:
                 t = table[c.index[part]] * c.spreads[part][:, :, None]
                 s = inner[part] + (t @ np.swapaxes(t, 1, 2)) / active.sigma2
                 q = rhs[part] + (t @ right) / active.sigma2
-                able = np.flatnonzero(_bound(s, q) >= least)
+                able = np.flatnonzero(_bound(s, q) >= least[c.ids[part]])
                 if len(able):
                     ids = c.ids[part[able]]
                     gains[ids], variances[ids] = best(*rotated(s[able], q[able]), pool.cap[ids])

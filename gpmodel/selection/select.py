@@ -106,11 +106,12 @@ def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offerin
 
 
 def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
-    """The problem linearised at a point, with what was chosen before; unknowns are totals."""
+    """The problem linearised at a point, with what was chosen before; unknowns are totals, from their means."""
     point = state.point
     part = task.poses.subset(task.sample)
     problem = linearise(point.model, part, point.theta, point.placement, point.rotation_weight, point.use[task.sample])
-    target = problem.residual + problem.columns[:, problem.placement :] @ point.theta
+    off = point.theta - np.array([e.mean for e in point.model.effects])
+    target = problem.residual + problem.columns[:, problem.placement :] @ off
     noise = whitened(problem, task.bundle[task.sample], point.ratio)
     rows = Rows(task.mechanism, problem, target, noise, task.shapes)
     pool = GroupPool(rows, groups, task.criteria)

@@ -83,6 +83,7 @@ INPUTS = {
 } | {f"gravity_{axis} [1]": np.sin(np.arange(COUNT) + k) for k, axis in enumerate("xyz")}
 ON = {
     "linear_axis": "dh", "cyclic_error": "dh", "ball_lobes": "spherical-joint", "following": "spherical-joint",
+    "preload": "hexapod",
 }  # fmt: skip
 """Where a family has instances, or a hundred instead of thousands."""
 

@@ -60,8 +60,26 @@ def test_the_rigs_are_those_of_the_file(kind: str) -> None:
     told = results("spherical_joint/rigs.json")
     on, off = (told[ball]["found"][kind] for ball in ("ball on the yaw axis", "ball off the axis"))
     assert max(on["largest refit"], off["largest refit"]) < 1.005
-    cells = [f"{rigs['right']} of {rigs['of']} | {rigs.get('told', '-')}" for rigs in (on, off)]
+    shipped = [sum(bool(rig["named"]) and rig["shipped"] for rig in rigs["rigs"]) for rigs in (on, off)]
+    cells = [
+        f"{rigs['right']} of {rigs['of']} | "
+        + (f"{rigs['true name']} | {found} | {rigs['told']}" if kind != "nothing" else "- | - | -")
+        for rigs, found in zip((on, off), shipped, strict=True)
+    ]
     assert f"| {ROWS[kind]} | {cells[0]} | {cells[1]} |" in JOINT_PAGE
+
+
+def test_the_lobes_that_are_named_on_the_rigs_are_those_of_the_file() -> None:
+    """Eight findings on the axis say four lobes, all that are not named so list three; off it eight say three."""
+    told = results("spherical_joint/rigs.json")
+    on, off = (
+        [name for rig in told[ball]["found"]["lobes"]["rigs"] for name in rig["named"]]
+        for ball in ("ball on the yaw axis", "ball off the axis")
+    )
+    assert "on the axis 8 of the\n10 findings of lobes say four" in JOINT_PAGE
+    assert (sum(" 4 lobes " in name for name in on), len(on)) == (8, 10)
+    assert "three lobes are named on 8 of 10" in JOINT_PAGE
+    assert sum(" 3 lobes " in name for name in off) == 8
 
 
 def test_the_coverage_of_the_placement_is_that_of_the_file() -> None:

@@ -12,11 +12,14 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
+from gpmodel.planning.simulate import simulate
 from gpmodel.table.dataset import unmeasured
 from joints import spherical_joint
+from joints.hexapod_description import hexapod
 from robots import load_mechanism
 
 REQUIRED = {
@@ -59,6 +62,10 @@ def test_every_family_has_an_instance_on_some_mechanism() -> None:
     made = {f for name in MECHANISMS for f in first_of_each_family(name, 40)}
     free = spherical_joint()
     made |= {c.family for c in catalogue.candidates(free, prepare(free, bare("spherical-joint", 30)).states)}
+    heavy = hexapod()
+    q, rng = random_poses(heavy, 30, np.random.default_rng(0)), np.random.default_rng(0)
+    loaded = prepare(heavy, simulate(heavy, q, (), rng, payload=np.full(30, 40.0)).dataset)
+    made |= {c.family for c in catalogue.candidates(heavy, loaded.states)}
     assert made == set(catalogue.names())
 
 

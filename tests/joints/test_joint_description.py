@@ -60,7 +60,7 @@ def test_a_universal_joint_with_encoders(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('kind = "ball"', "kind = 'ball', expected 'spherical', 'universal' or 'hexapod'"),
+        ('kind = "ball"', "kind = 'ball', expected 'spherical', 'universal', 'hexapod' or 'tau'"),
         (f'{UNIVERSAL}[socket]\nopening = "3 mm"', "unknown key 'socket'"),
         (f'{SPHERICAL}[tooling_ball]\ncentre = ["0 mm", "0 mm", "0 mm"]', "expected a lever"),
         (f'{SPHERICAL}[tooling_ball]\ncentre = ["0 mm", "0 mm"]', "expected three lengths"),

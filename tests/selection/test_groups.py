@@ -109,7 +109,7 @@ def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> No
 
 def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
     active, target = problem()
-    gains, variances = Replacements(active).of(5, -1.0)
+    gains, variances = Replacements(active).of(5, np.full(len(active.pool.groups), -1.0))
     for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
         there = active.without(5).added(g, float(variances[g]))
         gained = dense(there, target) - dense(active.without(5), target)

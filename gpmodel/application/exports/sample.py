@@ -9,6 +9,7 @@ from gpmodel.application.matching import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.workspace import drawn_between
 from gpmodel.table.dataset import Dataset
 
 
@@ -58,7 +59,9 @@ def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Data
     Raises InputError as `measured_table`.
     """
     data = measured_table(saved)
-    return at_joint_values(data, rng.uniform(data.q.min(axis=0), data.q.max(axis=0), (count, data.q.shape[1])), rng)
+    return at_joint_values(
+        data, drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng), rng
+    )
 
 
 def at_joint_values(data: Dataset, q: Array, rng: np.random.Generator) -> Dataset:

@@ -1,0 +1,248 @@
+"""A platform on six links with a ball joint at either end: what closes its loops, whatever moves the links.
+
+    |p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
+
+Sources: Merlet 2006, Parallel Robots, ch. 4 (Newton's method) and 5 (Jacobian).
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.balls import Ball, Shift
+from gpmodel.mechanism.protocol import AXES, Joint, Mask
+from gpmodel.numerics import se3
+
+LEGS = 6
+STEPS = 50
+"""Newton's method doubles the digits a step; a machine that needs more than this does not close."""
+
+CLOSED = 1e-13
+"""m; a length of a metre is a root of squares that double precision resolves to 2e-16 each."""
+
+LONGEST_STEP = 0.1
+"""m and rad a step of Newton's method: part of the machine's size, so that it stays in the assembly it starts from."""
+
+
+class OnLegs:
+    """What machines with six links share. Slots: the base, those of what moves the links, of every link its lower ball,
+    the link and its upper ball; the measured frame on the platform.
+
+    first: index of the first slot of the links. axial: name of the load on link {i} along it, N.
+    """
+
+    first: ClassVar[int] = 1
+    axial: ClassVar[str] = "force_L{i}_z"
+    name: str
+    platform: Array
+    tool: tuple[float, float, float]
+    mass: float
+    gravity: tuple[float, float, float]
+    payload_com: tuple[float, float, float]
+    joints: tuple[Joint, ...]
+    slots: tuple[str, ...]
+
+    @abstractmethod
+    def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
+        """Fill in frames (S, N, 4, 4) up to the lower balls, own being each slot's error; the lengths (6, N), m, but
+        for theirs, and where the platform (N, 4, 4) is looked for first."""
+
+    @property
+    @abstractmethod
+    def home(self) -> Array:
+        """Joint values (1, n) about which it works."""
+
+    @cached_property
+    def link_slots(self) -> tuple[str, ...]:
+        """Of every link its lower ball, itself and its upper ball."""
+        return tuple(f"L{i}.{part}" for i in range(1, LEGS + 1) for part in ("fixed", "moving", "platform"))
+
+    @property
+    def link_constants(self) -> tuple[tuple[str, str], ...]:
+        """The length of each link, then the centres of its balls, in the axes of what carries them."""
+        legs = range(1, LEGS + 1)
+        balls = ((f"L{i}.{ball}", axis) for i in legs for ball in ("fixed", "platform") for axis in AXES[:3])
+        return (*((f"L{i}.moving", "Tz") for i in legs), *balls)
+
+    @cached_property
+    def balls(self) -> tuple[Ball, ...]:
+        """The twelve, named by their slots; angles as of the thesis' joint whose axis stands along the link at home."""
+        out = []
+        for i in range(1, LEGS + 1):
+            for end in ("fixed", "platform"):
+                shifts: dict[str, Shift] = {f"along {a} of L{i}.{end}": ((f"L{i}.{end}", f"T{a}", 1.0),) for a in "zxy"}
+                shifts[f"along L{i}"] = ((f"L{i}.moving", "Tz", 1.0),)
+                angles = (f"L{i}_{end}_roll", f"L{i}_{end}_pitch")
+                out.append(Ball(f"L{i}.{end}", angles, shifts, self.axial.format(i=i)))
+        return tuple(out)
+
+    def turned(self, q: Array) -> dict[str, Array]:
+        """Roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in the axes of its socket."""
+        there, home = self._along(self.assembled(q, {})), self._along(self.assembled(self.home, {}))
+        u = np.einsum("enij,enj->eni", np.swapaxes(axes_along(home), 2, 3) + np.zeros((1, len(q), 1, 1)), there)
+        angles = np.stack([np.arctan2(-u[..., 1], u[..., 2]), np.arcsin(np.clip(u[..., 0], -1.0, 1.0))])
+        names = np.array([ball.angles for ball in self.balls])
+        return {str(names[k, a]): angles[a, k] for k in range(len(names)) for a in range(2)}
+
+    def _along(self, frames: Array) -> Array:
+        """Directions (12, N, 3) of the links in the axes of both of their sockets, ball by ball."""
+        lower, upper = frames[self.first : -1 : 3], frames[self.first + 2 : -1 : 3]
+        along = unit(upper[..., :3, 3] - lower[..., :3, 3])
+        seen = [np.einsum("knji,knj->kni", frame[..., :3, :3], along) for frame in (lower, upper)]
+        return np.stack(seen, axis=1).reshape(2 * LEGS, -1, 3)
+
+    def transforms(self, q: Array) -> Array:
+        """Nominal transforms (S, N, 4, 4) between successive slots, m. Raises InputError where loops do not close."""
+        frames = self.assembled(q, {})
+        out = np.linalg.inv(np.concatenate([np.eye(4) + np.zeros_like(frames[:1]), frames[:-1]])) @ frames
+        out[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
+        return out
+
+    def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
+        """Frames (S, N, 4, 4) of the slots, m, each after its error twist (N, 6), with all loops closed."""
+        frames, lengths, miss = self._solved(q, twists)
+        wrong = int(np.argmax(miss))
+        if not miss[wrong] < CLOSED:
+            said = ", ".join(f"{1e3 * v:.1f}" for v in lengths[:, wrong])
+            raise InputError(f"{self.name}: legs of {said} mm do not meet in one platform (pose {wrong + 1})")
+        return frames
+
+    def closes(self, q: Array) -> Mask:
+        """Whether the links meet in one platform (N,) at joint values (N, n)."""
+        return self._solved(q, {})[2] < CLOSED
+
+    def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
+        """Frames (S, N, 4, 4), lengths (6, N) and by how much (N,) the worst link of each pose misses, m."""
+        q, at = self.values(q), self.first
+        own = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
+        for slot, twist in twists.items():
+            own[slot] = se3.exp(twist)
+        frames = own.copy()
+        lengths, pose = self.feet(frames, own, q)
+        lengths = lengths + own[at + 1 : -1 : 3, :, 2, 3]
+        balls = shift(self.platform)[:, None] @ own[at + 2 : -1 : 3]
+        lower = frames[at:-1:3, :, :3, 3]
+        pose, miss = _newton(pose, lower, balls[..., :3, 3], lengths)
+        frames[at + 2 : -1 : 3] = pose @ balls
+        upper = frames[at + 2 : -1 : 3, :, :3, 3]
+        frames[at + 1 : -1 : 3, :, :3, 3] = upper
+        frames[at + 1 : -1 : 3, :, :3, :3] = axes_along(unit(upper - lower)) @ own[at + 1 : -1 : 3, :, :3, :3]
+        frames[-1] = pose @ shift(np.array(self.tool)) @ own[-1]
+        return frames, lengths, miss
+
+    def carried(self, frames: Array, slot: int) -> Array:
+        """Twist of the tool per unit twist at a slot, (N, 6, 6): with J ζ the change of the lengths by a twist ζ of the
+        tool, c of them by the slot alone, J ζ + c = 0."""
+        tool = frames[-1]
+        if slot == len(frames) - 1:
+            return np.broadcast_to(np.eye(6), (len(tool), 6, 6))
+        if slot == 0:
+            return adjoint(np.linalg.inv(tool) @ frames[0])
+        lower, upper = frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3]
+        changed = np.zeros((len(tool), LEGS, 6))
+        leg, part = divmod(slot - self.first, 3)
+        along = np.einsum("kni,nij->knj", unit(upper - lower), frames[slot, :, :3, :3])
+        if slot < self.first:
+            arm = np.einsum("kni,nij->knj", lower - frames[slot, :, :3, 3], frames[slot, :, :3, :3])
+            of_arm = self.links_behind(slot)
+            changed[:, of_arm] = np.concatenate([along, np.cross(arm, along)], axis=2)[of_arm].swapaxes(0, 1)
+        else:
+            changed[:, leg, :3] = (-1.0 if part == 2 else 1.0) * along[leg]
+        return np.linalg.inv(self.jacobian(frames)) @ changed
+
+    def links_behind(self, slot: int) -> list[int]:
+        """Numbers of the links that a slot before them moves."""
+        return []
+
+    def jacobian(self, frames: Array) -> Array:
+        """Change (N, 6, 6) of the lengths by a twist of the tool in its own frame."""
+        return _jacobian(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
+
+    def weakest(self, q: Array) -> Array:
+        """Smallest singular value (N,) of the Jacobian, rotations times the platform's radius; zero: singular."""
+        jacobian = self.jacobian(self.assembled(q, {}))
+        jacobian[:, :, 3:] /= np.linalg.norm(self.platform, axis=1).mean()
+        return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
+
+    def weight(self, frames: Array, payload: Array) -> tuple[Array, dict[str, Array]]:
+        """The force (N, 6), N, of the weight on each length; force_base_x .. moment_base_z: on the base."""
+        tool, down = frames[-1], np.asarray(self.gravity)
+        turn = tool[:, :3, :3]
+        arms = np.stack([turn @ np.asarray(self.payload_com), -turn @ np.asarray(self.tool)])
+        forces = np.stack([payload[:, None] * down, np.broadcast_to(self.mass * down, (len(tool), 3))])
+        force, moment = forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)
+        wrench = np.einsum("nji,knj->nki", turn, np.stack([force, moment])).reshape(len(tool), 6)
+        legs = np.linalg.solve(np.swapaxes(self.jacobian(frames), 1, 2), wrench[:, :, None])[:, :, 0]
+        out: dict[str, Array] = {}
+        for kind, values in (("force", force), ("moment", moment + np.cross(tool[:, :3, 3], force))):
+            out |= {f"{kind}_base_{axis}": values[:, k] for k, axis in enumerate("xyz")}
+        return legs, out
+
+    def values(self, q: Array) -> Array:
+        """Joint values (N, n). Raises InputError for another shape."""
+        q = np.asarray(q, dtype=float)
+        if q.ndim != 2 or q.shape[1] != len(self.joints):
+            names = f"{self.joints[0].name} to {self.joints[-1].name}"
+            raise InputError(
+                f"{self.name}: joint values of shape {q.shape}, expected (poses, {len(self.joints)}) for {names}"
+            )
+        return q
+
+
+def _newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:
+    """Pose (N, 4, 4) of the platform, from a start on, with its balls (6, N, 3) at `lengths` (6, N) from the lower
+    ones, and by how much (N,) the worst misses, m."""
+    miss = np.zeros_like(lengths)
+    for _ in range(STEPS):
+        upper = np.einsum("nij,knj->kni", pose[:, :3, :3], balls) + pose[:, :3, 3]
+        miss = lengths - np.linalg.norm(upper - lower, axis=2)
+        if np.abs(miss).max(initial=0.0) < CLOSED:
+            break
+        try:
+            step = np.linalg.solve(_jacobian(pose, lower, upper), miss.T[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            break
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        pose = pose @ se3.exp(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
+    return pose, np.abs(miss).max(axis=0)
+
+
+def _jacobian(tool: Array, lower: Array, upper: Array) -> Array:
+    """Rows (u, r × u), u along the link, of a twist of the tool in its own frame."""
+    turn = tool[:, :3, :3]
+    along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
+    arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
+    return np.concatenate([along, np.cross(arm, along)], axis=2)
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (..., 3) of length one."""
+    out: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return out
+
+
+def shift(points: Array) -> Array:
+    """Transforms (..., 4, 4) that move by points (..., 3)."""
+    out = np.broadcast_to(np.eye(4), (*points.shape[:-1], 4, 4)).copy()
+    out[..., :3, 3] = points
+    return out
+
+
+def axes_along(directions: Array) -> Array:
+    """Axes (..., 3, 3) with z along unit vectors (..., 3): the smallest turn of the root's; none points to -z."""
+    v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
+    turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)
+    return np.eye(3) + turn + turn @ turn / (1.0 + directions[..., 2])[..., None, None]
+
+
+def adjoint(frame: Array) -> Array:
+    """Twists (N, 6, 6) of a body in its own axes by those of another frame, placed at `frame` (N, 4, 4) in it."""
+    out = np.zeros((len(frame), 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = frame[:, :3, :3]
+    out[:, :3, 3:] = se3.hat(frame[:, :3, 3]) @ frame[:, :3, :3]
+    return out

@@ -1,0 +1,133 @@
+"""A Tau robot: three arms, turned or pushed, that carry three, two and one links to a platform; a ball at every end.
+
+Sources: Robertson 2003, 1.2; Brogårdh 2002, PKM research: important issues, as seen from a product development
+perspective at ABB Robotics.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import AXES, Joint
+from gpmodel.mechanism.quantities import GRAVITY
+from gpmodel.numerics import se3
+from joints.legs import OnLegs, shift
+
+ARMS = (0, 0, 0, 1, 1, 2)
+"""The arm of each link: clusters of three, two and one."""
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """What moves a cluster. kind: revolute or prismatic, about or along z of its frame. frame: (4, 4) in the base, m.
+    lower, upper: of its coordinate, rad or m, zero at home."""
+
+    kind: str
+    frame: Array
+    lower: float
+    upper: float
+
+    def moved(self, q: Array) -> Array:
+        """Transforms (N, 4, 4) of its coordinate (N,)."""
+        twist = np.zeros((len(q), 6))
+        twist[:, 5 if self.kind == "revolute" else 2] = q
+        return se3.exp(twist)
+
+
+@dataclass(frozen=True, eq=False)
+class Tau(OnLegs):
+    """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators. A Mechanism.
+
+    actuators: A1 to A3. base: (6, 3) m, centres of the lower balls in the frame of their actuator, after its motion;
+    platform: of the upper ones on the platform. start: (3,) m, the platform's origin with all actuators at home, which
+    makes the links as long as they are. Others as of Hexapod.
+    """
+
+    first: ClassVar[int] = 7
+    actuators: tuple[Actuator, Actuator, Actuator]
+    base: Array
+    platform: Array
+    start: tuple[float, float, float]
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass: float = 0.0
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
+    payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    name: str = "tau"
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The base; of every actuator both sides of its motion; of every link its balls and itself; the tool."""
+        arms = (f"A{a}.{side}" for a in range(1, 4) for side in ("fixed", "moving"))
+        return ("base", *arms, *self.link_slots, "tool")
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:  # type: ignore[override]
+        """A1 to A3, measured."""
+        return tuple(
+            Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))
+            for a, m in enumerate(self.actuators, 1)
+        )
+
+    @property
+    def constants(self) -> tuple[tuple[str, str], ...]:
+        """Zero and place of every actuator's axis, the lengths of the links, the centres of their balls."""
+        axes = (
+            (f"A{a}.{side}", axis)
+            for a, m in enumerate(self.actuators, 1)
+            for side, axis in (
+                ("moving", "Rz" if m.kind == "revolute" else "Tz"),
+                *(("fixed", axis) for axis in AXES if axis[1] != "z" and (m.kind == "revolute" or axis[0] == "R")),
+            )
+        )
+        return (*axes, *self.link_constants)
+
+    @property
+    def levers(self) -> dict[str, Array]:
+        """Slot -> the vector (3,), m, that grows with temperature: the places of the axes and balls, the links."""
+        out = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
+        for i, length in enumerate(self.lengths, 1):
+            out[f"L{i}.fixed"], out[f"L{i}.platform"] = self.base[i - 1], self.platform[i - 1]
+            out[f"L{i}.moving"] = np.array([0.0, 0.0, length])
+        return out
+
+    @property
+    def home(self) -> Array:
+        """Every coordinate (1, 3) zero."""
+        return np.zeros((1, len(self.actuators)))
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Nominal lengths (6,) of the links, m."""
+        carts = np.stack([m.frame for m in self.actuators])[list(ARMS)]
+        lower = np.einsum("kij,kj->ki", carts[:, :3, :3], self.base) + carts[:, :3, 3]
+        return np.asarray(np.linalg.norm(self.platform + np.array(self.start) - lower, axis=1))
+
+    def links_behind(self, slot: int) -> list[int]:
+        """Numbers of the links on the arm of a slot."""
+        return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
+
+    def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
+        """As OnLegs.feet: the lower balls stand on the actuators."""
+        for a, actuator in enumerate(self.actuators):
+            frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
+            frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]
+        frames[7:-1:3] = frames[2:7:2][list(ARMS)] @ shift(self.base)[:, None] @ own[7:-1:3]
+        start = np.broadcast_to(shift(np.array(self.start)), (len(q), 4, 4))
+        return np.broadcast_to(self.lengths[:, None], (len(ARMS), len(q))), start
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """torque_A1 ..: of the weight on each coordinate; force_L1_z ..: along each link, N, positive where it pulls;
+        force_base_x .. moment_base_z: on the base."""
+        carried = np.asarray(payload, dtype=float)
+        if not np.any(carried) and not self.mass:
+            return {}
+        frames = self.assembled(q, {})
+        legs, base = self.weight(frames, carried)
+        out = {f"force_L{i + 1}_z": legs[:, i] for i in range(len(ARMS))}
+        for a, joint in enumerate(self.joints):
+            moves = self.jacobian(frames) @ self.carried(frames, 2 + 2 * a)
+            out[f"torque_{joint.name}"] = np.sum(legs * moves[:, :, AXES.index(joint.drive[0][1])], axis=1)
+        return out | base
