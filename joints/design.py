@@ -112,7 +112,10 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
     limits = [*(_supports(s) if bare else _surface(s)), *_growth(s)]
     if demand["contact"] == "fluid":
         limits += _film(s)
-    deflection = demand["load_change"] / _stiffness(s)
+    limits.append(_workspace(joint, demand))
+    stiffness = _stiffness(s)
+    limits.append(Limit("stiffness", "asked of what there is", 1e-6 * demand["stiffness"], 1e-6 * stiffness, "N/um"))
+    deflection = demand["load_change"] / stiffness
     limits.append(
         Limit("stiffness", "deflection by the load's change", 1e6 * deflection, 1e6 * demand["deflection"], "um")
     )
@@ -177,6 +180,12 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
         1e6 * float(edge_gap(geometry, demand["lift"])),
         "um",
     )
+
+
+def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
+    """The smaller travel of the two rotations that tilt the shaft."""
+    there = min(r.upper - r.lower for r in joint.rotations if r.axis != "z")
+    return Limit("workspace", "tilt asked of what there is", *np.degrees([demand["workspace"], there]).tolist(), "deg")
 
 
 def _stiffness(s: dict[str, Settings]) -> float:

@@ -65,7 +65,7 @@ def sphere_against_flat() -> dict[str, float]:
 
 def main(out: Path = HERE) -> None:
     published = tomllib.loads((HERE / "published.toml").read_text(encoding="utf-8"))
-    studies = {name: study(None, 0) for name, study in STUDIES.items() if name != "design"}
+    studies = {name: study(None, 0) for name, study in STUDIES.items()}
     data = plain({name: study.data for name, study in studies.items()})
     preload = data["preload"]
     order = {(row[0], row[2]): place for place, row in enumerate(published["table_3_1"]["rows"])}
@@ -87,10 +87,16 @@ def main(out: Path = HERE) -> None:
         "sphere_against_flat": sphere_against_flat(),
         "stiffness": data["stiffness"]["predicted"],
         "pugh": data["pugh"]["charts"],
+        "whole_joint": data["design"]["limits"],
     }
     (out / "figures").mkdir(exist_ok=True)
     (out / "results.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-    drawn = {file: figure for name in studies if name != "pugh" for file, figure in studies[name].figures.items()}
+    drawn = {
+        file: figure
+        for name in studies
+        if name not in ("pugh", "design")
+        for file, figure in studies[name].figures.items()
+    }
     for file, figure in drawn.items():
         figure.savefig(out / "figures" / file, dpi=90, metadata={"Software": None})
     for name in ("table_3_1_and_4_1", "table_4_2"):

@@ -89,6 +89,13 @@ def test_the_coverage_of_the_placement_is_that_of_the_file() -> None:
         assert all(0.93 <= share["1.96"] <= 0.985 for share in covered["within"].values())
 
 
+def test_what_table_1_2_asks_of_the_joint_is_that_of_the_file() -> None:
+    limits = {x["quantity"]: x["there"] for x in results("joint_design/results.json")["whole_joint"]}
+    stiffness, tilt = limits["asked of what there is"], limits["tilt asked of what there is"]
+    assert f"[{tilt:.0f}°, {stiffness:.1f} N/µm](joint_design/README.md)" in PAGE
+    assert f"film and magnets have {stiffness:.1f} together" in DESIGN_PAGE
+
+
 def test_the_film_without_clearance_is_that_of_the_file() -> None:
     inlet = results("joint_design/results.json")["sphere_against_flat"]["sphere_inlet_at_50_um_without_clearance_atm"]
     assert re.search(rf"no clearance at all still {inlet:.1f}\b", DESIGN_PAGE)

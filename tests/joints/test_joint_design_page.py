@@ -23,12 +23,15 @@ def limit(found: JointDesign, quantity: str) -> float:
     return next(x.share for x in found.limits if quantity in x.quantity)
 
 
-def test_the_thesis_joint_outgrows_its_micrometre_in_half_a_kelvin() -> None:
-    """The whole loop grows 2.1 um/K: 1.05 um in the 0.5 K that section 3.4 allows for the socket's 1.17 um/K alone."""
+def test_the_thesis_joint_is_too_soft_for_table_1_2_tilts_too_little_and_outgrows_its_micrometre() -> None:
+    """The whole loop grows 2.1 um/K: 1.05 um in the 0.5 K that section 3.4 allows for the socket's 1.17 um/K alone.
+
+    Its sphere's film has 4.6 N/um, less 0.26 of the magnets; its pitch turns by 85 deg to either side.
+    """
     found = joint_design()
-    assert found.governing.topic == "thermal"
-    assert found.governing.share == pytest.approx(1.053, abs=1e-3)
-    assert all(x.share < 1 for x in found.limits if x is not found.governing)
+    missed = {x.topic: x.share for x in found.limits if x.share > 1}
+    assert found.verdict.endswith("not met: thermal, workspace, stiffness")
+    assert missed == pytest.approx({"thermal": 1.053, "workspace": 180 / 170, "stiffness": 10 / 4.338}, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +46,8 @@ def test_the_thesis_joint_outgrows_its_micrometre_in_half_a_kelvin() -> None:
     ],
 )
 def test_the_limit_that_governs_is_the_one_that_was_tightened(tmp_path: Path, text: str, governs: str) -> None:
-    found = design(tmp_path, text)
+    demand = "" if "[demand]" in text else "\n[demand]"
+    found = design(tmp_path, f'{text}{demand}\nstiffness = "1 N/um"\nworkspace = "90 deg"')
     assert found.governing.topic == governs
     assert found.verdict.startswith(f"{governs} governs")
     assert f"not met: {', '.join(x.topic for x in found.limits if x.share > 1)}" in found.verdict
