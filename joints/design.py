@@ -185,7 +185,8 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
 def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
     """The smaller travel of the two rotations that tilt the shaft."""
     there = min(r.upper - r.lower for r in joint.rotations if r.axis != "z")
-    return Limit("workspace", "tilt asked of what there is", *np.degrees([demand["workspace"], there]).tolist(), "deg")
+    asked = float(np.degrees(demand["workspace"]))
+    return Limit("workspace", "tilt asked of what there is", asked, float(np.degrees(there)), "deg")
 
 
 def _stiffness(s: dict[str, Settings]) -> float:
