@@ -161,7 +161,7 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     if not curves:
         return {}
     found = {}
-    searched = () if choice.late() else compact_laws(first.left, curves, choice.search, choice.seed)
+    searched = () if choice.late() else compact_laws(first.left, curves, choice.search)
     for curve, residual, laws in searched:
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])

@@ -6,7 +6,6 @@ from itertools import chain, combinations, count
 
 import numpy as np
 
-from gpmodel.arrays import Array
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
@@ -25,24 +24,21 @@ TOGETHER, MOST_INPUTS = 2, 3
 
 @dataclass(frozen=True)
 class LawTask:
-    """The search for a law of one curve: all that a worker needs. shape: (N,) what the curve does at its place at each
-    pose. written: its inputs as the table has them."""
+    """The search for a law of one curve: all that a worker needs. written: its inputs as the table has them."""
 
     problem: SlotProblem
-    shape: Array
     inputs: tuple[str, ...]
-    seed: int
     site: Site
     written: Mapping[str, str]
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
     """Laws in the inputs of the curve; the same wherever it runs."""
-    return laws_at(task.problem, 0, task.inputs, task.shape, np.random.default_rng(task.seed))
+    return laws_at(task.problem, 0, task.inputs)
 
 
 def compact_laws(
-    left: Residual, curves: Sequence[Candidate], search: Search, seed: int
+    left: Residual, curves: Sequence[Candidate], search: Search
 ) -> Iterator[tuple[Candidate, Residual, tuple[Candidate, ...]]]:
     """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
@@ -50,7 +46,7 @@ def compact_laws(
     left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
     its nodes and of the place: the curve's own, and of terms without a name one of all places.
     """
-    posed = [_posed(left, curve, search, seed) for curve in curves]
+    posed = [_posed(left, curve, search) for curve in curves]
     found = dict(search.side_by_side(run_law_task, list(chain.from_iterable(posed))))
     numbers = count()
     for curve, tasks in zip(curves, posed, strict=True):
@@ -60,7 +56,7 @@ def compact_laws(
             yield curve, residual, laws
 
 
-def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> list[LawTask]:
+def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
     has several places or more inputs."""
     residual = left.without(curve.effects)
@@ -71,17 +67,10 @@ def _posed(left: Residual, curve: Candidate, search: Search, seed: int) -> list[
     most = TOGETHER if curve.family else MOST_INPUTS
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
-    site, shape = Site(next(iter(sites))), _shape(left, curve)[rows]
+    site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
     some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
-    return [LawTask(problem, shape, names, seed, site, written) for names in some]
-
-
-def _shape(left: Residual, curve: Candidate) -> Array:
-    """What a curve does at its place, (N,)."""
-    calibration, states = left.calibration, left.poses.states
-    theta = dict(zip((e.name for e in calibration.model.effects), calibration.theta.tolist(), strict=True))
-    return np.asarray(np.sum([theta[e.name] * e.terms[0].basis(states) for e in curve.effects], axis=0))
+    return [LawTask(problem, names, site, written) for names in some]
 
 
 def _candidates(

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 UNIQUE_SHARE = 1e-4
 """A column of which less than this share lies outside the enabled columns scores nothing (default)."""
 
+SMALLEST = 1e-150
+"""Values of a basis that are all smaller than this are none: their squares are no numbers."""
+
 ROUNDING_SHARE = 1e-8
 """Limit for noise-free regression, where only rounding makes columns alike."""
 
@@ -118,7 +121,7 @@ class Targets:
         """
         scale = np.abs(values).max(axis=1, initial=0.0)
         scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
-        scaled = unit_rows(values)
+        scaled = np.where(scale[:, None] > SMALLEST, unit_rows(values), 0.0)
         seen = scaled @ self.cross[site].T
         gram = (scaled * self.weight[site]) @ scaled.T
         total = np.diag(gram).copy()

@@ -55,13 +55,6 @@ def smooth(targets: Targets, basis: Array, noise: float) -> Smooth:
     return Smooth(turn @ mean, nats, max(left, LEAST) / max(targets.components - determined, 1.0))
 
 
-def smooth_of(targets: Targets, column: Array) -> Array:
-    """The most likely function (N,) of a column (N,)."""
-    basis = Sines.of("", column, LENGTH).values
-    noise = smooth(targets, basis, targets.energy / targets.components).noise
-    return np.asarray(basis @ smooth(targets, basis, noise).coefficients)
-
-
 def factors(targets: Targets, columns: Array) -> tuple[Array, Array]:
     """Functions (N,) of each of two columns (2, N), of mean square 1, whose product leaves least noise, by turns."""
     bases = [Sines.of("", column, LENGTH).values for column in columns]
@@ -103,10 +96,3 @@ def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
     found = minimize_scalar(cost, bounds=(best - step, best + step), method="bounded", options={"xatol": ANGLE})
     first, second = weights(float(found.x)).tolist()
     return first, second
-
-
-def said_by_poses(targets: Targets, shape: Array) -> Array:
-    """A function (N,) and what each pose says beyond it, (N,): φ + (g - (D - BᵀB)φ) / D."""
-    cross, weight = targets.cross[0], targets.weight[0]
-    beyond = targets.pull[0] - weight * shape + cross.T @ (cross @ shape)
-    return np.asarray(shape + beyond / np.maximum(weight, LEAST))

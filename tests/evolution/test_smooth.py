@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.sines import Sines
-from gpmodel.evolution.smooth import LENGTH, factors, said_by_poses, smooth, smooth_of, through, weighted_sum
+from gpmodel.evolution.smooth import LENGTH, factors, smooth, through, weighted_sum
 
 Array = NDArray[np.float64]
 POSES, NOISE = 150, 0.05
@@ -57,16 +57,6 @@ def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
     targets, _, _ = planted(u * np.exp(v), NOISE, 2)
     some = np.array([v, np.exp(v), np.cos(3.0 * v)])
     np.testing.assert_allclose(through(targets, u).gains(some), targets.gains(some * u), rtol=1e-12)
-
-
-def test_without_noise_a_function_is_itself_and_poses_say_the_residual_beside_it() -> None:
-    u = np.random.default_rng(4).uniform(-1.0, 1.0, POSES)
-    shape = np.sin(2.0 * u) + u
-    targets, motion, rows = planted(shape, 1e-6, 3)
-    np.testing.assert_allclose(smooth_of(targets, u), shape, atol=0.02 * np.abs(shape).max())
-    np.testing.assert_allclose(said_by_poses(targets, shape), shape, atol=1e-3)
-    nothing = said_by_poses(targets, np.zeros(POSES))
-    np.testing.assert_allclose(nothing, np.sum(motion * rows.reshape(POSES, 3), axis=1) / np.sum(motion**2, axis=1))
 
 
 def test_nats_are_those_of_the_gaussian_process() -> None:

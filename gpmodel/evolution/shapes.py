@@ -1,0 +1,118 @@
+"""Short shapes of one input: an operator of it, an operator of that, a product of two, all looked at on a grid.
+
+An element is an operator of k (u - c), u the input from 0 to 1 over the poses. Every element, every element of an
+element and every product of two is compared by projection at a few k and c, some thirty thousand, so that none of them
+is missed by chance; their constants are fitted afterwards.
+
+Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.projection import Targets
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Program
+
+Array = NDArray[np.float64]
+
+INSIDE, OUTSIDE = (0.1, 0.3, 0.5, 0.7, 0.9), (0.02, 0.1, 0.4)
+"""Places c; distances of poles and roots from the range, which start outside it."""
+STEEP, TURNS, GROWTH, WIDTHS = (2.0, 8.0, 25.0), (2.0, 4.0, 8.0, 12.0), (1.5, 5.0, 20.0), (3.0, 8.0)
+"""Constants k of steps, of waves, of exponentials, and of bumps and resonances."""
+LINE = "({q} - {a})"
+"""The element that is the input itself, from a place."""
+JOINED = 4.0
+"""Nats that an element has to gain, about its nodes and constants."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k."""
+
+    text: str
+    function: Callable[[Array], Array]
+    k: float = 1.0
+    c: float = 0.0
+
+    def written(self, text: str, values: Array) -> str:
+        """Its text, of what has a text and values (N,)."""
+        low, width = float(values.min()), float(np.ptp(values))
+        ends = {"a": low + self.c * width, "b": low + (self.c + 1.0 / self.k) * width}
+        numbers = {name: f"({end:.6g})" for name, end in ends.items()}
+        return self.text.format(q=text, k=f"({self.k / width:.6g})", **numbers)
+
+
+def _elements() -> Iterator[Element]:
+    """Line, parabola, kink, ramps, dead band; wave, steps, bump, resonance; growth, decay; roots, logarithms, poles."""
+    apply = {name: operator.function for name, operator in BY_NAME.items()}
+    for c in INSIDE:
+        yield Element(LINE, lambda x: x, c=c)
+        yield Element("square({q} - {a})", np.square, c=c)
+        yield Element("abs({q} - {a})", np.abs, c=c)
+        yield Element("max({q} - {a}, 0)", lambda x: np.maximum(x, 0.0), c=c)
+        yield Element("min({q} - {a}, 0)", lambda x: np.minimum(x, 0.0), c=c)
+        yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in TURNS)
+        for name, k in product(("tanh", "atan"), STEEP):
+            yield Element(name + "({k}*({q} - {a}))", apply[name], k, c)
+        for k in WIDTHS:
+            yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
+            yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
+    for c, d in combinations(INSIDE, 2):
+        yield Element("({q} - max(min({q}, {b}), {a}))", lambda x: x - np.clip(x, 0.0, 1.0), 1.0 / (d - c), c)
+    yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(GROWTH, (1, -1)))
+    for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
+        yield Element(name + "({q} - {a})", apply[name], 1.0, -d)
+        yield Element(name + "({a} - {q})", partial(_of_opposite, apply[name]), 1.0, 1.0 + d)
+
+
+def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
+    return function(-x)
+
+
+ELEMENTS = tuple(_elements())
+
+
+def on_grid(column: Array) -> Array:
+    """Every element of a column (N,) that varies: (E, N)."""
+    u = (column - column.min()) / np.ptp(column)
+    return np.stack([element.function(element.k * (u - element.c)) for element in ELEMENTS])
+
+
+def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
+    """The shapes of a column (N,) of a name that gain most at the targets' first site from where they start.
+
+    One of a kind: those that differ in constants alone count once.
+    """
+    found: dict[tuple[str, ...], tuple[float, Callable[[], str]]] = {}
+
+    def look(values: Array, kinds: Iterable[tuple[str, ...]], text: Callable[[Element], str]) -> None:
+        gains = fit_nats(targets.gains(values)[:, 0], targets.components)
+        for element, kind, gain in zip(ELEMENTS, kinds, gains.tolist(), strict=True):
+            if gain - JOINED * len(kind) > found.get(kind, (-np.inf,))[0]:
+                found[kind] = gain - JOINED * len(kind), partial(text, element)
+
+    def plain(element: Element) -> str:
+        return element.written(repr(name), column)
+
+    def multiplied(first: Element, second: Element) -> str:
+        return f"{plain(first)}*{plain(second)}"
+
+    def composed(inner: Element, outer: Element) -> str:
+        return outer.written(plain(inner), parse(plain(inner)).evaluate({name: column})[0])
+
+    alone = on_grid(column)
+    look(alone, ((e.text,) for e in ELEMENTS), plain)
+    for one, values in zip(ELEMENTS, alone, strict=True):
+        look(alone * values, (tuple(sorted((e.text, one.text))) for e in ELEMENTS), partial(multiplied, one))
+        if one.text != LINE and np.ptp(values) > 0:
+            look(on_grid(values), ((e.text, "of " + one.text) for e in ELEMENTS), partial(composed, one))
+    best = sorted(found.values(), key=lambda shape: -shape[0])[:most]
+    return [parse(text()) for _, text in best]
