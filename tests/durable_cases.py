@@ -39,7 +39,7 @@ if left:
 with brief():
     main.main(sys.argv[1:])
 """
-OPTIONS = ("--runs", "2", "--noise", "0.03mm", "--workers", "2")
+OPTIONS = ("--runs", "2", "--noise", "0.03mm", "--workers", "2", "--holdout", "0.3")
 
 
 def measured(folder: Path) -> Path:

@@ -21,7 +21,7 @@ GEAR = table(70, effects=("gear_harmonic J4=200 arcsec",))
 
 @pytest.fixture(scope="module")
 def found() -> DiscoveryResult:
-    return gp.discover(gp.load_mechanism("irb6400r"), GEAR, search=SMALL(runs=1), noise="0.03 mm")
+    return gp.discover(gp.load_mechanism("irb6400r"), GEAR, search=SMALL(runs=1), noise="0.03 mm", holdout=0.3)
 
 
 def comparable(folder: Path) -> dict[str, object]:
@@ -38,10 +38,22 @@ def small() -> Iterator[None]:
 @pytest.mark.usefixtures("brief")
 def test_on_rows_of_the_shipped_demo_it_gives_what_the_command_gives(small: None, tmp_path: Path) -> None:
     rows = write(pd.read_csv(DEMO).head(45), tmp_path / "rows.csv")
-    command = run("discover", rows, "--mechanism", "irb6400r", "--runs", 1, "--out", tmp_path / "command", "--quiet")
+    command = run(
+        "discover",
+        rows,
+        "--mechanism",
+        "irb6400r",
+        "--runs",
+        1,
+        "--holdout",
+        0.3,
+        "--out",
+        tmp_path / "command",
+        "--quiet",
+    )
     assert command.exit_code == 0, command.output
     arm = gp.load_mechanism("irb6400r")
-    found = gp.discover(arm, gp.read_table(rows, arm), search=SMALL(runs=1))
+    found = gp.discover(arm, gp.read_table(rows, arm), search=SMALL(runs=1), holdout=0.3)
     found.save(tmp_path / "report.json")
     found.model.save(tmp_path / "model.json")
     assert comparable(tmp_path) == comparable(tmp_path / "command")
@@ -88,6 +100,7 @@ def test_own_families_and_effects_are_judged_like_all_others() -> None:
         arm,
         measured,
         search=SMALL(runs=1),
+        holdout=0.3,
         candidates=(*gp.catalogue, mine),
         progress=lambda say: said.append(str(say)),
     )
@@ -95,7 +108,7 @@ def test_own_families_and_effects_are_judged_like_all_others() -> None:
     assert found.findings[0].value == pytest.approx(5e-4, rel=0.05)
     assert any("round 1: evolving" in line for line in said)
     strict = gp.Criteria(minimum_nats=1e9)
-    assert gp.discover(arm, measured, search=SMALL(runs=1), criteria=strict).findings == ()
+    assert gp.discover(arm, measured, search=SMALL(runs=1), holdout=0.3, criteria=strict).findings == ()
 
 
 def test_evolving_gives_runs_beside_those_on_shuffled_errors(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ def fit() -> gp.Model:
 @pytest.fixture(scope="module")
 def found() -> object:
     effects = ("gear_harmonic J2=1e-3",)
-    return gp.discover("irb6400r", table(60, effects=effects), search=gp.Search(runs=0, workers=1))
+    return gp.discover("irb6400r", table(60, effects=effects), search=gp.Search(runs=0, workers=1), holdout=0.3)
 
 
 def test_columns_of_a_file_come_back_as_numbers(fit: gp.Model, tmp_path: Path) -> None:

@@ -128,7 +128,7 @@ def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
 
 @pytest.mark.usefixtures("brief")
 def test_finding_nothing_is_a_success_and_says_so(tmp_path: Path) -> None:
-    report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out")
+    report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out", "--holdout", 0.3)
     assert report["effects"] == []
     assert report["verdict"].startswith("Nothing was added")
 
