@@ -96,10 +96,12 @@ def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Pla
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
-    """The numbers of one frame that have columns; turn (6, 6): their steps as a shift and a turn about the
-    axes of the outer frame."""
+    """The numbers of one frame that have columns, none where no reading moves with it; turn (6, 6): their steps as a
+    shift and a turn about the axes of the outer frame."""
     names = [f"{name} {axis}" for axis in AXES]
     at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
+    if np.all(problem.sizes[at] <= ident.NEGLIGIBLE):
+        return []
     values = np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
     change = turn[:, : len(at)].copy()
     change[3:] = se3.vector_change(values[3:]) @ change[3:]

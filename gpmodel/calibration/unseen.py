@@ -13,15 +13,15 @@ def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
     read = [kind for kind in kinds if kind.readings.any()]
     if not read or any(kind.absolute for kind in read):
         return
-    names = ", ".join(kind.name for kind in read)
+    what = f"what was read ({', '.join(kind.name for kind in read)})"
     if not any(map(shows_size, read)):
         yield (
-            f"{names} fit a machine that is larger as a whole as well: its lengths stay, on the whole, as "
-            "described; a bar, a ball of known diameter, an artefact or a camera with its board would show it"
+            f"{what} fits a machine that is larger as a whole as well: its lengths stay, on the whole, as described; a "
+            "bar, a ball of known diameter, an artefact or a camera with its board would show it"
         )
     if all(isinstance(kind, Pixels | Inclination) for kind in read):
-        yield f"{names} do not show the tool point: it stays at the flange; touches of one point would show it"
+        yield f"{what} does not show the tool point: it stays at the flange; touches of one point would show it"
     yield (
-        f"{names} do not show where the base stands: what is predicted is in the frame of the root; points of a "
+        f"{what} does not show where the base stands: what is predicted is in the frame of the root; points of a "
         "tracker, three at least, would place it in theirs"
     )

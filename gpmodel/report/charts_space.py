@@ -37,16 +37,17 @@ ARROWS = 250
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Arrows from above, then the residual over the rows."""
+    """Arrows from above, then the residual over the rows, where points were measured."""
     yield from _arrow_pictures(report)
     residual = report.plots.residual_mm
-    if "final" in residual:
+    after = numbers(residual.get("final", ()))
+    if np.isfinite(after).any():
         before = numbers(residual["standard"] if report.effects else ())
         yield Picture(
             "rows", "Residual along the rows", 10.2, 4.6,
             "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
             "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. Filled dots: held out.",
-            partial(_rows, report=report, before=before, after=numbers(residual["final"])),
+            partial(_rows, report=report, before=before, after=after),
         )  # fmt: skip
 
 
@@ -116,8 +117,6 @@ def _rows(figure: Figure, report: Report, before: Array, after: Array) -> None:
     row = np.array(report.plots.rows or range(1, len(after) + 1))
     everything = np.abs(np.concatenate([before.reshape(-1), after.reshape(-1)]))
     everything = everything[np.isfinite(everything)]
-    if not len(everything):
-        return
     reach = 1.08 * min(everything.max(), CLIP * np.percentile(everything, 98)) or 1.0
     size, many = float(np.clip(900 / len(row), 2, 16)), len(row) > MOST_VECTORS
     series = [(before, BEFORE, "standard model"), (after, AFTER, "final model" if len(before) else "standard model")]

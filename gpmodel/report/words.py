@@ -132,6 +132,8 @@ def dropped(report: Report) -> str:
     names = report.dropped()
     if not names:
         return ""
+    if report.parameters and not report.geometry():
+        return f"the readings call for none of the {len(names)} geometric constants: all stay at zero"
     out_of = f" of {len(names) + len(report.geometry())}" if report.parameters else ""
     return (
         f"{len(names)}{out_of} geometric constants cannot be told from the others at these poses, as on any arm: "

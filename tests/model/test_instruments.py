@@ -60,7 +60,7 @@ def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
     assert np.sqrt(np.mean(tool_error(made, fit) ** 2)) < 0.5e-3
     said = " ".join(unseen(made.table.observations))
-    assert "same_point fit a machine that is larger" in said
+    assert "what was read (same_point) fits a machine that is larger" in said
     assert "larger" not in " ".join(unseen(simulated("bar", 160).table.observations))
 
 
@@ -70,6 +70,12 @@ def test_one_length_that_is_off_does_not_say_how_large_a_machine_is() -> None:
     off = np.sqrt(np.mean(tool_error(made, fit) ** 2))
     assert off < 0.95e-3
     assert np.nanmax(fit.stderr[[e.unit == "m" for e in fit.model.effects]]) > 0.5 * off
+
+
+def test_a_tool_that_nothing_shows_has_no_number() -> None:
+    shown = {name: gp.calibrate(ARM, simulated(name, 60).table).record.placement for name in ("camera", "tracker")}
+    assert [number.name for number in shown["camera"]] == []
+    assert [n.name for n in shown["tracker"]][:3] == ["tool x", "tool y", "tool z"]
 
 
 def test_a_lens_that_nobody_knows_is_found_with_the_rest() -> None:

@@ -177,3 +177,10 @@ def test_a_line_is_not_drawn_where_nobody_measured(x: np.ndarray, gaps: int) -> 
     if gaps:
         assert drawn_x[29] == 29
         assert np.isnan(drawn_x[30])
+
+
+def test_where_no_points_were_measured_there_is_no_picture_of_them() -> None:
+    report = discovered()
+    nothing = {name: tuple((None, None, None) for _ in rows) for name, rows in report.plots.residual_mm.items()}
+    seen = dataclasses.replace(report, plots=dataclasses.replace(report.plots, residual_mm=nothing))
+    assert not {"rows", "arrows_above"} & {p.name for p in figures.pictures(seen)}
