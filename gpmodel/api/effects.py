@@ -22,7 +22,8 @@ INSTRUMENT_AT = (1.0, 3.5, -0.5)
 
 
 def effects(mechanism: Mechanism) -> pd.DataFrame:
-    """One row a family: family, explanation, source, instances, the inputs of the first and its name as an example.
+    """One row a family: family, explanation, source, instances, the inputs of the first, its name as an example, and
+    whether it takes a payload for any of them.
 
     On random poses within the limits, read by an instrument beside the mechanism, with a payload that varies, a
     temperature, a time and directions of approach, rows in order.
@@ -40,6 +41,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
     )
     read = chain(mechanism.transforms(q))[-1][:, :3, 3] + INSTRUMENT_AT
     states = prepare(mechanism, replace(dataset, position=read)).states
+    bare = prepare(mechanism, replace(dataset, position=read, payload=np.zeros(POSES))).states
     rows = []
     for family in catalogue:
         found = tuple(instances(family, mechanism, states))
@@ -52,6 +54,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
                 "instances": len(found),
                 "inputs": ", ".join(reads),
                 "example": found[0].name if found else "",
+                "payload": bool(found) and next(iter(instances(family, mechanism, bare)), None) is None,
             }
         )
     return pd.DataFrame(rows)

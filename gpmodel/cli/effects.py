@@ -27,4 +27,5 @@ def _instances(row: dict[object, object]) -> str:
         return f"none on this mechanism: it would need {row['inputs'] or 'other joints'}"
     first, *others = textwrap.wrap(str(row["inputs"] or "nothing"), WIDTH, break_on_hyphens=False)
     reads = f"{first} ..." if others else first
-    return f"{row['instances']} here, reading {reads}; --effect '{row['example']}'"
+    carrying = " with a payload" if row["payload"] else ""
+    return f"{row['instances']} here{carrying}, reading {reads}; --effect '{row['example']}'"
