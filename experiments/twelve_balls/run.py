@@ -1,6 +1,7 @@
 """Machines of twelve ball joints, one of them out of round: does the loop name it, and what is it worth to know it?
 
-From the root of the repository: python -m experiments.twelve_balls.run [--machines 20] [--innocent 20] [--out FOLDER]
+From the root of the repository:
+python -m experiments.twelve_balls.run [--kind hexapod] [--machines 20] [--innocent 20] [--out FOLDER]
 
 The catalogue alone (no evolution), all poses choose. `told`: standard deviations of the lobes in a fit that is told
 their shape and place; `needed`: at which they alone pass the acceptance rule.
@@ -87,25 +88,26 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(prog="python -m experiments.twelve_balls.run", description=__doc__)
     for name in ("machines", "innocent"):
         parser.add_argument(f"--{name}", type=int, default=20)
+    parser.add_argument("--kind", choices=tuple(MACHINES), default="hexapod")
     parser.add_argument("--out", type=Path, default=HERE)
     chosen = parser.parse_args(arguments)
-    command = f"{parser.prog} --machines {chosen.machines} --innocent {chosen.innocent}"
-    results: dict[str, Any] = {"command": command, "versions": versions()}
-    for kind in MACHINES:
-        bad = [one_machine(kind, seed, True) for seed in range(chosen.machines)]
-        good = [one_machine(kind, seed, False) for seed in range(chosen.innocent)]
-        results[kind] = {
-            "poses": POSES[kind],
-            "the bad ball is named, and nothing else": f"{sum(m['right'] for m in bad)} of {len(bad)}",
-            "its lobes are named or among the rivals": f"{sum(m['lobes'] for m in bad)} of {len(bad)}",
-            "told of them a fit passes": f"{sum(m['told_sigmas'] > m['needed_sigmas'] for m in bad)} of {len(bad)}",
-            "silent where all are good": f"{sum(m['right'] for m in good)} of {len(good)}",
-            "machines": bad,
-            "innocent": good,
-        }
-        print(kind, {k: v for k, v in results[kind].items() if isinstance(v, str)}, flush=True)
-        text = json.dumps(results, indent=1, ensure_ascii=False)
-        (chosen.out / "results.json").write_text(f"{text}\n", encoding="utf-8")
+    kind = chosen.kind
+    bad = [one_machine(kind, seed, True) for seed in range(chosen.machines)]
+    good = [one_machine(kind, seed, False) for seed in range(chosen.innocent)]
+    results: dict[str, Any] = {
+        "command": f"{parser.prog} --kind {kind} --machines {chosen.machines} --innocent {chosen.innocent}",
+        "versions": versions(),
+        "poses": POSES[kind],
+        "the bad ball is named, and nothing else": f"{sum(m['right'] for m in bad)} of {len(bad)}",
+        "its lobes are named or among the rivals": f"{sum(m['lobes'] for m in bad)} of {len(bad)}",
+        "told of them a fit passes": f"{sum(m['told_sigmas'] > m['needed_sigmas'] for m in bad)} of {len(bad)}",
+        "silent where all are good": f"{sum(m['right'] for m in good)} of {len(good)}",
+        "machines": bad,
+        "innocent": good,
+    }
+    print({k: v for k, v in results.items() if isinstance(v, str)}, flush=True)
+    text = json.dumps(results, indent=1, ensure_ascii=False)
+    (chosen.out / f"{kind}.json").write_text(f"{text}\n", encoding="utf-8")
     return results
 
 

@@ -62,12 +62,6 @@ def test_the_families_of_effects_are_listed_with_source_inputs_and_an_example() 
     assert max(map(len, shown.splitlines())) <= 80
 
 
-def test_effects_that_only_a_payload_brings_say_so() -> None:
-    shown = " ".join(run("effects", "--mechanism", "hexapod").stdout.split())
-    assert "6 here with a payload, reading torque_L1; --effect 'joint compliance, L1'" in shown
-    assert "288 here, reading L1_fixed_roll; --effect 'out-of-round ball, 2 lobes over L1_fixed_roll" in shown
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_shell_is_told_how_to_complete(shell: str) -> None:
     assert "_GPMODEL_COMPLETE" in run("completion", shell).stdout

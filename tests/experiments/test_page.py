@@ -89,6 +89,23 @@ def test_the_coverage_of_the_placement_is_that_of_the_file() -> None:
         assert all(0.93 <= share["1.96"] <= 0.985 for share in covered["within"].values())
 
 
+def test_the_bad_balls_of_hexapods_are_those_of_the_file() -> None:
+    told = results("twelve_balls/hexapod.json")
+    rows = {
+        "the bad ball is named, and nothing else": "the bad ball is named, and nothing else",
+        "its lobes are named or among the rivals": "three lobes over that angle are the finding, or among what it "
+        "could as well be",
+        "told of them a fit passes": "told",
+        "silent where all are good": "silent where all balls are round",
+    }
+    for key, said in rows.items():
+        assert f"| {said} | {told[key]} |" in PAGE
+    missed = [m["told_sigmas"] for m in told["machines"] if not m["right"]]
+    assert missed == [min(m["told_sigmas"] for m in told["machines"])]
+    assert f"stands out by {missed[0]} standard deviations" in PAGE
+    assert told["command"].removeprefix("python -m ") in PAGE
+
+
 def test_what_table_1_2_asks_of_the_joint_is_that_of_the_file() -> None:
     limits = {x["quantity"]: x["there"] for x in results("joint_design/results.json")["whole_joint"]}
     stiffness, tilt = limits["asked of what there is"], limits["tilt asked of what there is"]

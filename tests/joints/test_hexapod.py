@@ -10,6 +10,7 @@ import pytest
 
 import gpmodel as gp
 from experiments.hexapod.simulator import BASE, GEOMETRY, POINT_NOISE, Machine, Rotation, readings, ring, table
+from gpmodel.api.effects import effects as families_on
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.start import start_placement
@@ -194,3 +195,10 @@ def test_a_table_without_its_lengths_is_told_their_names_and_unit() -> None:
     frame = pd.DataFrame({"x [mm]": ["1"], "y [mm]": ["2"], "z [mm]": ["3"]})
     with pytest.raises(InputError, match=r"'J1' is missing.*L1, L2.* with \[mm\] or \[m\]"):
         gp.read_table(frame, "hexapod")
+
+
+def test_effects_that_only_a_payload_brings_say_so() -> None:
+    offered = families_on(hexapod()).set_index("family")
+    assert offered.loc["joint_compliance", "payload"]
+    assert not offered.loc["ball_lobes", "payload"]
+    assert offered.loc["ball_lobes", "instances"] == 288
