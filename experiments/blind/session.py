@@ -139,7 +139,8 @@ def shared_noise(case: Case, pose: Array, rng: np.random.Generator) -> Array:
 def walk_noise(case: Case, clean: Array, rng: np.random.Generator) -> Array:
     """(N, 3) random walk of the instrument, m: it shifts and turns about its standing axis, over the session as a whole
     by nothing, its 3-D rms the stated one."""
-    turned = along_azimuth(clean, np.cumsum(rng.normal(size=len(clean))) / polar(clean)[0].mean())
+    angle = np.cumsum(rng.normal(size=len(clean))) / polar(clean)[0].mean()
+    turned = along_azimuth(clean, angle - angle.mean())
     moved = np.cumsum(rng.normal(size=clean.shape), axis=0) + turned
     moved -= moved.mean(axis=0)
     return np.asarray(1e-3 * case.walk_mm * moved / np.sqrt(np.mean(np.sum(moved**2, axis=1))))

@@ -19,6 +19,7 @@ import numpy as np
 from experiments.coverage.asked import Row, asked
 from experiments.coverage.fleets import fleet_asked
 from experiments.coverage.strata import STRATA
+from gpmodel.numerics.interval import coverage_factor
 
 KINDS = ("effect", "geometry", "place", "turn", "tool")
 
@@ -87,7 +88,7 @@ def of_fleets(rows: list[Row]) -> dict[str, Any]:
     return {
         name: {
             "fleets": len(own), "with an outlier": _share([bool(r["outliers"]) for r in own]),
-            "mean": _share(np.abs([z for r in own for z in r["mean"]]) <= 2.0),
+            "mean": _share([abs(z) <= coverage_factor(r["size"] - 1) for r in own for z in r["mean"]]),
             "spread": _share([s for r in own for s in r["spread"]]),
         }
         for name, own in groups.items()

@@ -11,6 +11,7 @@ from gpmodel.files import write_text
 from gpmodel.formula.expression import ONE
 from gpmodel.hierarchy.between import FEWEST, in_normal
 from gpmodel.hierarchy.record import MACHINES, NOISE, BlockPart, FleetPart, Part, SharedPart
+from gpmodel.numerics.interval import coverage_factor
 from gpmodel.report.charts_fleet import in_words, pictures
 from gpmodel.report.page import PAGE as REPORT
 from gpmodel.report.page import render
@@ -103,6 +104,8 @@ def summary(fleet: FleetPart) -> str:
 def record_of(fleet: FleetPart) -> Iterator[str]:
     """Where the numbers are from, and what they cannot say."""
     yield f"effects {fleet.chosen}"
+    factor = coverage_factor(len(fleet.machines) - 1)
+    yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is its 95 % interval, k by Student's t"
     geometry = [p for p in fleet.prior if all(term.basis == str(ONE) for term in p.terms)]
     known = [[p.deviation for p in geometry if p.unit == unit] for unit in ("m", "rad")]
     within = [

@@ -1,0 +1,67 @@
+"""Linear propagation beside a Monte Carlo over the readings: do the printed σ hold where the model bends?
+
+From the root of the repository: python -m experiments.coverage.monte_carlo --machines 0,1,11 --worlds 60 --out FILE
+Every world measures the fitted model anew, with its own noise, and fits it again. Source: JCGM 101 (2008), 8: linear
+propagation is confirmed where both agree.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.coverage.strata import machine_of
+from experiments.coverage.truth import hall
+from gpmodel.api.calibrate import calibrate as calibrate_table
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.model.error_model import observe
+
+
+def compared(number: int, worlds: int) -> dict[str, Any]:
+    """Of the numbers of a machine, quantiles of the deviation over the worlds in σ, and the largest shift of a mean."""
+    stratum, case, name = machine_of(number)
+    with tempfile.TemporaryDirectory() as folder:
+        here = hall(case, number, folder)
+    result = calibrate_table(here.mechanism, here.tables[0], [name] if name else [])
+    fit, poses, rng = result.calibrated.final, result.calibrated.poses, np.random.default_rng(number)
+    tip = observe(fit.model, poses, fit.theta, fit.placement).tip[:, :3, 3]
+    drawn = []
+    for _ in range(worlds):
+        data = replace(poses.dataset, position=tip + fit.sigma * rng.normal(size=tip.shape))
+        again = calibrate(
+            fit.model, replace(poses, dataset=data), condition_limit=fit.condition_limit, start=fit, robust=False
+        )
+        drawn.append([*again.theta[fit.kept], *(p.value for p in again.placed)])
+    said = np.array([*fit.stderr[fit.kept], *(p.stderr for p in fit.placed)])
+    value = np.array([*fit.theta[fit.kept], *(p.value for p in fit.placed)])
+    ratio = np.std(drawn, axis=0, ddof=1) / said
+    shift = (np.mean(drawn, axis=0) - value) / said
+    return {
+        "machine": number, "stratum": stratum, "arm": case.arm, "numbers": len(said),
+        "ratio": [round(float(v), 3) for v in np.quantile(ratio, (0.05, 0.5, 0.95))],
+        "shift": round(float(np.abs(shift).max()), 3),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--machines", default="0,1,11", help="numbers, with commas")
+    parser.add_argument("--worlds", type=int, default=60)
+    parser.add_argument("--out", type=Path, required=True, help="JSON of results")
+    settings = parser.parse_args()
+    rows = [compared(int(number), settings.worlds) for number in settings.machines.split(",")]
+    command = shlex.join(["python", "-m", "experiments.coverage.monte_carlo", *sys.argv[1:]])
+    settings.out.write_text(json.dumps({"command": command, "machines": rows}, indent=1) + "\n")
+    print(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
