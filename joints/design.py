@@ -114,7 +114,9 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
         limits += _film(s)
     limits.append(_workspace(joint, demand))
     stiffness = _stiffness(s)
-    limits.append(Limit("stiffness", "asked of what there is", 1e-6 * demand["stiffness"], 1e-6 * stiffness, "N/um"))
+    limits.append(
+        Limit("stiffness", "stiffness that is asked for", 1e-6 * demand["stiffness"], 1e-6 * stiffness, "N/um")
+    )
     deflection = demand["load_change"] / stiffness
     limits.append(
         Limit("stiffness", "deflection by the load's change", 1e6 * deflection, 1e6 * demand["deflection"], "um")
@@ -186,7 +188,7 @@ def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
     """The smaller travel of the two rotations that tilt the shaft."""
     there = min(r.upper - r.lower for r in joint.rotations if r.axis != "z")
     asked = float(np.degrees(demand["workspace"]))
-    return Limit("workspace", "tilt asked of what there is", asked, float(np.degrees(there)), "deg")
+    return Limit("workspace", "tilt that is asked for", asked, float(np.degrees(there)), "deg")
 
 
 def _stiffness(s: dict[str, Settings]) -> float:

@@ -108,7 +108,7 @@ def test_the_bad_balls_of_hexapods_are_those_of_the_file() -> None:
 
 def test_what_table_1_2_asks_of_the_joint_is_that_of_the_file() -> None:
     limits = {x["quantity"]: x["there"] for x in results("joint_design/results.json")["whole_joint"]}
-    stiffness, tilt = limits["asked of what there is"], limits["tilt asked of what there is"]
+    stiffness, tilt = limits["stiffness that is asked for"], limits["tilt that is asked for"]
     assert f"[{tilt:.0f}°, {stiffness:.1f} N/µm](joint_design/README.md)" in PAGE
     assert f"film and magnets have {stiffness:.1f} together" in DESIGN_PAGE
 
