@@ -11,7 +11,7 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.hierarchy.between import in_normal
 from gpmodel.hierarchy.record import NOISE, FleetPart, SharedPart
-from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers
+from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, log_axis, numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,9 +89,11 @@ def _errors(figure: Figure, fleet: FleetPart) -> None:
     axes, order = figure.subplots(), fleet.worst_first()
     machines = [fleet.machines[k] for k in order]
     of = {"standard model": "standard_mm", "its own poses alone": "own_mm", "with the type": "fleet_mm"}
-    for (name, field), colour, marker in zip(of.items(), (BEFORE, AFTER_LIGHT, AFTER), "so^", strict=True):
-        axes.plot(numbers([getattr(m, field) for m in machines]), marker, color=colour, ms=4, label=name)
-    axes.set_yscale("log")
+    errors = np.array([numbers([getattr(m, field) for m in machines]) for field in of.values()])
+    for name, own, colour, marker in zip(of, errors, (BEFORE, AFTER_LIGHT, AFTER), "so^", strict=True):
+        axes.plot(own, marker, color=colour, ms=4, label=name)
+    if known := errors[errors > 0].tolist():
+        log_axis(axes, 0.8 * min(known), 1.25 * max(known), "y")
     axes.set_ylabel("RMS held out, mm")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
     _name(axes, [m.serial for m in machines])
