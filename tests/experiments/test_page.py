@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2] / "experiments"
@@ -104,6 +105,20 @@ def test_the_bad_balls_of_hexapods_are_those_of_the_file() -> None:
     assert missed == [min(m["told_sigmas"] for m in told["machines"])]
     assert f"stands out by {missed[0]} standard deviations" in PAGE
     assert told["command"].removeprefix("python -m ") in PAGE
+
+
+def test_the_tau_robots_and_the_posteriors_are_those_of_the_files() -> None:
+    tau, told = results("twelve_balls/tau.json"), results("twelve_balls/posteriors.json")
+    page = PAGE.replace("\n", " ")
+    assert (
+        f"and nothing else, on {tau['the bad ball is named, and nothing else']}, where a fit that is told passes on "
+        in page
+    )
+    assert f"passes on {tau['told of them a fit passes']}; {tau['silent where all are good']} with round balls" in page
+    median = [np.median([m["rms_um"][way] for m in told["machines"]], axis=0) for way in ("with", "without")]
+    cells = " | ".join(f"{a:.2f} / {b:.2f}" for a, b in zip(*median, strict=True))
+    assert f"| poses | {' | '.join(map(str, told['counts']))} |" in PAGE
+    assert f"| with / without | {cells} |" in PAGE
 
 
 def test_what_table_1_2_asks_of_the_joint_is_that_of_the_file() -> None:
