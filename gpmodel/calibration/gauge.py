@@ -100,13 +100,13 @@ def choose(
         limit = min(_largest_good(curve), SIZE_LIMIT if hidden else np.inf)
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
-    if growth is not None and growth.any():
-        kept[at[np.argmax(growth)]] = True
     varying = np.flatnonzero(~constant & ~prior)
     late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
     kept |= prior
     _enough(problem, int((kept & ~prior).sum()))
+    if growth is not None and growth.any():
+        kept[at[np.argmax(growth)]] = True
     return kept, limit, curve
 
 
