@@ -20,7 +20,7 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected {expected}") from None
     if len(content) > largest:
-        raise InputError(f"{path}: larger than {largest >> 20} MB; expected {expected}")
+        raise InputError(f"{path}: larger than {largest >> 20} MB; expected {expected} of less")
     return content
 
 

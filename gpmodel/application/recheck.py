@@ -20,6 +20,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
+from gpmodel.checks.counting import distinct_poses
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank
 from gpmodel.numerics.multiple import chance_of_ratio
@@ -27,8 +28,9 @@ from gpmodel.table.bundles import sharing
 
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
-LEAST_FREEDOM = 6
-"""Degrees of freedom below which nothing is judged: what four poses of three coordinates leave a registration."""
+LEAST_POSES, LEAST_FREEDOM = 4, 6
+"""Different poses, and degrees of freedom, below which nothing is judged: what four poses of three coordinates leave a
+registration."""
 
 
 @dataclass(frozen=True)
@@ -154,11 +156,11 @@ def recheck(session: Session) -> Recheck:
         session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], saved.freedom,
         (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
     )  # fmt: skip
-    if found.degrees < LEAST_FREEDOM:
-        count = len(np.unique(found.pose))
+    count = len(distinct_poses(session.poses.dataset)[0])
+    if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:
         raise InputError(
-            f"{session.poses.dataset.source}: {count} different poses leave {max(found.degrees, 0)} values to judge "
-            "the model by after the registration; expected at least 4 poses"
+            f"{session.poses.dataset.source}: {count} different poses leave too little to judge the model by after the "
+            f"registration; expected at least {LEAST_POSES} poses"
         )
     return found
 

@@ -32,7 +32,7 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
     Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
     """
-    raw = read_limited(path, LARGEST_FILE, "a measured table; leave columns or rows away where it is too large")
+    raw = read_limited(path, LARGEST_FILE, "a measured table")
     if not raw.strip():
         raise InputError(f"{path.name}: the file is empty; expected a header line and one row per pose")
     digest = hashlib.sha256(raw).hexdigest()
