@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel.application.possible_changes import Kind, PossibleChange, wander, zero_of
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
@@ -86,7 +86,7 @@ def visible(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[Visible, .
     for joint in found.session.saved.mechanism.joints:
         zero, size = zeros.get(zero_of(joint.name)), None
         if zero is not None:
-            needed = stats.norm.isf(0.5 * SIGNIFICANCE * zero.share) + stats.norm.ppf(POWER)
+            needed = special.ndtri(POWER) - special.ndtri(0.5 * SIGNIFICANCE * zero.share)
             least = float(needed / np.linalg.norm(zero.columns))
             size = least if least < LARGEST else None
         out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.mechanism.protocol import Mechanism
@@ -63,5 +63,5 @@ def _spread(kind: Observation, observed: Observed) -> float:
     squared = np.sort(np.nansum(left[read.any(axis=1)] ** 2, axis=1))
     free = max(int(read.sum()) - sum(len(names) for names in kind.own.values()), 1)
     each = max(free / len(squared), 1.0)
-    share = stats.chi2.cdf(stats.chi2.ppf(TRUSTED, each), each + 2.0)
+    share = special.chdtr(each + 2.0, special.chdtri(each, 1.0 - TRUSTED))
     return float(np.sqrt(np.sum(squared[: int(np.ceil(TRUSTED * len(squared)))]) / (free * share))) or 1e-12

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, errors_on
@@ -49,5 +49,5 @@ def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) ->
     gain = np.bincount(unit, squared[0] - squared[1])
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
     t = float(gain.mean()) / spread if spread > 0 else 0.0
-    p = float(stats.t.sf(t, len(gain) - 1)) if spread > 0 else 1.0
+    p = float(special.stdtr(len(gain) - 1, -t)) if spread > 0 else 1.0
     return Confirmation(t, p, criteria.confirmation, len(gain), p < criteria.confirmation)

@@ -1,7 +1,7 @@
 """Intervals of numbers whose standard uncertainty is itself an estimate."""
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel.arrays import Array
 
@@ -12,7 +12,7 @@ COVERAGE = 0.95
 def coverage_factor(freedom: float) -> float:
     """k of an interval ± k σ that holds COVERAGE, by Student's t of `freedom` degrees, infinite where σ is known.
     Source: JCGM 100 (2008), G.3."""
-    return float(stats.t.ppf(0.5 * (1.0 + COVERAGE), freedom))
+    return float(special.stdtrit(freedom, 0.5 * (1.0 + COVERAGE)))
 
 
 def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:

@@ -1,7 +1,7 @@
 """Chances of many tests at once."""
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel.arrays import Array
 
@@ -24,8 +24,8 @@ def holm(chances: Array) -> Array:
 def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
     """Of a mean square of `numbers` normal deviates this many times a variance estimated with `freedom`, or more.
 
-    F distributed; where the variance is known, `freedom` infinite, χ² over its degrees. scipy's F is NaN there.
+    F distributed; where the variance is known, `freedom` infinite, χ² over its degrees.
     """
     if np.isinf(freedom):
-        return float(stats.chi2.sf(ratio * numbers, numbers))
-    return float(stats.f.sf(ratio, numbers, freedom))
+        return float(special.chdtrc(numbers, ratio * numbers))
+    return float(special.fdtrc(numbers, freedom, ratio))
