@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from gpmodel.arrays import Array
 
@@ -49,7 +49,7 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
     """
     freedom, squares = np.array(FREEDOMS), np.square(values)[:, None, None]
-    spread = freedom[:, None] / stats.chi2.ppf((np.arange(NODES) + 0.5) / NODES, freedom[:, None])
+    spread = freedom[:, None] / special.chdtri(freedom[:, None], 1.0 - (np.arange(NODES) + 0.5) / NODES)
     widths = spread + np.broadcast_to(blur, np.shape(values))[:, None, None] * spread.mean(axis=1)[:, None]
     variance = squares.mean() / spread.mean(axis=1)
     for _ in range(STEPS):
