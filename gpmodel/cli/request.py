@@ -84,7 +84,10 @@ class Request:
             "--frame": self.choice.frame,
             "--payload": self.choice.payload,
             "--payload-com": None if self.choice.payload_com is None else list(self.choice.payload_com),
-            **{f"--{CALLED.get(name, name).replace('_', '-')}": value for name, value in self.options.items()},
+            **{
+                f"--{CALLED.get(name, name).replace('_', '-')}": list(value) if isinstance(value, tuple) else value
+                for name, value in self.options.items()
+            },
             "the search": seal({"settings": repr(self.settings)}),
         }
 
