@@ -1,8 +1,9 @@
 """The additive part of what is missing: groups chosen together, each then held to the criteria like any finding."""
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested
-from gpmodel.discovery.compact import compact_laws
+from gpmodel.discovery.compact import compact_laws, is_curve
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
@@ -41,6 +42,9 @@ PLAIN = 2
 MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
 law of seven nodes has three constants."""
+
+CLEARLY = 2.0
+"""Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
 
 MOST_RIVALS = 6
 """Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
@@ -96,7 +100,7 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     """
     first = _together(choice, _chosen(choice, evolved))
     laws = _laws(choice, first)
-    last = _together(choice, _chosen(choice, (*evolved, *laws.values()), set(laws))) if laws else first
+    last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws)) if laws else first
     return replace(_accepted(choice, last), laws=tuple(laws.values()))
 
 
@@ -115,11 +119,19 @@ def _together(choice: Choice, chosen: Selection) -> _Together:
     return _Together(chosen, candidates, left)
 
 
-def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = frozenset()) -> Selection:
-    """What is chosen of all that is offered but for the groups of some names, and those at joints that stand still.
+def _chosen(
+    choice: Choice,
+    evolved: Sequence[Candidate],
+    before: Mapping[str, Candidate] = MappingProxyType({}),
+    laws: Mapping[str, Candidate] = MappingProxyType({}),
+) -> Selection:
+    """What is chosen of all that is offered but for groups at joints that stand still.
 
-    What was evolved in several terms is offered term by term where one of them has a name by itself.
+    before: what was chosen, of which some have laws; these are not offered again, nor are curves of the same inputs
+    that were not chosen, which would say the same elsewhere. What was evolved in several terms is offered term by term
+    where one of them has a name by itself.
     """
+    said = {frozenset(before[name].inputs) for name in laws}
     mechanism = choice.standard.model.mechanism
     cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
     builders = of_offers(choice.offers), of_evolved(evolved, cost)
@@ -127,7 +139,8 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
 
     def wanted(group: Group) -> bool:
         return (
-            group.name not in without
+            group.name not in laws
+            and not (is_curve(group) and group.name not in before and frozenset(group.inputs) in said)
             and choice.asks_for(group)
             and not all(stands_still(e.slots, still) for e in group.effects)
         )
@@ -138,7 +151,7 @@ def _chosen(choice: Choice, evolved: Sequence[Candidate], without: Set[str] = fr
     sites = [s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still)]
     grids = grids_of(choice.offers, mechanism, choice.train.states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
-    offering = Offering(single, sites, inputs, grids)
+    offering = Offering(single, sites, inputs, grids, wanted)
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED)
 
 
@@ -146,9 +159,10 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     """Of every curve that was chosen, and of what was evolved in several terms: the law of one term that saves most,
     where it predicts as well within one standard error.
 
-    It has to save as much as several terms, as a curve that only follows its input but for the price of a name, and
-    more than one that a family of the catalogue explains, by the head start of named effects. Curves with constants
-    inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
+    Where it does not predict better by two, it has to save as much as several terms, as a curve that only follows its
+    input but for the price of a name, and more than one that a family of the catalogue explains, by the head start of
+    named effects. Curves with constants inside are refined instead. Terms were evolved beside poses that stood far out;
+    now these are explained.
 
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
@@ -166,9 +180,8 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
         margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * bool(curve.family)
-        if best[0] < own + margin:
-            continue
-        if better_by(residual, curve.effects, best[1].effects) < criteria.standard_errors:
+        worse = better_by(residual, curve.effects, best[1].effects) / criteria.standard_errors
+        if worse < 1.0 and (best[0] >= own + margin or worse < -CLEARLY):
             found[curve.name] = best[1]
     return found
 

@@ -14,8 +14,10 @@ from gpmodel.evolution.laws import laws_at
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import family
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.group import Group
 from gpmodel.selection.programs import as_candidate, without_poles
 
 TOGETHER, MOST_INPUTS = 2, 3
@@ -54,6 +56,12 @@ def compact_laws(
         searched = [_candidates(residual, curve, task, found[next(numbers)], search) for task in tasks]
         if laws := tuple(chain.from_iterable(searched)):
             yield curve, residual, laws
+
+
+def is_curve(group: Group) -> bool:
+    """Whether a group says how something looks and names no part."""
+    known = family(group.family)
+    return group.found_by == "surface" or (known is not None and known.generic)
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:

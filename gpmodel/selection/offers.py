@@ -63,13 +63,15 @@ class Offering:
     """What a selection may choose of.
 
     single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
-    are looked for. grids: waves at more rates than can be named, offered once nothing single is left.
+    are looked for; those that are wanted are offered. grids: waves at more rates than can be named, offered once
+    nothing single is left.
     """
 
     single: Sequence[Builder]
     sites: Sequence[Site] = ()
     inputs: Sequence[str] = ()
     grids: Sequence[FrequencyGrid] = ()
+    wanted: Callable[[Group], bool] = lambda _: True
 
 
 def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes) -> list[Group]:

@@ -102,7 +102,8 @@ def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offerin
     """The free functions that what some groups leave asks for."""
     if not offering.inputs:
         return []
-    return surfaces_left(with_optimal_variances(_started(task, beside, state)), offering.sites, offering.inputs)
+    left = with_optimal_variances(_started(task, beside, state))
+    return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
 def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
