@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 from gpmodel.arrays import Array
@@ -61,24 +60,3 @@ def balls_of(mechanism: Mechanism) -> tuple[Ball, ...]:
     """The balls of a mechanism; none of one without."""
     jointed = ball_jointed(mechanism)
     return jointed.balls if jointed else ()
-
-
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """The angles of a mechanism's balls at joint values q (N, n), worked out where one is asked for."""
-
-    mechanism: BallJointed
-    q: Array
-
-    @cached_property
-    def _angles(self) -> dict[str, Array]:
-        return self.mechanism.turned(self.q)
-
-    def column(self, name: str) -> Array | None:
-        """The angle (N,) of that name, rad; None where there is none."""
-        known = any(name in ball.angles for ball in self.mechanism.balls)
-        return self._angles.get(name) if known else None
-
-    def unit(self, name: str) -> str:
-        """rad."""
-        return "rad"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -9,34 +10,17 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
-from gpmodel.mechanism.balls import Turned, ball_jointed
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
+from gpmodel.model.derived import Derived, ball_angles, link_weights
 from gpmodel.model.instrument import Seen, seen_columns
 from gpmodel.model.measured_torque import measured_torque, measured_torques, torque_columns
 from gpmodel.model.memory import Past
-from gpmodel.model.unit_loads import UnitLoads
 from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
 PAYLOAD_SHARE = "payload_"
-
-
-@dataclass(frozen=True, eq=False)
-class Carried:
-    """What the payload alone exerts on each joint, Nm: a column of its own where payloads differ, and none where every
-    pose has the same, as beside a model that was fitted where they did."""
-
-    torques: Mapping[str, Array]
-
-    def column(self, name: str) -> Array | None:
-        """The torque (N,) of that name, None where there is none."""
-        return self.torques.get(name)
-
-    def unit(self, name: str) -> str:
-        """Nm."""
-        return "Nm"
 
 
 @dataclass(frozen=True)
@@ -50,17 +34,17 @@ class States:
     that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
     what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
     point (`seen`) by those of gpmodel.model.instrument, how far each ball joint is turned (`turned`) by those of its
-    Ball. None of these is listed in `columns`. loads: columns that are
-    loads of the mechanism, computed or measured.
+    Ball, what a payload alone exerts (`carried`) where every row has the same. None of these is listed in `columns`.
+    loads: columns that are loads of the mechanism, computed or measured.
     """
 
     columns: Mapping[str, Array]
     units: Mapping[str, str]
     past: Past | None = None
-    weights: UnitLoads | None = None
+    weights: Derived | None = None
     seen: Seen | None = None
-    carried: Carried | None = None
-    turned: Turned | None = None
+    carried: Derived | None = None
+    turned: Derived | None = None
     rows: IntArray | None = None
     loads: frozenset[str] = frozenset()
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -202,12 +186,15 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
             put(name, values, dataset.extra_units[name])
     put("row", dataset.row.astype(float), "1")
     states = replace(_remembering(columns, units, mechanism, dataset, same), loads=frozenset(loads) | set(measured))
-    alone = dataset.payload_given and not np.ptp(dataset.payload) > 0
-    return replace(states, carried=Carried(_carried(mechanism, dataset, loads))) if alone else states
+    if not dataset.payload_given or np.ptp(dataset.payload) > 0:
+        return states
+    share = Derived(partial(_carried, mechanism, dataset, loads), lambda n: n.startswith(PAYLOAD_SHARE), load_unit)
+    return replace(states, carried=share)
 
 
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
-    """Torques that the payload adds to those of the links."""
+    """Torques that the payload adds to those of the links: columns of their own where payloads differ, else derived,
+    for a model that was fitted where they did."""
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]
     return {f"{PAYLOAD_SHARE}{t}": loads[t] - bare.get(t, 0.0) for t in torques if t in loads}
@@ -220,9 +207,8 @@ def _remembering(
     if same:
         past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:
-        past, weights, seen, rows = None, UnitLoads(mechanism, dataset.q), _seen(dataset), None
-        jointed = ball_jointed(mechanism)
-        turned = Turned(jointed, dataset.q) if jointed else None
+        past, weights, seen, rows = None, link_weights(mechanism, dataset.q), _seen(dataset), None
+        turned = ball_angles(mechanism, dataset.q)
     clock = None if past else memory.clock_of(dataset)
     if clock is not None:
         past = Past(MappingProxyType(dict(columns)), MappingProxyType(dict(units)), clock)

@@ -1,0 +1,53 @@
+"""Columns of States that are worked out when the first of them is read."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+from gpmodel.arrays import Array
+from gpmodel.mechanism.balls import ball_jointed
+from gpmodel.mechanism.protocol import Mechanism, Weighed
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """Columns that one function makes of a whole table.
+
+    made: them, (N,) by name. known: whether a name may be one of them, asked before they are made. unit: of a name.
+    """
+
+    made: Callable[[], Mapping[str, Array]]
+    known: Callable[[str], bool]
+    unit: Callable[[str], str]
+
+    @cached_property
+    def columns(self) -> Mapping[str, Array]:
+        """All of them."""
+        return self.made()
+
+    def column(self, name: str) -> Array | None:
+        """The column (N,) of that name, None where there is none."""
+        return self.columns.get(name) if self.known(name) else None
+
+
+def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
+    """What the links weigh on the joints, link by link, as `Weighed.unit_loads` has it; None where nobody says.
+
+    In N·m; of a first moment of mass (`_of_J4_x`) in N·m a kg·m, which is m/s².
+    """
+    if not isinstance(mechanism, Weighed):
+        return None
+    return Derived(
+        partial(mechanism.unit_loads, q),
+        lambda name: "_of_" in name,
+        lambda name: "m/s^2" if name[-2:] in ("_x", "_y", "_z") else "Nm",
+    )
+
+
+def ball_angles(mechanism: Mechanism, q: Array) -> Derived | None:
+    """Angles by which the balls of a mechanism turn, rad, but for those in the table; None without balls."""
+    jointed = ball_jointed(mechanism)
+    if jointed is None:
+        return None
+    names = {angle for ball in jointed.balls for angle in ball.angles}
+    return Derived(partial(jointed.turned, q), names.__contains__, lambda _: "rad")
