@@ -12,36 +12,27 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Joint
-from gpmodel.mechanism.quantities import GRAVITY
-from joints.legs import LEGS, OnLegs, shift
+from joints.closing import shift
+from joints.legs import LEGS, OnLegs
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Hexapod(OnLegs):
     """A platform on six legs with a ball joint at either end. A Mechanism; its loops close by Newton's method.
 
-    base, platform: (6, 3) m, nominal centres of the balls in the frame of the base and of the platform. limits: m,
-    shortest and longest leg. tool: (3,) m, the measured point on the platform. mass: kg of the platform, in its origin.
-    gravity: (3,) m/s² in the base's frame. payload_com: (3,) m, centre of a payload in the measured frame.
+    limits: m, shortest and longest leg.
     """
 
     axial: ClassVar[str] = "torque_L{i}"
-    base: Array
-    platform: Array
     limits: tuple[float, float]
-    tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    mass: float = 0.0
-    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
-    payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    name: str = "hexapod"
 
     @cached_property
-    def slots(self) -> tuple[str, ...]:  # type: ignore[override]
+    def slots(self) -> tuple[str, ...]:
         """The base; of every leg its lower ball, the leg and its upper ball; the measured frame on the platform."""
         return ("base", *self.link_slots, "tool")
 
     @cached_property
-    def joints(self) -> tuple[Joint, ...]:  # type: ignore[override]
+    def joints(self) -> tuple[Joint, ...]:
         """L1 to L6: the lengths of the legs between the centres of their balls, measured."""
         return tuple(
             Joint(f"L{i}", "prismatic", *self.limits, ((f"L{i}.moving", "Tz", 1.0),)) for i in range(1, LEGS + 1)

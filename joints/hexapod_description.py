@@ -48,8 +48,8 @@ def _built(s: Settings, file: str) -> Hexapod:
     half = np.pi / 3 - s["platform"]["pair"] / 2
     platform = _ring(s["platform"]["radius"], [-half, half])
     machine = Hexapod(
-        base, platform, (shortest, longest), vector(s["tool"]["centre"]), s["platform"]["mass"], vector(s["gravity"]),
-        name=s["name"],
+        limits=(shortest, longest), name=s["name"], base=base, platform=platform, tool=vector(s["tool"]["centre"]),
+        mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
     )  # fmt: skip
     return held(machine, file)
 

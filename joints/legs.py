@@ -2,11 +2,12 @@
 
     |p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
 
-Sources: Merlet 2006, Parallel Robots, ch. 4 (Newton's method) and 5 (Jacobian).
+a, b: the balls where a link stands and on the platform, l: its length, δ: errors.
 """
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,36 +17,43 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.balls import Ball, Shift
 from gpmodel.mechanism.protocol import AXES, Joint, Mask
+from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
+from joints.closing import CLOSED, adjoint, axes_along, jacobian_of, newton, shift, unit
 
 LEGS = 6
-STEPS = 50
-"""Newton's method doubles the digits a step; a machine that needs more than this does not close."""
-
-CLOSED = 1e-13
-"""m; a length of a metre is a root of squares that double precision resolves to 2e-16 each."""
-
-LONGEST_STEP = 0.1
-"""m and rad a step of Newton's method: part of the machine's size, so that it stays in the assembly it starts from."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OnLegs:
     """What machines with six links share. Slots: the base, those of what moves the links, of every link its lower ball,
     the link and its upper ball; the measured frame on the platform.
 
     first: index of the first slot of the links. axial: name of the load on link {i} along it, N.
+    base, platform: (6, 3) m, nominal centres of the balls where the links stand and on the platform. tool: (3,) m, the
+    measured point on the platform. mass: kg of the platform, in its origin. gravity: (3,) m/s² in the base's frame.
+    payload_com: (3,) m, centre of a payload in the measured frame.
     """
 
     first: ClassVar[int] = 1
     axial: ClassVar[str] = "force_L{i}_z"
     name: str
+    base: Array
     platform: Array
-    tool: tuple[float, float, float]
-    mass: float
-    gravity: tuple[float, float, float]
-    payload_com: tuple[float, float, float]
-    joints: tuple[Joint, ...]
-    slots: tuple[str, ...]
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass: float = 0.0
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
+    payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    @abstractmethod
+    def joints(self) -> tuple[Joint, ...]:
+        """Its joints, measured."""
+
+    @property
+    @abstractmethod
+    def slots(self) -> tuple[str, ...]:
+        """The slots, in their order."""
 
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
@@ -127,7 +135,7 @@ class OnLegs:
         lengths = lengths + own[at + 1 : -1 : 3, :, 2, 3]
         balls = shift(self.platform)[:, None] @ own[at + 2 : -1 : 3]
         lower = frames[at:-1:3, :, :3, 3]
-        pose, miss = _newton(pose, lower, balls[..., :3, 3], lengths)
+        pose, miss = newton(pose, lower, balls[..., :3, 3], lengths)
         frames[at + 2 : -1 : 3] = pose @ balls
         upper = frames[at + 2 : -1 : 3, :, :3, 3]
         frames[at + 1 : -1 : 3, :, :3, 3] = upper
@@ -161,7 +169,7 @@ class OnLegs:
 
     def jacobian(self, frames: Array) -> Array:
         """Change (N, 6, 6) of the lengths by a twist of the tool in its own frame."""
-        return _jacobian(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
+        return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:
         """Smallest singular value (N,) of the Jacobian, rotations times the platform's radius; zero: singular."""
@@ -192,57 +200,3 @@ class OnLegs:
                 f"{self.name}: joint values of shape {q.shape}, expected (poses, {len(self.joints)}) for {names}"
             )
         return q
-
-
-def _newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:
-    """Pose (N, 4, 4) of the platform, from a start on, with its balls (6, N, 3) at `lengths` (6, N) from the lower
-    ones, and by how much (N,) the worst misses, m."""
-    miss = np.zeros_like(lengths)
-    for _ in range(STEPS):
-        upper = np.einsum("nij,knj->kni", pose[:, :3, :3], balls) + pose[:, :3, 3]
-        miss = lengths - np.linalg.norm(upper - lower, axis=2)
-        if np.abs(miss).max(initial=0.0) < CLOSED:
-            break
-        try:
-            step = np.linalg.solve(_jacobian(pose, lower, upper), miss.T[:, :, None])[:, :, 0]
-        except np.linalg.LinAlgError:
-            break
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        pose = pose @ se3.exp(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
-    return pose, np.abs(miss).max(axis=0)
-
-
-def _jacobian(tool: Array, lower: Array, upper: Array) -> Array:
-    """Rows (u, r × u), u along the link, of a twist of the tool in its own frame."""
-    turn = tool[:, :3, :3]
-    along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
-    arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
-    return np.concatenate([along, np.cross(arm, along)], axis=2)
-
-
-def unit(vectors: Array) -> Array:
-    """Vectors (..., 3) of length one."""
-    out: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return out
-
-
-def shift(points: Array) -> Array:
-    """Transforms (..., 4, 4) that move by points (..., 3)."""
-    out = np.broadcast_to(np.eye(4), (*points.shape[:-1], 4, 4)).copy()
-    out[..., :3, 3] = points
-    return out
-
-
-def axes_along(directions: Array) -> Array:
-    """Axes (..., 3, 3) with z along unit vectors (..., 3): the smallest turn of the root's; none points to -z."""
-    v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
-    turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)
-    return np.eye(3) + turn + turn @ turn / (1.0 + directions[..., 2])[..., None, None]
-
-
-def adjoint(frame: Array) -> Array:
-    """Twists (N, 6, 6) of a body in its own axes by those of another frame, placed at `frame` (N, 4, 4) in it."""
-    out = np.zeros((len(frame), 6, 6))
-    out[:, :3, :3] = out[:, 3:, 3:] = frame[:, :3, :3]
-    out[:, :3, 3:] = se3.hat(frame[:, :3, 3]) @ frame[:, :3, :3]
-    return out

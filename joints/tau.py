@@ -12,9 +12,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES, Joint
-from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
-from joints.legs import OnLegs, shift
+from joints.closing import shift
+from joints.legs import OnLegs
 
 ARMS = (0, 0, 0, 1, 1, 2)
 """The arm of each link: clusters of three, two and one."""
@@ -37,34 +37,26 @@ class Actuator:
         return se3.exp(twist)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Tau(OnLegs):
     """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators. A Mechanism.
 
-    actuators: A1 to A3. base: (6, 3) m, centres of the lower balls in the frame of their actuator, after its motion;
-    platform: of the upper ones on the platform. start: (3,) m, the platform's origin with all actuators at home, which
-    makes the links as long as they are. Others as of Hexapod.
+    actuators: A1 to A3; `base` is in their frames, after their motion. start: (3,) m, the platform's origin with all
+    actuators at home, which makes the links as long as they are.
     """
 
     first: ClassVar[int] = 7
     actuators: tuple[Actuator, Actuator, Actuator]
-    base: Array
-    platform: Array
     start: tuple[float, float, float]
-    tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    mass: float = 0.0
-    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
-    payload_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    name: str = "tau"
 
     @cached_property
-    def slots(self) -> tuple[str, ...]:  # type: ignore[override]
+    def slots(self) -> tuple[str, ...]:
         """The base; of every actuator both sides of its motion; of every link its balls and itself; the tool."""
         arms = (f"A{a}.{side}" for a in range(1, 4) for side in ("fixed", "moving"))
         return ("base", *arms, *self.link_slots, "tool")
 
     @cached_property
-    def joints(self) -> tuple[Joint, ...]:  # type: ignore[override]
+    def joints(self) -> tuple[Joint, ...]:
         """A1 to A3, measured."""
         return tuple(
             Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))

@@ -45,8 +45,8 @@ def _built(s: Settings, file: str) -> Tau:
     first, second, third = (_actuator(entry, f"{file}: actuator[{i}]") for i, entry in enumerate(s["actuator"]))
     base, platform = (np.array([vector(link[end]) for link in s["link"]]) for end in ("base", "platform"))
     machine = Tau(
-        (first, second, third), base, platform, vector(s["start"]), vector(s["tool"]["centre"]), s["platform"]["mass"],
-        vector(s["gravity"]), name=s["name"],
+        actuators=(first, second, third), start=vector(s["start"]), name=s["name"], base=base, platform=platform,
+        tool=vector(s["tool"]["centre"]), mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
     )  # fmt: skip
     require(machine.lengths > 0, f"{file}: length of a link [m]", machine.lengths, "above 0")
     return held(machine, file)
