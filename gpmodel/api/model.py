@@ -18,7 +18,7 @@ from gpmodel.application.exports.programs import LANGUAGES, Language, program_te
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
-from gpmodel.application.usable import of_the_session, usable
+from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
@@ -105,14 +105,14 @@ class Model:
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
         frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. point: that is
-        to be at x, y, z, and whose correction and rest are said: "tool", the measured point (the reflector) at the tool
-        offset that the fit found, or "frame", the origin of the measured link (the flange). session and in_order: as in
-        `predict`. seed: of the starts from which Cartesian targets are solved.
+        to be at x, y, z, and whose correction and rest are said: "tool", the measured point (the reflector) where the
+        fit found it, slips included, or "frame", the origin of the measured link (the flange). session and in_order: as
+        in `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
         degrees = number(max_move, "max_move", 0.0)
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
-        saved, rng = usable(self.saved, session=session), np.random.default_rng(whole(seed, "seed"))
+        saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(whole(seed, "seed"))
         saved = of_frame(saved) if among(point, POINTS, "point") == "frame" else saved
         frame = frame if isinstance(targets, pd.DataFrame) else with_numbers(frame)
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))

@@ -6,14 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.model_file import SavedModel
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Covariance
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis, Columns
+from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe
 from gpmodel.model.states import States
+from gpmodel.numerics import se3
 from gpmodel.table.units import is_time
 
 MARGIN = 0.01
@@ -112,6 +115,32 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
     return replace(found, model=ErrorModel(saved.mechanism, effects))
 
 
+def placed_now(saved: SavedModel) -> SavedModel:
+    """The model with registration and tool as the session left them: a slip of the tool or a move of the set-up says
+    where tool and robot are, and is no error that joint values are to undo."""
+    slots, effects = saved.mechanism.slots, saved.model.effects
+    ends = ((slots[0],), (slots[-1],))
+    own = np.array([e.constant and e.slots in ends and _ended(e) for e in effects], dtype=bool)
+    if branched(saved.mechanism) or not own.any():
+        return saved
+    at, (robot, tool) = States({"": np.zeros(1)}, {"": "1"}), np.zeros((2, 1, 6))
+    for k in np.flatnonzero(own):
+        robot += saved.theta[k] * effects[k].twist(at, slots[0])
+        tool += saved.theta[k] * effects[k].twist(at, slots[-1])
+    root = saved.mechanism.transforms(random_poses(saved.mechanism, 1, np.random.default_rng(0)))[0, 0]
+    moved = root @ se3.exp(robot)[0] @ np.linalg.inv(root)
+    placed = Placement(
+        {name: frame @ moved for name, frame in saved.placement.registration.items()},
+        {name: se3.exp(tool)[0] @ frame for name, frame in saved.placement.tool.items()},
+        saved.placement.anchors,
+    )
+    return replace(_only(saved, ~own), placement=placed)
+
+
+def _ended(effect: Effect) -> bool:
+    return all(isinstance(term.basis, Ended) for term in effect.terms)
+
+
 def _after_the_session(saved: SavedModel) -> SavedModel:
     clocks = {name: saved.ranges[name][1] for name in clocks_of(saved) if name in saved.ranges}
     own = of_the_session(saved)
@@ -139,9 +168,13 @@ def check_finite(saved: SavedModel, poses: Poses) -> None:
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:
     """The model without the errors of the instrument, which move what is read and not the tool."""
-    kept = np.array([not effect.of_the_instrument for effect in saved.model.effects], dtype=bool)
+    return _only(saved, np.array([not effect.of_the_instrument for effect in saved.model.effects], dtype=bool))
+
+
+def _only(saved: SavedModel, kept: Mask) -> SavedModel:
+    """The model with these of its effects (E,)."""
     rows = np.concatenate([np.ones(len(saved.covariance.placement), dtype=bool), kept])
-    model, _ = saved.model.of_the_mechanism(saved.theta)
+    model = ErrorModel(saved.mechanism, tuple(saved.model.effects[i] for i in np.flatnonzero(kept)))
     covariance = saved.covariance
     return replace(
         saved,

@@ -14,7 +14,7 @@ from gpmodel.application.later import Session, settled
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import possible_changes
 from gpmodel.application.recheck import Recheck, recheck
-from gpmodel.application.usable import outside, usable
+from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
@@ -137,7 +137,7 @@ def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
 def misses_of(session: Session, targets: Dataset) -> Array:
     """Distance (N,), m, of the measured points from those that the nominal arm with the model's tool has at the joint
     values of `targets`, in the registration of the session: what is missed of targets that were compensated."""
-    saved = session.saved
+    saved = placed_now(session.saved)
     labels = {**targets.labels, **{c: session.poses.dataset.label(c) for c in ("setup", "tool")}}
     root = tips(saved, replace(targets, labels=labels), nominal=True)[1].tip
     frames = np.stack([saved.placement.registration[s] for s in session.poses.dataset.label("setup").tolist()])

@@ -57,7 +57,7 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
         return first
     if len(candidate.bases) > MOST_WRITTEN:
         return _curve_in_words(candidate)
-    return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True))
+    return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True)).replace("+ -", "- ")
 
 
 def _curve_in_words(candidate: Candidate) -> str:

@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from cli_cases import robot, table
 
 import gpmodel as gp
+from gpmodel.api.model import POINTS, Point
 from gpmodel.application.predict import predicted_columns
-from gpmodel.application.usable import usable
+from gpmodel.application.usable import placed_now, usable
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import prepare
@@ -110,6 +112,31 @@ def test_of_a_tool_that_slipped_the_prediction_is_where_it_is_now() -> None:
     assert last[0] < 0.1
     assert first[0] == pytest.approx(1.0, abs=0.1)
     assert found.misses(made.table, session=True).max() < 0.15
+
+
+@pytest.mark.parametrize("point", POINTS)
+@pytest.mark.parametrize("effect", ["tool slipped after row 45, Tx", "set-up moved after row 45, Tz"])
+def test_what_slipped_or_moved_is_a_place_that_no_joint_is_to_undo(effect: str, point: Point) -> None:
+    arm = gp.load_mechanism("irb6400r")
+    made = gp.simulate(arm, [f"{effect}=1 mm"], poses=90, noise="0.02 mm", seed=3)
+    found = gp.calibrate(arm, made.table, [effect], holdout=0.0).model
+    assert found.saved.model.effects[-1].name == effect
+    still = gp.Model(replace(found.saved, theta=np.append(found.saved.theta[:-1], 0.0)))
+    targets = made.table.subset(np.arange(0, 90, 9))
+    moved, unmoved = (m.compensate(targets, point=point).filter(regex="corrected") for m in (found, still))
+    np.testing.assert_allclose(moved, unmoved, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "hexapod"])
+@pytest.mark.parametrize("what", ["tool slipped after row 45, Tx=1 mm", "set-up moved after row 45, Rx=1 mrad"])
+def test_where_tool_and_robot_are_now_predicts_the_same(name: str, what: str) -> None:
+    arm = gp.load_mechanism(name)
+    made = gp.simulate(arm, [what], poses=60, noise="0.02 mm", seed=3)
+    left = usable(gp.calibrate(arm, made.table, [what.split("=")[0]], holdout=0.0).model.saved)
+    placed = placed_now(left)
+    assert len(placed.theta) == len(left.theta) - 1
+    points = [pd.DataFrame(predicted_columns(saved, made.table))[LENGTHS].to_numpy() for saved in (left, placed)]
+    np.testing.assert_allclose(points[0], points[1], atol=1e-9)
 
 
 def test_many_poses_are_predicted_in_parts_that_remember_those_before(monkeypatch: pytest.MonkeyPatch) -> None:

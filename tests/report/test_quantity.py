@@ -62,6 +62,9 @@ def test_a_larger_set_is_the_rms_of_its_sum() -> None:
     true = np.sqrt(np.mean((theta @ [e.terms[0].basis(truth.poses.states) for e in CURVE]) ** 2))
     assert abs(found.value - true) < 4 * found.stderr
     assert found.basis == f"curve of {J}, 4 harmonics"
+    few = quantity(fit, Candidate("curve", CURVE[:4], "joint_curve", 4.0), truth.poses.states).basis
+    assert " - " in few
+    assert "+ -" not in few
 
 
 def test_one_basis_along_several_axes_is_the_length_of_its_vector() -> None:

@@ -58,7 +58,7 @@ def read_back_arms(text: str, frames: str, rigid: Rigid, dataset: Dataset) -> Ar
     order = [dataset.joints.index(joint.name) for joint in mechanism.joints]
     names = tuple(joint.name for joint in mechanism.joints)
     moved = replace(dataset, joints=names, q=dataset.q[:, order], labels={**dataset.labels, "tip": tips})
-    placement = replace(rigid.fit.placement, anchors={})
+    placement = replace(rigid.placement, anchors={})
     bare = ErrorModel(mechanism, ())
     poses = prepare(mechanism, replace(moved, observations=()))
     return observe(bare, poses, np.zeros(0), placement).tip[:, :3, 3]
@@ -74,7 +74,7 @@ def read_back(text: str, suffix: str, frame: str | None, rigid: Rigid, dataset: 
         moved = dataset.q @ chain_of(rigid.fit.model.mechanism).motions.T
         q: Array = np.linalg.lstsq(chain_of(mechanism).motions, moved.T, rcond=None)[0].T.astype(float)
         flange = se3.chain(mechanism.transforms(q))[-1]
-    placed = rigid.fit.placement
+    placed = rigid.placement
     tool = np.stack([placed.tool[name] for name in dataset.label("tool").tolist()])
     register = np.stack([placed.registration[name] for name in dataset.label("setup").tolist()])
     return np.asarray((register @ flange @ tool)[:, :3, 3])

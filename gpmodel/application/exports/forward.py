@@ -9,7 +9,7 @@ from gpmodel.application.exports.chain import Chain, chain_of
 from gpmodel.application.exports.loads import Body, Loads
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import Clamped, Ended, usable
+from gpmodel.application.usable import Clamped, Ended, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import AXES, Massive
@@ -54,7 +54,8 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
 
     Raises InputError for a mechanism that is no serial chain, or a load that its masses do not give.
     """
-    kept = usable(saved)
+    whole = usable(saved)
+    kept = placed_now(whole)
     chain = chain_of(saved.mechanism)
     lines = tuple(
         Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), basis)
@@ -72,7 +73,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
     inputs = {name: kept.input_units.get(name, "N*m" if name.startswith("torque_") else "1") for name in read}
     inputs = {name: unit for name, unit in inputs.items() if name not in computed} | {"payload": "kg"}
     left = {e.name for e in saved.model.effects} - {
-        e.name for e in kept.model.effects if all(_written(t.basis) is not None for t in e.terms)
+        e.name for e in whole.model.effects if all(_written(t.basis) is not None for t in e.terms)
     }
     values = zip(saved.model.effects, saved.theta.tolist(), strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e.name in left and value)

@@ -11,7 +11,7 @@ from gpmodel.application.compensate import GIVEN, MAX_MOVE, TargetPoses, correct
 from gpmodel.application.exports.sample import Place, measured_table
 from gpmodel.application.kinematics import REACHED, look_at, solve, tips
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import usable
+from gpmodel.application.usable import placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
@@ -58,7 +58,7 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
     in which all of it is reached and corrected with its orientation. Between nodes corrections are linear.
     Raises InputError where no node, or no point between nodes, can be reached.
     """
-    saved = usable(saved)
+    saved = placed_now(usable(saved))
     data = place.poses(measured_table(saved))
     tip = tips(saved, data, nominal=True)[1].tip
     points = tip[:, :3, 3]

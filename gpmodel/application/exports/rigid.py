@@ -6,22 +6,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.application.exports.sample import measured_table
-from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import of_the_session
+from gpmodel.application.model_file import SavedModel, saved_model
+from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.mechanism.protocol import INSTRUMENT
-from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.naming import translate
 
 
 @dataclass(frozen=True)
 class Rigid:
-    """fit: to all rows. twists: constant error twist (6,), m and rad, of every slot that has one. heldout: 3-D errors
-    on rows held out of a fit to the others, m. missing: effects left out, by the names of the table of the fit."""
+    """fit: to all rows. placement: registration and tool as they are now. twists: constant error twist (6,), m and rad,
+    of every slot that has one. heldout: 3-D errors on rows held out of a fit to the others, m. missing: effects left
+    out, by the names of the table of the fit."""
 
     fit: Calibration
+    placement: Placement
     twists: Mapping[str, Array]
     heldout: Array
     missing: tuple[str, ...]
@@ -45,7 +47,8 @@ def refitted(saved: SavedModel) -> Rigid:
     fit = calibrate(model, poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
-    return Rigid(fit, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing)
+    placement = placed_now(usable(saved_model(fit, poses))).placement
+    return Rigid(fit, placement, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing)
 
 
 def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:

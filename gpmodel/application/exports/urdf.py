@@ -57,7 +57,7 @@ def note_of(rigid: Rigid, link: str = "the measured link", at: Array | None = No
     else:
         lines.append("No poses were held out: its error on other poses is not known.")
     lines.append(f"Missing: {'; '.join(rigid.missing)}." if rigid.missing else "Nothing of the model is missing.")
-    for name, tool in fit.placement.tool.items():
+    for name, tool in rigid.placement.tool.items():
         point = ", ".join(f"{1e3 * v:.4f}" for v in ((np.eye(4) if at is None else at) @ tool)[:3, 3])
         lines.append(f"Tool point{f' {name}' if name else ''} in {link}, mm: {point}.")
     return "\n".join(lines)
