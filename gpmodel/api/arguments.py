@@ -4,6 +4,7 @@ import math
 import numbers
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
@@ -95,7 +96,7 @@ def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
 
 
 def evolved(value: object) -> tuple[Representation, ...]:
-    """Representations of programs. Raises InputError naming `strategies`."""
+    """Representations of programs, each of another name. Raises InputError naming `strategies`."""
     chosen: list[Representation] = []
     for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
         if isinstance(strategy, type) or not isinstance(strategy, Representation):
@@ -103,6 +104,9 @@ def evolved(value: object) -> tuple[Representation, ...]:
         chosen.append(strategy)
     if not chosen:
         raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
+    for name, count in Counter(map(label, chosen)).items():
+        if count > 1:
+            raise InputError(f"{count} are called '{name}', expected each name once", "strategies")
     return tuple(chosen)
 
 

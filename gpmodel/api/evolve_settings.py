@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.selection import SelectionScheme
@@ -40,7 +39,7 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
     """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot; one thread a run, for
     the runs themselves go side by side.
 
-    Raises InputError for two of one name or a population too small to select from.
+    Raises InputError for a population too small to select from.
     """
     generations = effort.generations
     if generations is None:
@@ -49,8 +48,6 @@ def settings_for(space: Space, strategies: Sequence[Representation], effort: Eff
     chosen: dict[str, Settings] = {}
     for strategy in strategies:
         name = label(strategy)
-        if name in chosen:
-            raise InputError(f"two are called '{name}', expected each name once", "strategies")
         size = effort.population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
         settings = (
             thesis_settings(strategy, size, generations)

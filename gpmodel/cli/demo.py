@@ -31,7 +31,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
     with as_file(files("gpmodel") / "data" / TABLE) as table, progress_line(quiet) as say:
         options = {
             "runs": Search().runs, "holdout": None, "folds": None, "noise": None, "condition_limit": None,
-            "instrument": None, "no_catalogue": False, "in_order": False, "seed": seed,
+            "instrument": None, "no_catalogue": False, "in_order": False, "seed": seed, "representation": "linear",
         }  # fmt: skip
         request = Request("discover", table, MechanismChoice(MECHANISM), options, settings())
         found = discover_request(request, folder, say, Threads(workers or 0))

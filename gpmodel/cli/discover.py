@@ -12,6 +12,7 @@ from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult
 from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line, what_next
+from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import (
     SIGHTS,
     Number,
@@ -20,6 +21,7 @@ from gpmodel.cli.options import (
     joints_option,
     mechanism_options,
     quiet_option,
+    representation_option,
     resume_option,
     scheduler_option,
     seed_option,
@@ -52,6 +54,7 @@ WATCHED = 0.5
 @mechanism_options(required=False)
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
               help="How hard to look: GP runs of each representation in a round; 0: catalogue alone.")  # fmt: skip
+@representation_option("linear")
 @click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
 @sights_options
@@ -126,7 +129,8 @@ def settings() -> object:
 def search_of(request: Request, executor: Workers) -> Search:
     """How hard to look."""
     ends = None if request.minutes is None else 60 * request.minutes
-    return Search(runs=request.options["runs"], stop_after=ends, executor=executor)
+    strategies = strategies_named(request.options["representation"], "slot")
+    return Search(runs=request.options["runs"], strategies=strategies, stop_after=ends, executor=executor)
 
 
 def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles | None) -> DiscoveryResult:

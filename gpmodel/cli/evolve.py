@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any
 
 import click
 
 from gpmodel.api.evolve import SPACES, EvolutionResult
 from gpmodel.api.evolve import evolve as run
-from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
+from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
 from gpmodel.api.table import read_table
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import (
@@ -20,6 +21,7 @@ from gpmodel.cli.options import (
     mechanism_options,
     out_folder_option,
     quiet_option,
+    representation_option,
     resume_option,
     scheduler_option,
     seed_option,
@@ -44,7 +46,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.command()
 @click.argument("table", type=click.Path(path_type=Path), required=False)
 @mechanism_options(required=False)
-@click.option("--representation", default="linear,tree", show_default=True, help="linear, tree, or both.")
+@representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
 @click.option("--population", type=click.IntRange(4), default=None, help="[default: 65536 linear, 8192 tree]")
@@ -131,17 +133,18 @@ def selection_of(truncation: float | None, tournament: int | None) -> SelectionS
 
 
 def strategies_named(
-    names: str, space: Literal["cartesian", "slot"], varied: Mapping[str, Any]
+    names: str, space: Space, varied: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[Representation, ...]:
     """The representations of `linear,tree`, with other choices where given. Raises InputError for another name, and
     for a choice that none of them has."""
     known = {label(strategy): strategy for strategy in default_strategies(space)}
     chosen: list[Representation] = []
     for name in (part.strip() for part in names.split(",")):
-        if name not in known:
-            raise InputError(f"{name!r}, expected {' or '.join(known)}", "representation")
-        own = {choice: value for choice, value in varied.items() if hasattr(known[name], choice)}
-        chosen.append(replace(known[name], **own))
+        if name not in known or name in map(label, chosen):
+            raise InputError(f"{name!r}, expected {' or '.join(known)}, each once", "representation")
+        strategy = known[name]
+        own = {choice: value for choice, value in varied.items() if hasattr(strategy, choice)}
+        chosen.append(replace(strategy, **own))
     for choice in varied:
         if not any(hasattr(strategy, choice) for strategy in chosen):
             raise InputError(f"{names} has none", choice)

@@ -88,6 +88,13 @@ joints_option = click.option(
 session_option = click.option(
     "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
 )
+
+
+def representation_option(default: str) -> Callable[[Command], Command]:
+    """Adds --representation."""
+    return click.option("--representation", default=default, show_default=True, help="linear, tree, or both.")
+
+
 SIGHTS = {
     "cameras": "What cameras are and what carries them.",
     "board": "The markers of boards, and what carries these.",

@@ -127,6 +127,14 @@ def test_the_same_seed_gives_the_same_report_whatever_the_number_of_workers(
 
 
 @pytest.mark.usefixtures("brief")
+def test_trees_are_evolved_beside_sequences_where_asked(measured: Path, tmp_path: Path) -> None:
+    report = discover(measured, "--representation", "linear,tree", "--out", tmp_path / "out", "--holdout", 0.3)
+    for counted in report["histograms"]:
+        assert set(counted["counts"]) == {"linear", "tree"}
+        assert counted["runs"] == 2
+
+
+@pytest.mark.usefixtures("brief")
 def test_finding_nothing_is_a_success_and_says_so(tmp_path: Path) -> None:
     report = discover(write(table(60, seed=3), tmp_path / "quiet.csv"), "--out", tmp_path / "out", "--holdout", 0.3)
     assert report["effects"] == []
@@ -171,6 +179,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "minutes that are no number": (["{table}", "--mechanism", "irb6400r", "--stop-after", "nan"], "--minutes"),
     "fewer runs than none": (["{table}", "--mechanism", "irb6400r", "--runs", "-1"], "--runs"),
     "nothing to look for": (["{table}", "--mechanism", "irb6400r", "--runs", "0", "--no-catalogue"], "no runs"),
+    "representation": (["{table}", "--mechanism", "irb6400r", "--representation", "tree,tree"], "each once"),
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
     "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
