@@ -19,24 +19,12 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Generation:
-    """State of a run after one generation; best and median are scores (lower is better) of finite programs."""
-
-    generation: int
-    best: float
-    median: float
-    gain: float
-    distinct: int
-    evaluations_per_second: float
-    seconds: float
-
-
-@dataclass(frozen=True)
 class Evolution:
     """What a run found.
 
     ``front`` holds the programs that no other beats in both gain and complexity, simplest first; ``history``
-    one array a quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds).
+    one array a quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds); best and median
+    are scores of finite programs, less being better.
     ``histogram`` counts the inputs that the effective code of the best program references, ``operators`` its
     operators. ``evaluations`` is the number of programs scored.
     """
@@ -69,10 +57,14 @@ def evolve(
 
 
 def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution:
+    from deap import tools
+
     budget = run.budget
+    log, statistics = tools.Logbook(), tools.Statistics()
+    statistics.register("best", np.min)
+    statistics.register("median", np.median)
     archive = Archive(problem, run.layout)
     began = time.perf_counter()
-    rows: list[Generation] = []
     evaluations = 0
     population, scores = run.start()
     if not np.any(np.isfinite(scores.score)):
@@ -84,12 +76,11 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
         archive.add(population, scores)
         seconds = time.perf_counter() - began
         finite = scores.score[np.isfinite(scores.score)]
-        best, median = (float(finite.min()), float(np.median(finite))) if len(finite) else (np.inf, np.inf)
-        row = Generation(
-            generation, best, median, float(archive.best_gain),
-            distinct(scores.hashes), evaluations / seconds, seconds,
+        log.record(
+            generation=generation, **statistics.compile([finite if len(finite) else np.inf]), gain=archive.best_gain,
+            distinct=distinct(scores.hashes), evaluations_per_second=evaluations / seconds, seconds=seconds,
         )  # fmt: skip
-        rows.append(row)
+        best = log[-1]["best"]
         done = generation >= budget.generations or seconds >= budget.seconds
         if done or archive.best_gain >= budget.target:
             break
@@ -107,10 +98,7 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
     if budget.climb and isinstance(problem, SlotProblem):
         front = _finished(front, problem, run.layout, budget.climb)
     chosen = archive.best(front)
-    history = {
-        name: np.array([getattr(row, name) for row in rows], dtype=float)
-        for name in ("generation", "best", "median", "gain", "distinct", "evaluations_per_second", "seconds")
-    }
+    history = {name: np.array(log.select(name), dtype=float) for name in log[0]}
     return Evolution(
         front, chosen, history, chosen.program.input_counts, chosen.program.operator_counts,
         evaluations, time.perf_counter() - began, settings,

@@ -2,6 +2,9 @@
 
 DEAP draws from Python's generator, and so may any other thread: every call here puts one of its own in the place where
 DEAP looks for it, seeded from the NumPy generator it is given.
+
+Kinds rule trees where they rule sequences, when a program is decoded: DEAP's typed sets want one kind of result for
+every operator and a leaf of every kind, and no leaf is a squared angle.
 """
 
 import random
