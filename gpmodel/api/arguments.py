@@ -63,10 +63,11 @@ def limit(value: object, argument: str, least: float) -> float | None:
     return None if value is None else number(value, argument, least)
 
 
-def number(value: object, argument: str, least: float) -> float:
-    """A finite number from `least` up. Raises InputError naming the argument."""
-    if not isinstance(value, numbers.Real) or not math.isfinite(value) or float(value) < least:
-        raise InputError(f"{shown(value)}, expected a finite number from {least:g} up", argument)
+def number(value: object, argument: str, least: float, most: float = math.inf) -> float:
+    """A finite number from `least` up, to `most`. Raises InputError naming the argument."""
+    if not isinstance(value, numbers.Real) or not math.isfinite(value) or not least <= float(value) <= most:
+        to = "up" if most == math.inf else f"to {most:g}"
+        raise InputError(f"{shown(value)}, expected a finite number from {least:g} {to}", argument)
     return float(value)
 
 

@@ -34,9 +34,9 @@ class CheckResult:
         return not any(f.severity == "error" for f in self.findings)
 
     @property
-    def as_described(self) -> bool:
-        """Whether the mechanism that was measured is the one that is described."""
-        return not any(f.of_mechanism for f in self.findings)
+    def unfit(self) -> tuple[str, ...]:
+        """Why nothing sound would come of a fit; empty where it would."""
+        return tuple(dict.fromkeys(f.unfit for f in self.findings if f.unfit))
 
     def refuse(self) -> None:
         """Raises InputError with the first error, where there is one."""
@@ -48,8 +48,8 @@ class CheckResult:
         """One line a finding, then the verdict."""
         warned = sum(f.severity == "warning" for f in self.findings)
         verdict = "fit to calibrate with" if self.valid else "nothing should be fitted to it"
-        if self.valid and not self.as_described:
-            verdict = f"not fit to calibrate with: {self.mechanism} is not described as it was measured"
+        if self.unfit:
+            verdict = f"not fit to calibrate with: {'; '.join(self.unfit)}"
         return "\n".join(
             [
                 f"{self.dataset.source}: {len(self.dataset)} poses of {self.mechanism}",

@@ -30,6 +30,8 @@ Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "
 ALIASES = {"observability": "d-optimal"}
 BEFORE = ("spread", *GOALS, *ALIASES)
 AFTER = ("rivals", "effect", "i-optimal", "spread")
+CONE = 30.0
+"""Degrees from its normal within which a corner cube reflects."""
 DRAWS = 5
 """Random choices from the same pool whose mean the curve is held against."""
 MOST = 10_000
@@ -100,7 +102,7 @@ def choose_poses(
     box: str | Sequence[Sequence[float]] | None = None,
     instrument: str | Sequence[float] | None = None,
     normal: Sequence[float] = (0.0, 0.0, 1.0),
-    cone: float = 30.0,
+    cone: float | None = None,
     tool_point: str | Sequence[float] | None = None,
     collisions: bool = True,
     noise: str | float = "0.03 mm",
@@ -117,10 +119,10 @@ def choose_poses(
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
     suspect: of that result, by its number: the poses that decide it, instead of a criterion. above: lowest height of
     the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root
-    frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees of its `normal` in the measured frame, and the
-    arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether poses in
-    which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the curve before
-    a result. progress: called with what is being done.
+    frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured frame,
+    and the arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether
+    poses in which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the
+    curve before a result. progress: called with what is being done.
     Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
     called(progress, "progress")
@@ -192,9 +194,13 @@ def _tool(given: str | Sequence[float] | None, model: Model | None) -> Array:
     return np.zeros(3) if model is None else next(iter(model.saved.placement.tool.values()))[:3, 3]
 
 
-def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float) -> Sight | None:
+def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float | None) -> Sight | None:
     axis = np.array(point(normal, "normal"))
     if not axis.any():
         raise InputError("(0, 0, 0), expected a direction in the measured frame", "normal")
-    half = float(np.radians(number(cone, "cone", 1e-6)))
-    return None if instrument is None else Sight(np.array(point(instrument, "instrument")), axis, half)
+    half = CONE if cone is None else number(cone, "cone", 1e-6, 180.0)
+    if instrument is None:
+        if cone is not None:
+            raise InputError("is about the line to the instrument; expected --instrument beside it", "cone")
+        return None
+    return Sight(np.array(point(instrument, "instrument")), axis, float(np.radians(half)))

@@ -13,7 +13,7 @@ from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import notes
-from gpmodel.checks.warnings import built_wrong, warnings_of
+from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -39,12 +39,12 @@ hundredth."""
 class Remark:
     """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note".
 
-    of_mechanism: it says that another mechanism was measured than is described.
+    unfit: why nothing sound comes of a fit all the same, in a few words.
     """
 
     severity: str
     text: str
-    of_mechanism: bool = False
+    unfit: str = ""
 
 
 def check_dataset(
@@ -54,8 +54,8 @@ def check_dataset(
 
     standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows whatever needs a
     fit is judged on as many, in stretches spread evenly over the table, and a note says so. Errors: joint values beyond
-    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see `built_wrong`
-    and `warnings_of`. Notes: see `notes`.
+    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see
+    `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -72,9 +72,11 @@ def check_dataset(
         tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
-    few = list(_too_few_held(mechanism, poses.dataset, standard))
-    wrong = [Remark("warning", text, of_mechanism=True) for text in built_wrong(fit)]
-    warnings = [Remark("warning", text) for text in (*few, *warnings_of(mechanism, poses, bare, fit))]
+    another = f"{mechanism.name} is not described as it was measured"
+    wrong = [Remark("warning", text, another) for text in built_wrong(fit)]
+    wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
+    wrong += [Remark("warning", text, "the standard model leaves too much") for text in poor_fit(fit)]
+    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
     said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
     return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]

@@ -40,7 +40,6 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
     bare: fit of registration and tool. fit: of the standard model.
     """
     data = poses.dataset
-    yield from _poor_fit(fit)
     yield from _unmeasured(data)
     yield from unused_torques(mechanism, data)
     if data.has_rotation and (turn := _rotation_error(bare, poses)) > COARSE_ROTATION:
@@ -57,7 +56,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 
 
-def _poor_fit(fit: Calibration) -> Iterator[str]:
+def poor_fit(fit: Calibration) -> Iterator[str]:
     """A residual that no effect of a machine explains."""
     left = float(np.sqrt(np.mean(fit.error**2)))
     if left > POOR:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.poses import AFTER, BEFORE, MOST, Criterion, choose_poses
+from gpmodel.api.poses import AFTER, BEFORE, CONE, MOST, Criterion, choose_poses
 from gpmodel.cli.console import path_for, progress_line
-from gpmodel.cli.options import Number, mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.cli.options import mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
 
@@ -25,8 +25,9 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.option("--instrument", default=None, metavar="X,Y,Z", help="Its place in the root frame: 3000,0,1500mm.")
 @click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
               help="Where the target looks in the measured frame.")  # fmt: skip
-@click.option("--cone", default=30.0, show_default=True, type=Number(above=0.0), metavar="DEG",
-              help="It is seen within this angle of that.")  # fmt: skip
+@click.option(
+    "--cone", default=None, type=float, metavar="DEG", help=f"It is seen within this angle of that. [default: {CONE:g}]"
+)
 @click.option("--tool-point", default=None, metavar="X,Y,Z", help="In the measured frame. [default: its origin]")
 @click.option("--collisions/--no-collisions", default=True, help="Leave out poses in which the arm meets itself.")
 @click.option("--noise", default="0.03mm", show_default=True, metavar="LENGTH", help="Of one coordinate.")
@@ -35,7 +36,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @quiet_option
 def poses(
     mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None, suspect: int | None,
-    above: str | None, box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float,
+    above: str | None, box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float | None,
     tool_point: str | None, collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Joint values within the limits worth measuring at, and the curve of what is known against their number.

@@ -98,9 +98,21 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
         ) from None
     except (pd.errors.ParserError, csv.Error) as error:
         raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
+    if len(frame) > 1 and not text.endswith(("\n", "\r")):
+        _check_end(frame, text.splitlines()[-2:], separator, path)
     if separator != ",":
         frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
     return frame
+
+
+def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:
+    """Raises InputError where the last of the lines `last` has fewer cells than the other, or its last cell fewer
+    decimals than all above it have."""
+    decimals = frame.iloc[:, -1].str.replace(",", ".").str.partition(".")[2].str.len()
+    shorter = decimals.iloc[:-1].nunique() == 1 and decimals.iloc[-1] < decimals.iloc[0]
+    if shorter or last[1].count(separator) < last[0].count(separator):
+        end = last[1][-20:].strip()
+        raise InputError(f"{path.name}: ends within a row, at '{end}'; expected whole rows: the file was cut")
 
 
 def _check_names(header: list[str], path: Path) -> None:

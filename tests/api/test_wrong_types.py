@@ -82,7 +82,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     "choose_poses": (
         lambda **a: gp.choose_poses(**({"mechanism": ARM, "count": 3} | a)),
         {"mechanism": ANY, "count": ANY, "criterion": ANY[1:], "above": NO_NUMBER,
-         "seed": ANY, "after": ANY[2:], "box": ANY[1:], "instrument": NO_NUMBER, "normal": ANY, "cone": ANY[:2],
+         "seed": ANY, "after": ANY[2:], "box": ANY[1:], "instrument": NO_NUMBER, "normal": ANY, "cone": (TEXT, 400.0),
          "tool_point": NO_NUMBER, "noise": NO_NUMBER},
     ),
     "load_model": (lambda **a: gp.load_model(**({"file": "nothing.json"} | a)), {"file": NO_FILE}),

@@ -1,21 +1,44 @@
 """The sentence that a check ends with."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from cli_cases import robot
 
 from gpmodel.api.check import check
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
+from gpmodel.planning.simulate import Simulation
+from gpmodel.table.dataset import Dataset
 
 
-def test_the_verdict_says_when_the_mechanism_is_another_one_than_described() -> None:
+def longer(made: Simulation) -> Dataset:
+    arm = made.model.mechanism
+    model = ErrorModel(arm, (*made.model.effects, effect_at("longer", "J2.moving", "Tz")))
+    tip = observe(model, prepare(arm, made.dataset), np.append(made.theta, 0.0496), made.placement).tip
+    return replace(made.dataset, position=tip[:, :3, 3])
+
+
+def noisy(made: Simulation) -> Dataset:
+    off = np.random.default_rng(0).normal(0.0, 0.05, 60)[:, None] * np.array([1.0, 0.0, 0.0])
+    return replace(made.dataset, position=made.dataset.position + off)
+
+
+VERDICTS: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
+    "sound": (lambda made: made.dataset, ()),
+    "another arm": (longer, ("irb6400r is not described as it was measured",)),
+    "50 mm of noise in x": (noisy, ("the standard model leaves too much",)),
+    "none to hold out": (lambda made: made.dataset.subset(np.arange(12)), ("too few poses",)),
+}
+
+
+@pytest.mark.parametrize("case", VERDICTS)
+def test_the_verdict_says_why_a_table_is_not_fit_to_calibrate_with(case: str) -> None:
+    make, why = VERDICTS[case]
     arm, made = robot(60)
-    longer = ErrorModel(arm, (*made.model.effects, effect_at("longer", "J2.moving", "Tz")))
-    tip = observe(longer, prepare(arm, made.dataset), np.append(made.theta, 0.0496), made.placement).tip[:, :3, 3]
-    right, wrong = (check(arm, replace(made.dataset, position=p)) for p in (made.dataset.position, tip))
-    assert right.as_described
-    assert "\nfit to calibrate with" in right.summary()
-    assert not wrong.as_described
-    assert "\nnot fit to calibrate with: irb6400r is not described as it was measured" in wrong.summary()
+    judged = check(arm, make(made))
+    assert judged.unfit == why
+    verdict = judged.summary().splitlines()[-1]
+    assert verdict.startswith(f"not fit to calibrate with: {why[0]}; " if why else "fit to calibrate with")

@@ -122,6 +122,8 @@ FILES = {
     "blank": (b"\n \n", "the file is empty"),
     "binary": (b"\x00\x01\x02" * 40, "is no text"),
     "ragged": (b"J1 [deg];J2 [deg]\n1;2;3\n", "more cells than the header"),
+    "cut between cells": (b"J1 [deg],x [mm],y [mm]\n1,2.50,3\n4,5.00,6\n7,8.0", "ends within a row, at '7,8.0'"),
+    "cut in the last cell": (b"J1 [deg],x [mm]\n1,2.50\n4,5.00\n7,8.0", "ends within a row, at '7,8.0'"),
     "decimal commas between commas": (b"J1 [deg],J2 [deg]\n1,5,2,5\n", "decimal commas"),
 }
 
