@@ -11,7 +11,7 @@ import numpy as np
 from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.model import MODEL, Model
+from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.joint_posterior import of_the_ball
 from gpmodel.application.model_file import check_table, load_model, saved_model
@@ -160,9 +160,7 @@ def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[s
         name, _, result = said.partition("=")
         if not result:
             raise InputError(f"'{said}', expected BALL=RESULT, as in L3.fixed=rig", "joints")
-        path = Path(result)
-        saved = load_model(path / MODEL if path.is_dir() else path)
-        out.append((f"joint {name}", of_the_ball(name, saved, mechanism)))
+        out.append((f"joint {name}", of_the_ball(name, load_model(model_file(Path(result))), mechanism)))
     return out
 
 

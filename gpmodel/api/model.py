@@ -231,6 +231,11 @@ class Model:
         return notebook(self.summary())
 
 
+def model_file(path: Path) -> Path:
+    """The model of a folder of results, or the file itself."""
+    return path / MODEL if path.is_dir() else path
+
+
 def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Model:
     """The model in a model.json of calibrate or discover.
 

@@ -13,6 +13,8 @@ import click
 from click.core import ParameterSource
 
 from gpmodel._version import __version__
+from gpmodel.api.model import model_file
+from gpmodel.cli.options import SIGHTS
 from gpmodel.errors import InputError, WriteError
 from gpmodel.files import alone_in, folder_for
 from gpmodel.hierarchy.folder import files_of
@@ -24,6 +26,8 @@ from gpmodel.texts import parse_json, seal
 Journal = TypeVar("Journal")
 CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""
+JOINT = "joint "
+"""What comes before the name of a ball where the result of its joint is told."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +66,13 @@ class Request:
 
     def _unfinished(self, out: Path, say: Say) -> Unfinished:
         """The same as files, with paths relative to `out`, so that both can move together."""
-        files = {"table": _relative(self.table, out)}
         name = self.choice.name
-        if Path(name).is_file():
-            files["mechanism"] = _relative(Path(name), out)
+        mechanism = {"mechanism": Path(name)} if Path(name).is_file() else {}
+        files = {"table": self.table, **mechanism, **_named_in(self.options)}
         choice = asdict(replace(self.choice, description=None))
         request = {
-            "command": self.command, "files": files, "choice": choice, "options": dict(self.options),
-            "minutes": self.minutes,
+            "command": self.command, "files": {kind: _relative(path, out) for kind, path in files.items()},
+            "choice": choice, "options": dict(self.options), "minutes": self.minutes,
         }  # fmt: skip
         return Unfinished(out, request, self.identity(), say)
 
@@ -87,7 +90,9 @@ class Request:
             **{
                 f"--{CALLED.get(name, name).replace('_', '-')}": list(value) if isinstance(value, tuple) else value
                 for name, value in self.options.items()
+                if name not in ("joints", *SIGHTS)
             },
+            **{f"--{kind}": _content(model_file(path)) for kind, path in _named_in(self.options).items()},
             "the search": seal({"settings": repr(self.settings)}),
         }
 
@@ -148,14 +153,13 @@ class Typed:
         before = MechanismChoice(**content["choice"] | {"payload_com": None if com is None else tuple(com)})
         if "mechanism" in files:
             before = replace(before, name=str(files["mechanism"]))
-        path = self.table or files["table"]
-        for kind, file, needed in (("table", path, True), ("mechanism", Path(before.name), "mechanism" in files)):
-            if needed and choice is None and not file.exists():
+        files |= {"table": self.table or files["table"]} | _named_in(self.options)
+        for kind, file in files.items():
+            if choice is None and not file.exists():
                 raise InputError(f"{file}: the {kind} of this search is no longer there; say where it is now")
-        options = {name: self.options.get(name, value) for name, value in content["options"].items()}
-        return Request(
-            command, path, choice or before, options, settings, self.options.get("minutes", content["minutes"])
-        )
+        options = {k: self.options.get(k, value) for k, value in _with_files(content["options"], files).items()}
+        minutes = self.options.get("minutes", content["minutes"])
+        return Request(command, files["table"], choice or before, options, settings, minutes)
 
 
 @contextlib.contextmanager
@@ -181,6 +185,20 @@ def _made_by(result: Path) -> str | None:
         return None
 
 
+def _named_in(options: Mapping[str, Any]) -> dict[str, Path]:
+    """The files that options name: those of SIGHTS, and the result of each ball joint that was measured alone."""
+    sights = {name: Path(options[name]) for name in SIGHTS if options.get(name)}
+    joints = (said.partition("=") for said in options.get("joints") or ())
+    return sights | {f"{JOINT}{ball}": Path(result) for ball, _, result in joints if result}
+
+
+def _with_files(options: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, Any]:
+    """The options with files where they are now."""
+    joints = tuple(f"{kind.removeprefix(JOINT)}={path}" for kind, path in files.items() if kind.startswith(JOINT))
+    now: dict[str, Any] = {name: str(files[name]) for name in SIGHTS if name in files}
+    return dict(options) | now | ({"joints": joints} if joints else {})
+
+
 def _relative(path: Path, out: Path) -> str:
     """A path as seen from `out`, with slashes."""
     return Path(os.path.relpath(path.resolve(), out.resolve())).as_posix()
@@ -191,6 +209,11 @@ def _measured(table: Path) -> dict[str, str]:
     if table.is_dir():
         return {f"the file {path.name}": _sha256(path) for path in files_of(table)}
     return {"the table": _sha256(table)}
+
+
+def _content(path: Path) -> str:
+    """SHA-256 of a file; of what is none its path, which whoever reads it refuses."""
+    return _sha256(path) if path.is_file() else str(path)
 
 
 def _sha256(path: Path) -> str:

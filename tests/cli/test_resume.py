@@ -115,6 +115,29 @@ def test_results_of_another_command_and_a_foreign_request_are_one_line(cut: Path
         assert "was not written by gpmodel" in one_line(run("discover", "--resume", cut), 2)
 
 
+def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_asked(
+    cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(cell, "cell.csv")
+    there = tmp_path / "there"
+    for path in (tmp_path / "rig" / "model.json", tmp_path / "two.toml", there / "empty"):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    asked = ["cell.csv", "--mechanism", "irb6400r", "--joint", "L3.fixed=rig", "--cameras", "two.toml", "--out", "out"]
+    with mock.patch("gpmodel.cli.discover.looked", side_effect=KeyboardInterrupt) as looked:
+        assert run("discover", *asked).exit_code == 130
+        for name in ("out", "cell.csv", "two.toml", "rig"):
+            shutil.move(name, there)
+        assert run("discover", "--resume", "there/out").exit_code == 130
+    options = looked.call_args.args[0].options
+    assert (options["joints"], options["cameras"]) == (("L3.fixed=there/rig",), "there/two.toml")
+    (there / "rig" / "model.json").write_text("other")
+    assert "--joint L3.fixed has changed" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
+    (there / "two.toml").unlink()
+    assert "two.toml: the cameras of this search is" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
+
+
 def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:
     with alone_in(cut):
         assert "another gpmodel is at work in it" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
