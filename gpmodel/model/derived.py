@@ -14,6 +14,7 @@ class Derived:
     """Columns that one function makes of a whole table.
 
     made: them, (N,) by name. known: whether a name may be one of them, asked before they are made. unit: of a name.
+    All three go to other processes: they are functions of a module.
     """
 
     made: Callable[[], Mapping[str, Array]]
@@ -37,11 +38,15 @@ def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
     """
     if not isinstance(mechanism, Weighed):
         return None
-    return Derived(
-        partial(mechanism.unit_loads, q),
-        lambda name: "_of_" in name,
-        lambda name: "m/s^2" if name[-2:] in ("_x", "_y", "_z") else "Nm",
-    )
+    return Derived(partial(mechanism.unit_loads, q), _of_a_link, _unit_of_weight)
+
+
+def _of_a_link(name: str) -> bool:
+    return "_of_" in name
+
+
+def _unit_of_weight(name: str) -> str:
+    return "m/s^2" if name[-2:] in ("_x", "_y", "_z") else "Nm"
 
 
 def ball_angles(mechanism: Mechanism, q: Array) -> Derived | None:
@@ -50,4 +55,8 @@ def ball_angles(mechanism: Mechanism, q: Array) -> Derived | None:
     if jointed is None:
         return None
     names = {angle for ball in jointed.balls for angle in ball.angles}
-    return Derived(partial(jointed.turned, q), names.__contains__, lambda _: "rad")
+    return Derived(partial(jointed.turned, q), names.__contains__, _unit_of_angle)
+
+
+def _unit_of_angle(_: str) -> str:
+    return "rad"

@@ -188,8 +188,11 @@ def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None
     states = replace(_remembering(columns, units, mechanism, dataset, same), loads=frozenset(loads) | set(measured))
     if not dataset.payload_given or np.ptp(dataset.payload) > 0:
         return states
-    share = Derived(partial(_carried, mechanism, dataset, loads), lambda n: n.startswith(PAYLOAD_SHARE), load_unit)
-    return replace(states, carried=share)
+    return replace(states, carried=Derived(partial(_carried, mechanism, dataset, loads), _of_the_payload, load_unit))
+
+
+def _of_the_payload(name: str) -> bool:
+    return name.startswith(PAYLOAD_SHARE)
 
 
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
