@@ -76,8 +76,8 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
         statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
-        parameters=_printed(report.geometry()),
-        placement=_printed(report.placement),
+        parameters=_printed(report.geometry(), in_list=True),
+        placement=_printed(report.placement, in_list=True),
         record=_record(report),
         errors=np.zeros((0, 2)) if errors is None else errors,
         tolerance_mm=tolerance_mm,
@@ -175,8 +175,8 @@ def _with_uncertainty(mm: float, stderr: float | None, freedom: int) -> str:
     return said if stderr is None else f"{said}, U = {wording.millimetres(factor * stderr)} mm (k = {factor:.2f})"
 
 
-def _printed(entries: Sequence[EffectRecord | ParameterRecord]) -> tuple[Parameter, ...]:
-    sizes = [(e.name, wording.measured(e.value, e.stderr, e.unit)) for e in entries]
+def _printed(entries: Sequence[EffectRecord | ParameterRecord], in_list: bool = False) -> tuple[Parameter, ...]:
+    sizes = [(e.name, wording.measured(e.value, e.stderr, e.unit, in_list=in_list)) for e in entries]
     return tuple((name, v.value, v.deviation or wording.UNKNOWN, v.unit) for name, v in sizes)
 
 

@@ -41,10 +41,11 @@ def verdict(fleet: FleetPart) -> str:
         f"{fleet.machines[k].serial} in {p.name} (chance {wording.chance(p.chances[k])})" for k, p in found[:MOST_SAID]
     )
     rest = f" and {len(found) - MOST_SAID} more" if len(found) > MOST_SAID else ""
-    further = [f"{m.serial}: {', '.join(m.effects)}" for m in fleet.machines if m.effects]
-    more = f"; {len(further) - MOST_SAID} more" if len(further) > MOST_SAID else ""
-    parts += [f"effects that not most of them have, on {'; '.join(further[:MOST_SAID])}{more}"] if further else []
-    parts.append(f"stands out: {told}{rest}" if found else "no machine stands out")
+    further = [f"{m.serial} also has {', '.join(m.effects)}" for m in fleet.machines if m.effects]
+    parts += further[:MOST_SAID]
+    parts += [f"{len(further) - MOST_SAID} more have effects of their own"] if len(further) > MOST_SAID else []
+    among = " in what all have" if further else ""
+    parts.append(f"stands out{among}: {told}{rest}" if found else f"no machine stands out{among}")
     return "; ".join(parts) + "."
 
 

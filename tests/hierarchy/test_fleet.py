@@ -99,7 +99,7 @@ def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) 
     gear = "gear error, 2 per turn, J2"
     assert [m.effects for m in found.record.machines] == [(), (), (gear,), ()]
     assert f"{gear} on A-3" in found.record.chosen
-    assert f"A-3: {gear}" in found.verdict
+    assert f"A-3 also has {gear}; no machine stands out in what all have." in found.verdict
     fit = found.machines["A-3"]
     assert fit.rms < 0.5 * fit.record.ladder[1].heldout.rms_mm
     assert all(gear not in e.name for e in found.machines["A-1"].model.saved.model.effects)

@@ -59,7 +59,9 @@ def test_what_is_not_confirmed_is_not_certified() -> None:
 @pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
 def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record(report: type[Report]) -> None:
     made = report()
-    text = page(certificate.certificate(made, GIVEN))
+    certified = certificate.certificate(made, GIVEN)
+    assert {unit for *_, unit in (*certified.parameters, *certified.placement)} == {"mm", "mrad"}
+    text = page(certified)
     words = " ".join(re.sub(r"<[^>]+>", " ", text).split())
     found = before_and_after(made)
     assert found is not None
@@ -69,7 +71,7 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
         f"RMS {wording.millimetres(found[0].rms)} {wording.millimetres(found[1].rms)}",
         "held out: no step of the calibration saw them", effect.name,
         wording.measured(effect.value, effect.stderr, effect.unit).value, "not stated: no pose was measured",
-        wording.measured(made.placement[0].value, made.placement[0].stderr, "m").value, "tool x", "J1",
+        wording.measured(made.placement[0].value, made.placement[0].stderr, "m", in_list=True).value, "tool x", "J1",
         "workspace covered", "standard uncertainty (k = 1)", "is the 95 % interval (k = ",
     ):  # fmt: skip
         assert said in words
