@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 from gpmodel.report.origin import versions
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
+from joints.lateral import lateral_stiffness
 from joints.orifice import ATMOSPHERE
 from joints.reynolds import spherical_film
 from joints.settings import load_settings
@@ -60,6 +61,7 @@ def sphere_against_flat() -> dict[str, float]:
         "sphere_inlet_at_50_um_atm": float(same.inlet_pressure) / ATMOSPHERE,
         "sphere_inlet_at_50_um_without_clearance_atm": float(tight.inlet_pressure) / ATMOSPHERE,
         "sphere_stiffness_at_50_um_N_per_um": float(same.stiffness_constant_inlet) * 1e-6,
+        "sphere_stiffness_across_at_50_um_N_per_um": float(lateral_stiffness(geometry, same, orifice)) * 1e-6,
     }
 
 

@@ -13,10 +13,13 @@ from joints.film import (
 )
 from joints.film_design import FilmDesign, design_film, displacement_at_inlet
 from joints.film_settings import film_geometry, orifice_law
+from joints.lateral import lateral_stiffness
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
 from joints.settings import load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
+
+NO_TILT = "stiffness along the axis, and across it at constant inlet; a ball that turns about its centre meets none"
 
 
 def film_study(path: Path | None = None, seed: int = 0) -> Study:
@@ -29,6 +32,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
     spreading = orifice_spreading_resistance(geometry, displacement, s["orifice"]["diameter"]) * sphere.flow
     compressible = np.array([compressible_film(geometry, preload, lift) for lift in displacement])
     guide, real = _guide(flat), _sphere(sphere, compressible, spreading)
+    real["stiffness_across_the_axis_N_per_um"] = lateral_stiffness(geometry, sphere, orifice) * N_PER_UM
     socket = supporting_pressure(geometry, preload)
     inlets = np.linspace(float(socket) * 1.05, 8 * ATMOSPHERE, 120)
     lift = displacement_at_inlet(geometry, preload, orifice, inlets)
@@ -36,7 +40,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
     return Study(
         (
             Table(f"Design guide at a preload of {preload:g} N, flat plate (Table 4.2)", _heads(guide), _rows(guide)),
-            Table("The same over the real gap of the sphere (Reynolds)", _heads(real), _rows(real)),
+            Table("The same over the real gap of the sphere (Reynolds)", _heads(real), _rows(real), NO_TILT),
         ),
         {
             "preload_N": preload,

@@ -162,9 +162,13 @@ def test_what_table_1_2_asks_of_the_joint_is_that_of_the_file() -> None:
     assert f"film and magnets have {stiffness:.1f} together" in DESIGN_PAGE
 
 
-def test_the_film_without_clearance_is_that_of_the_file() -> None:
-    inlet = results("joint_design/results.json")["sphere_against_flat"]["sphere_inlet_at_50_um_without_clearance_atm"]
+def test_the_spherical_film_is_that_of_the_file() -> None:
+    film = results("joint_design/results.json")["sphere_against_flat"]
+    inlet, across = (film[f"sphere_{name}"] for name in (
+        "inlet_at_50_um_without_clearance_atm", "stiffness_across_at_50_um_N_per_um",
+    ))  # fmt: skip
     assert re.search(rf"no clearance at all still {inlet:.1f}\b", DESIGN_PAGE)
+    assert f"| the same across the axis | - | {across:.1f} N/µm |" in DESIGN_PAGE
 
 
 def test_the_measured_ur10_is_that_of_the_file() -> None:
