@@ -1,22 +1,21 @@
 """`gpmodel joint film`: the design guide of Table 4.2, beside the film over the real spherical gap."""
 
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from joints import figures
-from joints.film import (
-    edge_gap,
-    pad_load,
-    published_load,
-    supporting_pressure,
-)
+from joints.film import FilmGeometry, edge_gap, pad_load, published_load, supporting_pressure
 from joints.film_design import FilmDesign, design_film, displacement_at_inlet
+from joints.film_fit import Film, FilmFit, fit_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.lateral import lateral_stiffness
-from joints.orifice import ATMOSPHERE, SCCM
+from joints.measured import read_curve
+from joints.orifice import ATMOSPHERE, SCCM, Orifice
 from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
-from joints.settings import load_settings
+from joints.settings import Settings, load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 NO_TILT = "stiffness along the axis, and across it at constant inlet; a ball that turns about its centre meets none"
@@ -34,6 +33,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
     guide, real = _guide(flat), _sphere(sphere, compressible, spreading)
     real["stiffness_across_the_axis_N_per_um"] = lateral_stiffness(geometry, sphere, orifice) * N_PER_UM
     socket = supporting_pressure(geometry, preload)
+    fits = _fitted(s["measured"], path, geometry, orifice)
     inlets = np.linspace(float(socket) * 1.05, 8 * ATMOSPHERE, 120)
     lift = displacement_at_inlet(geometry, preload, orifice, inlets)
     lifts = np.linspace(2e-6, 1.2 * displacement.max(), 120)
@@ -41,6 +41,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
         (
             Table(f"Design guide at a preload of {preload:g} N, flat plate (Table 4.2)", _heads(guide), _rows(guide)),
             Table("The same over the real gap of the sphere (Reynolds)", _heads(real), _rows(real), NO_TILT),
+            *([_calibrated(s["measured"]["file"], fits)] if fits else []),
         ),
         {
             "preload_N": preload,
@@ -50,6 +51,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
             "published_load_N": published_load(geometry, socket),
             "flat_plate": guide,
             "sphere": real,
+            "calibrated": {name: asdict(fit) for name, fit in fits.items()},
             "flat_plate_lift": {"inlet_atm": inlets / ATMOSPHERE, "displacement_um": lift * MICRO},
         },
         {
@@ -63,6 +65,25 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
             "film_pressure.png": figures.film_pressure(geometry, preload, float(displacement.max())),
         },
     )
+
+
+def _fitted(s: Settings, path: Path | None, geometry: FilmGeometry, orifice: Orifice) -> dict[str, FilmFit]:
+    """Both films fitted to a measured table, none without one."""
+    if s["file"] == "none":
+        return {}
+    folder = path.parent if path else Path()
+    rows = read_curve(folder / s["file"], {"inlet": "atm", "lift": "um", "load": "N"})
+    films: dict[str, Callable[..., Film]] = {"flat plate": design_film, "sphere": spherical_film}
+    return {name: fit_film(film, geometry, orifice, **rows) for name, film in films.items()}
+
+
+def _calibrated(source: str, fits: dict[str, FilmFit]) -> Table:
+    heads = ("Film", "Clearance [um]", "± [um]", "Flow over the law", "±", "Inlet rms [%]", "Status")
+    rows = [
+        (name, f.clearance * MICRO, f.stderr["clearance"] * MICRO, f.passed, f.stderr["passed"], 100 * f.rms, f.status)
+        for name, f in fits.items()
+    ]
+    return Table(f"Calibrated by {source}", heads, rows, "for clearance, and slope or discharge of [orifice]")
 
 
 def _guide(design: FilmDesign) -> dict[str, np.ndarray]:
