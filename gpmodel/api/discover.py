@@ -135,6 +135,8 @@ def discover(
     called(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    if not geometry:
+        raise InputError(f"{shown(standard)}, expected geometric parameters to look beside, as in ('J* R?',)", "standard")
     arm, poses = checked_poses(arm, specified(read_table(table, arm), instrument), geometry)
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
