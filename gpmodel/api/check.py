@@ -15,6 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, Teller, silent
+from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
 from gpmodel.wording import wrapped
 
@@ -52,11 +53,15 @@ class CheckResult:
             verdict = f"not fit to calibrate with: {'; '.join(self.unfit)}"
         return "\n".join(
             [
-                f"{self.dataset.source}: {len(self.dataset)} poses of {self.mechanism}",
+                f"{self.dataset.source}: {self._counted()}",
                 *(wrapped(f.text, 11, f"  {f.severity:8} ") for f in self.findings),
                 f"{verdict}; {warned or 'no'} warning{'' if warned == 1 else 's'}",
             ]
         )
+
+    def _counted(self) -> str:
+        poses, rows = different_poses(self.dataset), len(self.dataset)
+        return f"{poses} poses of {self.mechanism}{f' in {rows} rows' if poses < rows else ''}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a finding: severity, text."""

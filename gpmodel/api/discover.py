@@ -34,6 +34,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.geometric import standard_effects
 from gpmodel.model.naming import in_mechanism_names, names_of, translate
+from gpmodel.model.observation import observations
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
@@ -43,6 +44,7 @@ from gpmodel.report.schema_search import SuspectRecord
 from gpmodel.table.bundles import bundles
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
+from gpmodel.table.units import factor_like, split_quantity
 
 COMMAND = "gpmodel.discover"
 
@@ -118,8 +120,8 @@ def discover(
     is judged one way. search: how hard to look; criteria: when a candidate becomes a finding. candidates: what may be
     missing, families, candidates or single effects; () leaves naming to the evolved expressions. standard: patterns of
     the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
-    deviation of one coordinate, "0.03 mm", where there are no repeats. instrument: its specification, "15um + 6um/m",
-    the largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
+    deviation of one reading, "0.03 mm" or "0.1 px", without repeats. instrument: its specification, "15um + 6um/m", the
+    largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
     "BALL=RESULT" as of `calibrate`, in the standard model. progress: called with one Progress at a time, which prints
     as a line: `print` will do. journal: keeps what is finished, to go on from it to the same numbers. command: what the
     report says made it.
@@ -128,19 +130,17 @@ def discover(
     _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
-    floor = None if noise is None else quantity(noise, "length", "noise", positive=True)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
     if search is not None and not search.runs and not offers:
         raise InputError("no runs and no candidates leave nothing to look for, expected one of them", "search")
     called(progress, "progress")
     arm = mechanism_of(mechanism)
-    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    if not geometry:
-        raise InputError(f"{shown(standard)}, expected geometric parameters to look beside, as in ('J* R?',)", "standard")
+    geometry = _geometry(arm, standard)
     arm, poses = checked_poses(arm, specified(read_table(table, arm), instrument), geometry)
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)
+    floor = None if noise is None else _in_metres(noise, poses.dataset)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
@@ -152,6 +152,27 @@ def discover(
     else:
         found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
+
+
+def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
+    """The geometric parameters of these patterns. Raises InputError where they are none."""
+    found = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    if not found:
+        raise InputError(
+            f"{shown(standard)}, expected geometric parameters to look beside, as in ('J* R?',)", "standard"
+        )
+    return found
+
+
+def _in_metres(noise: str | float, dataset: Dataset) -> float:
+    """The noise of one reading, m; of pixels and inclinations what they count as. Raises InputError where it is none
+    of a reading of the table."""
+    value, unit = (isinstance(noise, str) and split_quantity(noise)) or (0.0, "")
+    for kind in observations(dataset):
+        sizes = [factor_like(u, kind.unit) for u in (unit, kind.unit)]
+        if value > 0 and kind.unit != "m" and kind.metres is not None and sizes[0] and sizes[1]:
+            return value * kind.metres * sizes[0] / sizes[1]
+    return quantity(noise, "length", "noise", positive=True)
 
 
 def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:

@@ -11,6 +11,7 @@ from gpmodel.api.display import notebook
 from gpmodel.api.table import TableLike, cells_of, dataset_of
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
+from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
@@ -23,6 +24,8 @@ CORRECTED = "corrected_"
 """How `compensate` calls the joint values it gives."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 """What it gives beside them."""
+ALONE = "verify judges positions and distances alone, not what cameras, touches, bars or levels read"
+"""Of a table of other readings."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,6 +104,8 @@ def verify_saved(
     """A saved model judged by a table. Raises InputError as `gpmodel.verify`."""
     limit = None if tolerance is None else quantity(tolerance, "length", "tolerance", positive=True)
     dataset, targets = _driven(saved.mechanism, table)
+    if not (np.isfinite(dataset.position).any() or dataset.distances):
+        raise InputError(f"{dataset.source}: {ALONE}")
     dataset = replace(dataset, in_order=in_order or dataset.in_order)
     found = verified(saved, dataset)
     missed = None if targets is None else misses_of(found.session, targets)
@@ -113,6 +118,8 @@ def _driven(mechanism: Mechanism, table: TableLike) -> tuple[Dataset, Dataset | 
         return dataset_of(table, mechanism, need_measurement=True), None
     cells = cells_of(table)
     names = {header: split_header(header)[0] for header in cells.text.columns}
+    if {"u", "v"} <= set(names.values()):
+        raise InputError(f"{cells.path.name}: {ALONE}")
     if not any(name.startswith(CORRECTED) for name in names.values()):
         return dataset_of(table, mechanism, need_measurement=True), None
     joints = {name.removeprefix(CORRECTED): header for header, name in names.items() if name.startswith(CORRECTED)}

@@ -21,7 +21,7 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
     """The same of each coordinate (N, 3) along the axes of the instrument: √ diag(J Σ Jᵀ)."""
-    if len(saved.stderr) and not np.isfinite(saved.stderr).any():
+    if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
     if placed:

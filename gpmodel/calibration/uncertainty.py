@@ -67,6 +67,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = covariance
+    unseen = np.flatnonzero(problem.sizes <= ident.NEGLIGIBLE)
+    whole[unseen], whole[:, unseen] = 0.0, 0.0
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
     known = freedom(fitted.problem, fitting.bundle, fitting.ratio, rank)

@@ -20,6 +20,8 @@ from gpmodel.table.write import table_text
 
 PATIENCE = 10.0
 """Seconds between passing lines where they cannot take each other's place."""
+NOISE = {"px": "0.1px", "deg": "0.002deg"}
+"""What `--noise` may be where readings are no lengths."""
 CLEAR = "\r\x1b[K"
 """Back to the start of the line, which is emptied."""
 
@@ -72,7 +74,9 @@ def what_next(folder: Path, record: Report) -> str:
     below = widest + max(len(what) for _, what in then) + 4 > wording.WIDTH
     lines = [f"  {command}\n      {what}" if below else f"  {command:<{widest}}  {what}" for command, what in then]
     if record.noise_floor_mm is None:
-        lines.append("  with --noise 0.03mm, or repeats in the table, the noise floor is known")
+        size = next((NOISE[r.unit] for r in record.readings if r.unit in NOISE), "0.03mm")
+        option = f"--noise {size}" if record.kind == "discover" else "--instrument '15um + 6um/m'"
+        lines.append(f"  with {option}, or repeats in the table, the noise floor is known")
     return "\n".join([f"report: {folder / 'report.html'}", "next:", *lines])
 
 

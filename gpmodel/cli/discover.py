@@ -63,7 +63,7 @@ WATCHED = 0.5
 @click.option("--folds", type=click.IntRange(2), default=None, metavar="K",
               help="All poses choose; errors from K choices, each without a part of them.")  # fmt: skip
 @in_order_option
-@click.option("--noise", default=None, metavar="LENGTH", help="Standard deviation of one coordinate, as in 0.03mm.")
+@click.option("--noise", default=None, metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
 @instrument_option
 @joints_option
 @click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")

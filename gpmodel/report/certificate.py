@@ -66,13 +66,13 @@ class Certificate:
 def certificate(report: Report, particulars: Particulars, tolerance_mm: float | None = None) -> Certificate:
     """The certificate of a calibration or a discovery. tolerance_mm: what no pose may be off by."""
     errors = errors_before_and_after(report)
-    count = report.data.heldout if report.held else report.data.train
-    kind = "held out: no step of the calibration saw them" if report.held else "the poses the model was fitted to"
+    count, unit = report.data.heldout if report.held else report.data.train, report.data.unit
+    kind = "held out: no step of the calibration saw them" if report.held else f"the {unit} the model was fitted to"
     return Certificate(
         title=f"Calibration certificate: {particulars.machine or report.mechanism.name}",
         particulars=particulars.lines(),
         scope=(*_scope(report), ("tolerance", _judged(errors, tolerance_mm))),
-        poses=f"{count} poses {kind}" if report.held else f"{count} poses, {kind}",
+        poses=f"{count} {unit} {kind}" if report.held else f"{count} {unit}, {kind}",
         statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
@@ -102,7 +102,7 @@ def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
 
 
 def _scope(report: Report) -> tuple[Line, ...]:
-    lines = [("model of the machine", report.mechanism.name), ("measured poses", f"{report.data.poses}")]
+    lines = [("model of the machine", report.mechanism.name), ("measured", report.data.counted)]
     points = numbers(report.plots.points_mm)
     if len(points):
         low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)

@@ -21,7 +21,7 @@ def histogram(errors: Array, tolerance_mm: float | None, predicted: bool) -> Pic
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
-        f"Histogram of the error of {len(errors)} poses: before at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
+        f"Histogram of {len(errors)} measured errors: before at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
         "", lambda figure: draw(figure.subplots(), errors, tolerance_mm, predicted),
     )  # fmt: skip
 
@@ -36,6 +36,6 @@ def draw(axes: Axes, errors: Array, tolerance_mm: float | None, predicted: bool)
     axes.hist(errors[:, 1], bins, color=AFTER_LIGHT, ec=AFTER, lw=0.6, label=after)
     if tolerance_mm is not None:
         axes.axvline(tolerance_mm, color=INK, lw=1.0, ls=(0, (3, 3)), label="tolerance")
-    axes.set(xlim=(0.0, bins[-1]), xlabel="3-D error, mm", ylabel="poses")
+    axes.set(xlim=(0.0, bins[-1]), xlabel="3-D error, mm", ylabel="measurements")
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
     axes.legend(loc="upper right", labelcolor=MUTED)

@@ -39,7 +39,7 @@ def pictures(report: Report) -> Iterator[Picture]:
         steps = "; ".join(f"{report.title(r)} {millimetres(r.errors.rms_mm)} mm" for r in rungs)
         yield Picture(
             "ladder", "Error after each step", 4.7, 0.75 + 0.56 * len(rungs),
-            f"RMS of the 3-D error after each step of the model, {_side(rungs)}: {steps}.",
+            f"RMS of the 3-D error after each step of the model, {_side(report, rungs)}: {steps}.",
             "Dots: RMS of the 3-D error; the thin line reaches to the largest error. The scale is logarithmic.",
             partial(_ladder, report=report, rungs=rungs),
         )  # fmt: skip
@@ -56,16 +56,16 @@ def pictures(report: Report) -> Iterator[Picture]:
             partial(_histogram, errors=shown, floor=report.noise_floor_mm),
         )  # fmt: skip
         yield Picture(
-            "cumulative", "How many poses are better than …", 4.9, 3.5,
+            "cumulative", f"How many {report.data.unit} are better than …", 4.9, 3.5,
             f"Cumulative share of {which} over the 3-D error, one curve a step: {said}.",
             f"Share of {which} whose 3-D error is below the value on the axis.",
             partial(_cumulative, errors=errors, floor=report.noise_floor_mm),
         )  # fmt: skip
 
 
-def _side(rungs: Sequence[StepRecord]) -> str:
-    held = all(r.heldout.known for r in rungs)
-    return "held-out poses" if held else "training poses, none were held out"
+def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
+    unit = report.data.unit
+    return f"held-out {unit}" if all(r.heldout.known for r in rungs) else f"training {unit}, none were held out"
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
@@ -83,7 +83,8 @@ def _errors(report: Report) -> list[tuple[str, Array, str]]:
 
 
 def _which(report: Report) -> str:
-    return f"{report.data.heldout} held-out poses" if report.held else "the training poses"
+    data = report.data
+    return f"{data.heldout} held-out {data.unit}" if report.held else f"the training {data.unit}"
 
 
 def _ladder(figure: Figure, report: Report, rungs: list[StepRecord]) -> None:
@@ -127,7 +128,7 @@ def _histogram(figure: Figure, errors: list[tuple[str, Array, str]], floor: floa
     for axes, (name, error, colour) in zip(panels, errors, strict=True):
         axes.hist(error, bins, color=colour, rwidth=0.92)
         axes.grid(axis="y")
-        axes.set_ylabel("poses")
+        axes.set_ylabel("number")
         axes.yaxis.get_major_locator().set_params(integer=True, nbins=4)
         beyond = int(np.sum(error > bins[-1]))
         note = f"\n{beyond} beyond the axis" if beyond else ""
@@ -157,6 +158,6 @@ def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: flo
         named.add(label)
     if floor and floor < axes.get_xlim()[1]:
         axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
-    axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share of poses, %")
+    axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share, %")
     axes.grid(axis="both")
     figure.legend(loc="outside upper left", ncols=2, labelcolor=MUTED, columnspacing=1.2)

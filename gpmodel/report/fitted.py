@@ -121,12 +121,12 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     """RMS, mm, over the poses of what each group of effects moves the measured point by and nothing else in the model,
     registration and tool included, takes up: the residual of its displacement projected on their columns.
 
-    None beside free joints, which take up more at every pose.
+    None beside free joints, which take up more at every pose, and where no point was read.
     """
     problem = problem_at(fit, poses)
-    if problem.left is not None:
-        return [None] * len(groups)
     point = np.nonzero(problem.weights > 0)[1] < 3
+    if problem.left is not None or not point.any():
+        return [None] * len(groups)
     columns = problem.columns[point]
     held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
     theta = np.concatenate([np.zeros(problem.placement), fit.theta])

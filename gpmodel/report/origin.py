@@ -13,11 +13,12 @@ from gpmodel.mechanism.identity import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of
+from gpmodel.model.observation import observations
 from gpmodel.model.states import States
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_accuracy import InstrumentRecord
 from gpmodel.report.schema_search import Range
-from gpmodel.table.bundles import noise_floor
+from gpmodel.table.bundles import different_poses, noise_floor
 from gpmodel.table.dataset import Dataset
 
 PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
@@ -57,6 +58,7 @@ def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:
         file=data.source,
         sha256=data.sha256,
         poses=len(data),
+        different=different_poses(data),
         train=train,
         heldout=len(data) - train,
         outliers=tuple(int(r) for r in data.row[final.outliers]),
@@ -98,7 +100,7 @@ def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSou
     sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)
     if sigma is None:
         return None, None
-    measured = np.isfinite(data.position).sum() + sum(np.isfinite(d).sum() for d in data.distances.values())
+    measured = sum(int(kind.readings.sum()) for kind in observations(data) if kind.metres is not None)
     return float(1e3 * sigma * np.sqrt(measured / len(data))), "specification" if noise is None else "instrument"
 
 

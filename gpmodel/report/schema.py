@@ -66,19 +66,30 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class DataRecord:
-    """The measured table. folds: their number where every pose was held out once. outliers: rows of the file left out
-    of the fit. ranges: of every joint, as measured. marks: one a row, the same for the same joint values and readings
-    in any table."""
+    """The measured table. poses: its rows; different: the poses that these are of. folds: their number where every pose
+    was held out once. outliers: rows of the file left out of the fit. ranges: of every joint, as measured. marks: one a
+    row, the same for the same joint values and readings in any table."""
 
     file: str = ""
     sha256: str = ""
     poses: Count = 0
+    different: Count = 0
     train: Count = 0
     heldout: Count = 0
     folds: Count = 0
     outliers: tuple[int, ...] = ()
     ranges: tuple[Range, ...] = ()
     marks: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """What the rows are called."""
+        return "rows" if 0 < self.different < self.poses else "poses"
+
+    @property
+    def counted(self) -> str:
+        """How many poses, and in how many rows where these are more."""
+        return f"{self.different} poses in {self.poses} rows" if self.unit == "rows" else f"{self.poses} poses"
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_accuracy import Repeatability
 from gpmodel.report.schema_search import Share
+from gpmodel.table.bundles import different_poses
 
 NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
@@ -138,7 +139,8 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
     return Verification(
         command=asked.command,
         verdict=found.verdict,
-        data=DataRecord(data.source, data.sha256, count, outliers=tuple(data.row[~session.use].tolist())),
+        data=DataRecord(data.source, data.sha256, count, different_poses(data),
+                        outliers=tuple(data.row[~session.use].tolist())),
         mechanism=mechanism_record(session.saved.mechanism, names),
         model_file=asked.model_file,
         model_sha256=asked.model_sha256,

@@ -27,7 +27,7 @@ def certificate(record: Verification, particulars: Particulars) -> Certificate:
         title=f"Verification certificate: {particulars.machine or record.mechanism.name}",
         particulars=particulars.lines(),
         scope=tuple(_scope(record)),
-        poses=f"{len(pairs)} poses, measured after the model was fitted",
+        poses=f"{len(pairs)} {record.data.unit}, measured after the model was fitted",
         statistics=statistics(errors) if len(pairs) > 1 else (),
         repeatability=() if record.repeatability is None else repeated(record.repeatability),
         effects=(),
@@ -47,7 +47,7 @@ def _scope(record: Verification) -> Iterator[Line]:
     yield "tolerance", f"{judged}{tolerance(record)}"
     yield from facts(record)
     yield "model of the machine", record.mechanism.name
-    yield "measured poses", f"{len(record.poses)}"
+    yield "measured", record.data.counted
     yield "noise of one coordinate", f"{wording.millimetres(record.sigma_mm)} mm, by the model"
 
 

@@ -32,7 +32,7 @@ def verdict(record: Verification) -> str:
     mm, after = wording.millimetres, record.after
     if record.verdict == "holds":
         said = (
-            f"The model holds: {len(record.poses)} poses measured afterwards miss it by {mm(after.rms_mm)} mm RMS, "
+            f"The model holds: {record.data.counted} measured afterwards miss it by {mm(after.rms_mm)} mm RMS, "
             f"{mm(record.promised_mm)} mm are promised, {mm(record.without.rms_mm)} mm without it."
         )
         if record.changes:
@@ -59,7 +59,7 @@ def tolerance(record: Verification) -> str:
     if not beyond:
         return f"Every pose is within {limit:g} mm, the worst has {wording.millimetres(worst.with_mm)} mm."
     return (
-        f"{len(beyond)} of {len(record.poses)} poses are beyond {limit:g} mm, "
+        f"{len(beyond)} of {len(record.poses)} {record.data.unit} are beyond {limit:g} mm, "
         f"the worst, row {worst.row}, has {wording.millimetres(worst.with_mm)} mm."
     )
 

@@ -74,6 +74,11 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
+def different_poses(dataset: Dataset) -> int:
+    """How many poses the rows are of: fewer than rows where some were measured again or show several markers."""
+    return int(replicates(dataset, whatever=True).max(initial=-1)) + 1
+
+
 def sharing(dataset: Dataset) -> IntArray:
     """Code (N,) of every row: rows of one code may share a deviation that no model explains.
 

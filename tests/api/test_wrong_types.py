@@ -48,8 +48,9 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     "discover": (
         lambda **a: gp.discover(**({"mechanism": ARM, "table": TABLE} | a)),
         {
-            "mechanism": ANY, "table": NO_FILE, "standard": (*NO_TEXTS, ("none",)), "holdout": ANY[1:], "folds": (*ANY[1:], 1),
-            "seed": ANY, "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
+            "mechanism": ANY, "table": NO_FILE, "standard": (*NO_TEXTS, ("none",)), "holdout": ANY[1:],
+            "folds": (*ANY[1:], 1), "seed": ANY,
+            "condition_limit": NO_NUMBER, "search": ANY[1:], "criteria": ANY[1:], "candidates": NO_TEXTS,
             "noise": NO_NUMBER, "instrument": NO_NUMBER, "progress": ANY,
         },
     ),

@@ -7,6 +7,8 @@ import pytest
 from cli_cases import one_line, run, write
 from instrument_cases import OTHERS
 
+import gpmodel as gp
+
 ARM = "irb6400r"
 FEW = {"camera": 10, "hand camera": 10, "bar": 48}
 """Poses, where not 30: every one has many corners, or every bar five unknowns."""
@@ -30,6 +32,8 @@ def test_simulated_readings_are_checked_and_calibrated(instrument: str, tmp_path
     assert bool(options) == ("camera" in instrument)
     done = run("check", table, "--mechanism", ARM, *options)
     assert done.exit_code == 0, done.stderr
+    if "camera" in instrument:
+        assert f"{FEW[instrument]} poses of {ARM} in {20 * FEW[instrument]} rows" in done.stdout
     done = run("calibrate", table, "--mechanism", ARM, "--standard", "J? Rz", *options)
     assert done.exit_code == 0, done.stderr
     assert {"camera": "pixel", "hand camera": "pixel", "inclinometer": "inclination"}.get(
@@ -64,3 +68,21 @@ def test_touches_that_say_too_little_are_refused(tmp_path: Path) -> None:
     frame.loc[touched, first[0]] = [str(0.01 * k) for k in range(len(touched))]
     said = one_line(run("calibrate", write(frame, tmp_path / "line.csv"), "--mechanism", ARM), 2)
     assert "on_plane A: touched along a line; expected touches spread over the plane" in said
+
+
+def test_what_a_camera_cannot_show_has_no_sigma_and_its_noise_is_in_pixels(tmp_path: Path) -> None:
+    path, options = simulated("camera", tmp_path)
+    beside = dict(zip(("cameras", "board"), options[1::2], strict=True))
+    table = gp.read_table(path, ARM, **beside)
+    candidate = gp.effect_at("yields", "J2.moving", "Ry", gp.Expression("torque_J2"), "rad/Nm")
+    found = gp.discover(ARM, table, search=gp.Search(runs=0), candidates=[candidate], standard=("J? Rz",),
+                        noise="0.1 px", holdout=0.3)  # fmt: skip
+    assert found.record.noise_floor_mm == pytest.approx(found.record.ladder[-1].train.rms_mm, rel=0.5)
+    assert found.record.data.counted == "10 poses in 200 rows"
+    model = gp.calibrate(ARM, table, standard=("J? Rz",), holdout=0.0).model
+    assert model.predict(table)["sigma [mm]"].max() < 1.0
+    with pytest.raises(gp.InputError, match="verify judges positions and distances alone"):
+        model.verify(table)
+    save = tmp_path / "model.json"
+    model.save(save)
+    assert "verify judges positions and distances alone" in one_line(run("verify", save, path), 2)
