@@ -76,7 +76,7 @@ def what_next(folder: Path, record: Report) -> str:
     if record.noise_floor_mm is None:
         size = next((NOISE[r.unit] for r in record.readings if r.unit in NOISE), "0.03mm")
         option = f"--noise {size}" if record.kind == "discover" else "--instrument '15um + 6um/m'"
-        lines.append(f"  with {option}, or repeats in the table, the noise floor is known")
+        lines.append(f"  {option} or repeats in the table tell the noise floor")
     return "\n".join([f"report: {folder / 'report.html'}", "next:", *lines])
 
 

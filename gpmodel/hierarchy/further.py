@@ -41,10 +41,10 @@ class Further:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
         both = _known(self.final, poses)
         alone = _known(self.alone, poses) * self.final.sigma / self.alone.sigma
-        worth = len(poses) * ((alone / both) ** 2 - 1.0)
+        worth = round(max(len(poses) * ((alone / both) ** 2 - 1.0), 0.0))
         return (
             f"The {len(poses)} poses tell the point to {length(1e3 * alone)} alone, with the prior to "
-            f"{length(1e3 * both)}: it is worth about {max(worth, 0.0):.0f} poses more.{found}"
+            f"{length(1e3 * both)}: it is worth about {worth} pose{'s' * (worth != 1)} more.{found}"
         )
 
 

@@ -152,7 +152,7 @@ def test_progress_says_what_is_tried_and_the_end_what_was_found_and_what_comes_n
         assert said in result.stderr
     report = json.loads((tmp_path / "o" / "report.json").read_text())
     assert said_in(report["verdict"], result.stdout)
-    for said in ("held out", "noise floor is known", f"report: {tmp_path / 'o' / 'report.html'}", "gpmodel compensate"):
+    for said in ("held out", "tell the noise floor", f"report: {tmp_path / 'o' / 'report.html'}", "gpmodel compensate"):
         assert said in result.stdout
 
 
