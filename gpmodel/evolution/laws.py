@@ -1,7 +1,7 @@
 """The law of a response at a known place in one or two known inputs.
 
 Of one input every short shape is looked at (``gpmodel.evolution.shapes``); the best are fitted and climbed from by
-single edits. Of two inputs most laws are a product of a law of each, or a law of a weighted sum: the factors, or the
+single edits. Of two inputs a law is a product of a law of each, or a law of a weighted sum: the factors, or the
 weights, are found without a shape, and then each is a search in one input. Constants are fitted to the residual of the
 whole model, seen from the place.
 """
@@ -26,7 +26,7 @@ STARTED, FITTED, STEPS = 200, 40, 4
 LONGEST = 30
 """Nodes that a law may have."""
 CLIMBED = 3
-"""Laws, and pairs of elements, that are climbed from by single edits, the best."""
+"""Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 FACTORS = 6
 """Laws of each factor of a product, the shortest descriptions."""
 
@@ -39,13 +39,17 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
     """
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
-    started = _shapes(there) if len(names) == 1 else [*_products(there), *_of_weighted_sum(there)]
-    found = _with_fitted(there, started)
-    words = Vocabulary(there.inputs, operator_set("slot"))
-    best = sorted(found, key=lambda law: description_length(law, there))
-    starts = [law.program for law in best[:CLIMBED]] + [pair for pair, _ in promising(there, words, CLIMBED)]
-    found += _with_fitted(there, [climbed(start, there, 0, words, 1) for start in starts])
+    found = _of_one(there) if len(names) == 1 else _with_fitted(there, [*_products(there), *_of_weighted_sum(there)])
     return tuple(law for law in pareto(found) if 0 < law.complexity <= LONGEST and law.program.inputs)
+
+
+def _of_one(problem: SlotProblem) -> list[Solution]:
+    """Shapes of one input, as they are and fitted, and what climbing makes of the best."""
+    found = _with_fitted(problem, _shapes(problem))
+    words = Vocabulary(problem.inputs, operator_set("slot"))
+    best = sorted(found, key=lambda law: description_length(law, problem))
+    starts = [law.program for law in best[:CLIMBED]] + [pair for pair, _ in promising(problem, words, CLIMBED)]
+    return found + _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
 
 
 def _shapes(problem: SlotProblem) -> list[Program]:
