@@ -29,6 +29,8 @@ CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 FACTORS = 6
 """Laws of each factor of a product, the shortest descriptions."""
+EVEN = 0.1
+"""Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
@@ -83,12 +85,14 @@ def _products(problem: SlotProblem) -> list[Program]:
 
 
 def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
-    """Laws of the weighted sum of two inputs that says most."""
+    """Laws of the weighted sum of two inputs that says most, and of the plain one beside it."""
     first, second = weighted_sum(problem.targets, problem.inputs.values)
     (one, other), weight = (repr(name) for name in problem.inputs.names), second / first
     text = f"{one} + ({weight:.6g})*{other}" if abs(weight) < 1.0 else f"({1.0 / weight:.6g})*{one} + {other}"
-    both = parse(text)
-    values = both.evaluate(problem.inputs.mapping())
+    sums = [parse(text)]
+    if abs(abs(weight) - 1.0) < EVEN:
+        sums.append(parse(f"{one} {'+' if weight > 0.0 else '-'} {other}"))
+    values = sums[0].evaluate(problem.inputs.mapping())
     summed = SlotProblem(Inputs(("sum",), values), problem.targets, parsimony=problem.parsimony)
     laws = laws_at(summed, 0, ["sum"])
-    return [law.program.with_inputs({"sum": both}) for law in laws]
+    return [law.program.with_inputs({"sum": both}) for law in laws for both in sums]
