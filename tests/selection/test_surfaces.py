@@ -1,20 +1,24 @@
 """Free functions of one and two inputs: their covariance, their products, and a planted law found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_cases import bare, measure, mechanism, sized
 from group_cases import ARM, offering, problem
 
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.gain import best, rotated
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
-from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP
+from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
@@ -55,6 +59,15 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
         assert gained[0] == pytest.approx(scan(wider)[0][-1], rel=1e-4, abs=1e-4)
 
 
+def planted(law: str, place: tuple[str, str]) -> tuple[Calibration, Poses, Offering]:
+    """The geometry of a robot that has a law, its poses, and what is offered."""
+    data = bare(ARM, 80, 3, payload=False)
+    effect = effect_at("law", *place, Expression(law))
+    truth = measure(ARM, [effect], sized(ARM, [effect], data, 0.25), 3, dataset=data)
+    arm, poses = truth.model.mechanism, truth.poses
+    return calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, offering(arm, poses)
+
+
 @pytest.mark.parametrize(("law", "place", "inputs"), [
     ("max(temperature - 25, 0)*J6", ("J3.moving", "Tz"), {"J6", "temperature"}),
     ("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"), {"J2", "J5"}),
@@ -62,12 +75,16 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
 def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
     law: str, place: tuple[str, str], inputs: set[str]
 ) -> None:
-    data = bare(ARM, 80, 3, payload=False)
-    effect = effect_at("law", *place, Expression(law))
-    truth = measure(ARM, [effect], sized(ARM, [effect], data, 0.25), 3, dataset=data)
-    arm, poses = truth.model.mechanism, truth.poses
-    standard = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
-    kept = select(standard, poses, offering(arm, poses), criteria=Criteria(shuffles=9)).kept
+    standard, poses, offered = planted(law, place)
+    kept = select(standard, poses, offered, criteria=Criteria(shuffles=9)).kept
     assert set(kept[0].group.inputs) == inputs
     assert kept[0].group.place == " ".join(place)
     assert sum(set(k.group.inputs) != inputs for k in kept) == 0
+
+
+def test_a_curve_that_is_not_wanted_is_not_offered_elsewhere() -> None:
+    standard, poses, offered = planted("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"))
+    said = replace(offered, wanted=lambda group: set(group.inputs) != {"J2", "J5"})
+    kept = select(standard, poses, said, criteria=Criteria(shuffles=9)).kept
+    assert kept
+    assert all(set(k.group.inputs) != {"J2", "J5"} for k in kept)
