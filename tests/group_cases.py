@@ -43,7 +43,7 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, 1.0, np.ones(len(poses), bool))
     noise = replace(blocks_of(linear, replicates(poses.dataset)), ratio=0.7)
     shapes = Shapes(poses.states)
-    groups = [*geometry_groups(model.effects), *offered(STANDING, arm, shapes)[::40]]
+    groups = [*geometry_groups(model.effects), *offered(Offering(STANDING), arm, shapes)[::40]]
     target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))
     active = Active(GroupPool(Rows(arm, linear, target, noise, shapes), groups, Criteria()), {}, {}, 4e-10)
     for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):

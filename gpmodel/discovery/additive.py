@@ -30,7 +30,7 @@ from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.group import Group
-from gpmodel.selection.offers import Offering, of_evolved, of_offers, only
+from gpmodel.selection.offers import Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of
@@ -145,13 +145,12 @@ def _chosen(
             and not all(stands_still(e.slots, still) for e in group.effects)
         )
 
-    single = tuple(only(wanted, b) for b in builders)
     states = choice.train.states
     inputs = readable_inputs(states, np.arange(len(states)))[0].names
     sites = [s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still)]
     grids = grids_of(choice.offers, mechanism, choice.train.states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
-    offering = Offering(single, sites, inputs, grids, wanted)
+    offering = Offering(builders, sites, inputs, grids, wanted)
     return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED)
 
 

@@ -49,22 +49,13 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
     return build
 
 
-def only(wanted: Callable[[Group], bool], builder: Builder) -> Builder:
-    """The groups of a builder that are wanted."""
-
-    def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-        return (group for group in builder(mechanism, shapes) if group is not None and wanted(group))
-
-    return build
-
-
 @dataclass(frozen=True)
 class Offering:
     """What a selection may choose of.
 
     single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
-    are looked for; those that are wanted are offered. grids: waves at more rates than can be named, offered once
-    nothing single is left.
+    are looked for. grids: waves at more rates than can be named, offered once nothing single is left. wanted: whether
+    a single group or a free function may be offered.
     """
 
     single: Sequence[Builder]
@@ -74,12 +65,13 @@ class Offering:
     wanted: Callable[[Group], bool] = lambda _: True
 
 
-def offered(builders: Iterable[Builder], mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """The groups of some builders that vary over these poses, the first of each set of columns, and their blocks.
+def offered(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
+    """The single groups that vary over these poses, the first of each set of columns, and their blocks.
 
     Terms that were evolved together are offered one by one where one of them has a name by itself.
     """
-    found = _distinct(group for builder in builders for group in builder(mechanism, shapes) if group is not None)
+    built = chain.from_iterable(builder(mechanism, shapes) for builder in offering.single)
+    found = _distinct(group for group in built if group is not None and offering.wanted(group))
     named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
     groups = _distinct(g for whole in found for g in _apart(whole, named))
     return groups + shared_kinds(mechanism, groups)

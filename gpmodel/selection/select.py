@@ -80,7 +80,7 @@ def _select(
     point = Expansion(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
     task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
     state = _with_levels(_State(point, calibration.sigma), poses, bundle)
-    single = [*offered(offering.single, mechanism, shapes), *_free(task, base, state, offering)]
+    single = [*offered(offering, mechanism, shapes), *_free(task, base, state, offering)]
     state, fit = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
     kept = [g for g in groups if g.always_included or g.name in state.variances]

@@ -18,7 +18,7 @@ from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.selection.group import Shapes
-from gpmodel.selection.offers import offered
+from gpmodel.selection.offers import Offering, offered
 from gpmodel.texts import SEAL, seal
 
 
@@ -32,7 +32,7 @@ def sealed(content: dict[str, Any], **changes: object) -> str:
 def test_every_effect_that_can_be_found_can_be_kept(name: str) -> None:
     """The bounds of a file are wider than whatever the product offers to put in it."""
     arm, data = mechanism(name), bare(name, 60, in_order=True)
-    groups = offered(STANDING, arm, Shapes(prepare(arm, data).states))
+    groups = offered(Offering(STANDING), arm, Shapes(prepare(arm, data).states))
     assert len(groups) > 20
     for effect in {e for g in groups for e in g.effects}:
         terms = [{"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms]

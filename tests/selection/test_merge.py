@@ -23,7 +23,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
-from gpmodel.selection.offers import of_evolved, offered
+from gpmodel.selection.offers import Offering, of_evolved, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
 from gpmodel.selection.rows import Rows
@@ -53,7 +53,7 @@ def at_one_place() -> tuple[Active, dict[str, int]]:
     true = group_of("true", truth.model.effects[-1:], 3.0, shapes, family="windup")
     assert true is not None
     assert true.place == "J3.moving Ry"
-    there = [g for g in offered(STANDING, arm, shapes) if g.place == true.place]
+    there = [g for g in offered(Offering(STANDING), arm, shapes) if g.place == true.place]
     curve = next(g for g in there if g.name == "error curve of the angle, J3")
     return started(truth, [*there, true, joined("error curve of the angle, several joints", [curve], 5.0)])
 
@@ -89,9 +89,9 @@ def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() ->
         yield from_candidate(ratio, shapes)
 
     evolved = of_evolved([hinge(20.0)], lambda nodes: 2.0 * nodes)
-    together = offered([evolved], arm, shapes)
+    together = offered(Offering([evolved]), arm, shapes)
     assert [(g.name, g.cost, g.parts) for g in together] == [(hinge(20.0).name, 20.0, ())]
-    apart = offered([catalogue, evolved], arm, shapes)
+    apart = offered(Offering([catalogue, evolved]), arm, shapes)
     assert [(g.name, g.cost) for g in apart] == [("gear ratio, J3", 4.0), ("max(J3, 0.5) on J3.moving Ry", 6.0)]
 
 
@@ -122,7 +122,7 @@ def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
         group_of(name, [effect_at(name, "J3.moving", "Ry", Expression(basis))], 3.0, shapes, family=family)
         for name, basis, family in (("line", "J3", "gear_ratio"), ("law", "max(J3, 0.5)", ""))
     )
-    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (line, law, curve) if group is not None])
     curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
     assert set(curved.variances) - set(active.variances) == {number[curve.name]}
@@ -139,7 +139,7 @@ def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curv
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("sin(2*J3)"))], [2e-3], 5)
     shapes = Shapes(truth.poses.states)
     law = group_of("law", [effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)"))], 3.0, shapes)
-    (curve,) = (g for g in offered(STANDING, arm, shapes) if g.name == "error curve of the angle, J3")
+    (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (law, curve) if group is not None])
     curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
     assert number[curve.name] in curved.variances
