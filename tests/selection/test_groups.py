@@ -19,7 +19,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes
-from gpmodel.selection.offers import offered
+from gpmodel.selection.offers import Offering, offered
 from gpmodel.selection.refit import whitened
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
@@ -175,7 +175,7 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: str) -> None:
     arm = mechanism(name)
-    groups = offered(STANDING, arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    groups = offered(Offering(STANDING), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
     names = [group.name for group in groups]
     assert len(set(names)) == len(names)
     assert f"warm-up of the zero within 11.9 rows, {arm.joints[0].name}" in names
@@ -215,6 +215,6 @@ def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_everything_a_search_is_offered_is_of_a_family_that_says_what_it_is_and_who_says_so(name: str) -> None:
     arm = mechanism(name)
-    groups = offered(STANDING, arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
+    groups = offered(Offering(STANDING), arm, Shapes(prepare(arm, bare(name, 120, in_order=True)).states))
     assert len({g.family for g in groups}) > 10
     assert {g.family for g in groups if not explained(g.family)} == set()
