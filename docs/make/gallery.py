@@ -36,7 +36,8 @@ ROBOTS = (
         "ur10", "UR10, a zero that drifts with temperature", "ur10", "thermal_zero elbow_joint=40 urad", 90,
         ("--input", "temperature [degC]=18:28"),
     ),
-    Robot("spherical-joint", "The precision spherical joint", "spherical-joint", "eccentricity J1=300 urad", 60),
+    Robot("spherical-joint", "The precision spherical joint, an axis that runs out", "spherical-joint",
+          "axis run-out, J1 Tx, sin=0.15 mm", 60),
     Robot("hexapod", "A hexapod, one leg's screw pitch", "hexapod", "screw pitch, L1=2e-3", 80),
     Robot("rail", "An arm on a rail that is not straight", f"{HOME}/rail.toml", "straightness EXZ, X=1e-4 m", 120),
 )  # fmt: skip

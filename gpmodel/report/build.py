@@ -9,6 +9,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
+from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.calibration.unseen import unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
@@ -48,7 +49,8 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     """The part of a Report that every call has, under the table's own names; each adds what is its own."""
     poses, final = ladder.poses, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
-    floor, source = floor_mm(data, origin.noise)
+    told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
+    floor, source = floor_mm(data, origin.noise, told)
     rivals, kinds = hidden_rivals(final, poses), [joint.kind for joint in final.model.mechanism.joints]
     return Report(
         kind=kind,

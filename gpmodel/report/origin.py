@@ -88,11 +88,14 @@ def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) ->
     return tuple(out)
 
 
-def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSource | None]:
+def floor_mm(
+    data: Dataset, noise: float | None, values: float | None = None
+) -> tuple[float | None, NoiseSource | None]:
     """3-D RMS of the measurement itself, mm, and where it is from: repeats in the table before the instrument's figure,
     that before what its specification leads to expect.
 
-    An instrument's figure σ is of one coordinate: the RMS over a pose with c measured components is σ √c.
+    An instrument's figure σ is of one coordinate: the RMS over a pose with c measured components is σ √c. values: how
+    many components say something of the model, where joint values that are solved take up the others.
     """
     repeats = noise_floor(data)
     if repeats is not None:
@@ -100,7 +103,8 @@ def floor_mm(data: Dataset, noise: float | None) -> tuple[float | None, NoiseSou
     sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)
     if sigma is None:
         return None, None
-    measured = sum(int(kind.readings.sum()) for kind in observations(data) if kind.metres is not None)
+    measured = sum(float(kind.readings.sum()) for kind in observations(data) if kind.metres is not None)
+    measured = measured if values is None else values
     return float(1e3 * sigma * np.sqrt(measured / len(data))), "specification" if noise is None else "instrument"
 
 

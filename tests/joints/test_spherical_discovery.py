@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from spherical_cases import HIDDEN, JOINT, NOTHING, THREE, UNDECLARED, Undeclared
 
+import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.unobservable import unobservable_families
@@ -60,3 +61,12 @@ def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared)
     names = unobservable_families(found.final, poses)
     assert {"eccentricity", "gear ratio", "J1 Rx", "J3 Rz"} <= set(names)
     assert not {"axis run out", "drift", "ball lobes", "J1 Tz"} & set(names)
+
+
+def test_the_noise_floor_is_of_what_free_angles_leave() -> None:
+    """Of three coordinates the three angles take up two."""
+    made = gp.simulate("spherical-joint", poses=40, noise="0.03 mm", seed=1)
+    run_out = gp.effect_at("run-out", "J1.moving", "Tx", gp.Expression("sin(J1)"))
+    found = gp.discover("spherical-joint", made.table, search=gp.Search(runs=0), candidates=[run_out], holdout=0.3,
+                        noise="0.03 mm")  # fmt: skip
+    assert found.record.noise_floor_mm == pytest.approx(0.03, rel=0.05)
