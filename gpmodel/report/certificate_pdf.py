@@ -28,6 +28,8 @@ SMALLEST = 0.72
 COLUMNS, PARTICULARS = 3, 2
 """Parameters, and particulars, stand in so many columns."""
 ACCURACY = "Accuracy over "
+NAME = 28
+"""Characters of a name beside its value; below a longer one the value has a line of its own."""
 CHART = (0.64, RIGHT)
 """From where to where across the side the histogram stands, beside the statistics."""
 
@@ -107,7 +109,7 @@ def _rows(found: Certificate) -> Iterator[Row]:
     )
     yield from _block("Scope", found.scope)
     if found.statistics:
-        first, second = (0.42, 0.56) if len(found.errors) else (0.62, 0.82)
+        first, second = (0.39, 0.565) if len(found.errors) else (0.62, 0.82)
         yield 2.2, [(LEFT, ACCURACY + found.poses, HEADING)], False
         yield 1.2, [(x, head, RIGHT_END) for x, head in zip((first, second), found.heads, strict=True)], False
         for name, before, after in found.statistics:
@@ -119,7 +121,7 @@ def _rows(found: Certificate) -> Iterator[Row]:
     yield from _parameters("Parameters ± σ", found.parameters)
     yield from _block("Record", found.record)
     yield 0.6, [], False
-    for line in wrap(found.small_print, 160):
+    for line in wrap(found.small_print, 150):
         yield 0.9, [(LEFT, line, TextStyle(6.5, MUTED))], False
     yield 3.0, [(LEFT, "Date  ______________________________", PLAIN),
                 (0.5, "Signature  ______________________________", PLAIN)], False  # fmt: skip
@@ -129,16 +131,18 @@ def _block(title: str, lines: Sequence[tuple[str, str]]) -> Iterator[Row]:
     if lines:
         yield 2.0, [(LEFT, title, HEADING)], False
     for name, value in lines:
-        parts = wrap(value, 92) or [""]
+        parts, long = wrap(value, 92) or [""], len(name) > NAME
+        if long:
+            yield 1.2, [(LEFT, name, FAINT)], False
         for k, part in enumerate(parts):
-            heading: list[Cell] = [(LEFT, name, FAINT)] if k == 0 else []
+            heading: list[Cell] = [(LEFT, name, FAINT)] if k == 0 and not long else []
             yield 1.2, [*heading, (0.27, part, PLAIN)], k == len(parts) - 1
 
 
 def _parameters(title: str, entries: Sequence[Parameter]) -> Iterator[Row]:
     if entries:
         yield 2.0, [(LEFT, title, HEADING)], False
-    at = (RIGHT - LEFT) / COLUMNS * 0.56
+    at = (RIGHT - LEFT) / COLUMNS * 0.6
     yield from _in_columns(
         [
             [(0.0, wording.short_name(name, 16), PLAIN), (at, value, BOLD_END), (at + 0.004, f"± {s} {unit}", FAINT)]
