@@ -7,7 +7,7 @@ is missed by chance; their constants are fitted afterwards.
 Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
@@ -23,10 +23,12 @@ from gpmodel.formula.program import Program
 
 Array = NDArray[np.float64]
 
-INSIDE, OUTSIDE = (0.1, 0.3, 0.5, 0.7, 0.9), (0.02, 0.1, 0.4)
-"""Places c; distances of poles and roots from the range, which start outside it."""
-STEEP, TURNS, GROWTH, WIDTHS = (2.0, 8.0, 25.0), (2.0, 4.0, 8.0, 12.0), (1.5, 5.0, 20.0), (3.0, 8.0)
-"""Constants k of steps, of waves, of exponentials, and of bumps and resonances."""
+INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
+"""Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
+STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 4), (1.5, 20.0, 2), (3.0, 8.0, 1)
+"""Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
+ALONE = 3
+"""How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
 LINE = "({q} - {a})"
 """The element that is the input itself, from a place."""
 JOINED = 4.0
@@ -50,24 +52,29 @@ class Element:
         return self.text.format(q=text, k=f"({self.k / width:.6g})", **numbers)
 
 
-def _elements() -> Iterator[Element]:
+def _elements(finer: int = 1) -> Iterator[Element]:
     """Line, parabola, kink, ramps, dead band; wave, steps, bump, resonance; growth, decay; roots, logarithms, poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
-    for c in INSIDE:
+    first, last, steps = INSIDE
+    inside = np.linspace(first, last, steps * finer + 1).tolist()
+    steep, turns, growth, widths = (
+        np.geomspace(low, high, steps * finer + 1).tolist() for low, high, steps in (STEEP, TURNS, GROWTH, WIDTHS)
+    )
+    for c in inside:
         yield Element(LINE, lambda x: x, c=c)
         yield Element("square({q} - {a})", np.square, c=c)
         yield Element("abs({q} - {a})", np.abs, c=c)
         yield Element("max({q} - {a}, 0)", lambda x: np.maximum(x, 0.0), c=c)
         yield Element("min({q} - {a}, 0)", lambda x: np.minimum(x, 0.0), c=c)
-        yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in TURNS)
-        for name, k in product(("tanh", "atan"), STEEP):
+        yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in turns)
+        for name, k in product(("tanh", "atan"), steep):
             yield Element(name + "({k}*({q} - {a}))", apply[name], k, c)
-        for k in WIDTHS:
+        for k in widths:
             yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
             yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
-    for c, d in combinations(INSIDE, 2):
+    for c, d in combinations(inside, 2):
         yield Element("({q} - max(min({q}, {b}), {a}))", lambda x: x - np.clip(x, 0.0, 1.0), 1.0 / (d - c), c)
-    yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(GROWTH, (1, -1)))
+    yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(growth, (1, -1)))
     for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
         yield Element(name + "({q} - {a})", apply[name], 1.0, -d)
         yield Element(name + "({a} - {q})", partial(_of_opposite, apply[name]), 1.0, 1.0 + d)
@@ -77,13 +84,13 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
     return function(-x)
 
 
-ELEMENTS = tuple(_elements())
+ELEMENTS, FINE = tuple(_elements()), tuple(_elements(ALONE))
 
 
-def on_grid(column: Array) -> Array:
-    """Every element of a column (N,) that varies: (E, N)."""
+def on_grid(column: Array, elements: Sequence[Element] = ELEMENTS) -> Array:
+    """Elements (E, N) of a column (N,) that varies."""
     u = (column - column.min()) / np.ptp(column)
-    return np.stack([element.function(element.k * (u - element.c)) for element in ELEMENTS])
+    return np.stack([element.function(element.k * (u - element.c)) for element in elements])
 
 
 def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
@@ -93,9 +100,14 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     """
     found: dict[tuple[str, ...], tuple[float, Callable[[], str]]] = {}
 
-    def look(values: Array, kinds: Iterable[tuple[str, ...]], text: Callable[[Element], str]) -> None:
+    def look(
+        values: Array,
+        kinds: Iterable[tuple[str, ...]],
+        text: Callable[[Element], str],
+        elements: Sequence[Element] = ELEMENTS,
+    ) -> None:
         gains = fit_nats(targets.gains(values)[:, 0], targets.components)
-        for element, kind, gain in zip(ELEMENTS, kinds, gains.tolist(), strict=True):
+        for element, kind, gain in zip(elements, kinds, gains.tolist(), strict=True):
             if gain - JOINED * len(kind) > found.get(kind, (-np.inf,))[0]:
                 found[kind] = gain - JOINED * len(kind), partial(text, element)
 
@@ -108,8 +120,8 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     def composed(inner: Element, outer: Element) -> str:
         return outer.written(plain(inner), parse(plain(inner)).evaluate({name: column})[0])
 
+    look(on_grid(column, FINE), ((e.text,) for e in FINE), plain, FINE)
     alone = on_grid(column)
-    look(alone, ((e.text,) for e in ELEMENTS), plain)
     for one, values in zip(ELEMENTS, alone, strict=True):
         look(alone * values, (tuple(sorted((e.text, one.text))) for e in ELEMENTS), partial(multiplied, one))
         if one.text != LINE and np.ptp(values) > 0:
