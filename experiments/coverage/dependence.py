@@ -1,10 +1,10 @@
 """How often the best of the catalogue stands out of noise that neighbours share, by each rule that could stop it.
 
 From the root of the repository: python -m experiments.coverage.dependence --trials 40 --out FILE
-The residual of an innocent robot is replaced by white noise and what the rows or the places of the poses share. Rules:
-shuffles of single poses; with them the tests of dependence that `discover` has; with them shuffles of whole stretches
-of rows and of whole regions. What would be right to name, errors of the instrument and set-up, is not offered. The same
-with a true effect in the noise says what each rule costs.
+The residual of an innocent robot is replaced by white noise and, of the same size, what the rows or the places of the
+poses share. Rules: shuffles of single poses; with them the tests of dependence that `discover` has; with them shuffles
+of whole stretches of rows and of whole regions. What would be right to name, errors of the instrument and set-up, is
+not offered. The same with a true effect in the noise says what each rule costs.
 """
 
 from __future__ import annotations
@@ -58,18 +58,9 @@ def space(residual: Residual, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(field / np.sqrt(np.mean(field**2)))
 
 
-NOISES: dict[str, tuple[Draw | None, float]] = {
-    "white": (None, 0.0), "rows": (rows, 1.0), "rows twice": (rows, 2.0), "space": (space, 1.0),
-    "space four times": (space, 4.0),
-}  # fmt: skip
-"""What is shared, and how many times as large as the white noise beside it."""
-
-
-def drawn(
-    residual: Residual, shared: Draw | None, times: float, planted: np.ndarray, rng: np.random.Generator
-) -> Residual:
-    """The residual with other noise: white of σ and shared of so many σ, and an effect in it."""
-    noise = rng.normal(size=(len(residual.poses), 3)) + (times * shared(residual, rng) if shared else 0.0)
+def drawn(residual: Residual, shared: Draw | None, planted: np.ndarray, rng: np.random.Generator) -> Residual:
+    """The residual with other noise: white of σ and shared of σ, and an effect in it."""
+    noise = rng.normal(size=(len(residual.poses), 3)) + (shared(residual, rng) if shared else 0.0)
     target = np.zeros(len(residual.values))
     target[: residual.measured] = 1e-5 * noise[residual.problem.weights[:, :3] > 0] + planted
     return replace(residual, target=target, values=residual.span.remove(target))
@@ -112,12 +103,12 @@ def main() -> None:
     own = [c for c in every if not c.family.startswith(OF_THE_SESSION) and c.name != PLANTED]
     pool = [true, *own[::EVERY]]
     found = {}
-    for name, (shared, times) in NOISES.items():
+    for name, shared in (("white", None), ("rows", rows), ("space", space)):
         for size in (0.0, 8.0):
             passed = []
             for trial in range(settings.trials):
                 rng = np.random.default_rng([trial, int(size)])
-                passed.append(stopped(drawn(residual, shared, times, size * 1e-5 / left * column, rng), pool, rng))
+                passed.append(stopped(drawn(residual, shared, size * 1e-5 / left * column, rng), pool, rng))
             said = {rule: round(float(np.mean([p[rule] for p in passed])), 3) for rule in passed[0]}
             found[f"{name}, {'effect of 8 sigma' if size else 'nothing'}"] = said
             print(name, size, said, flush=True)

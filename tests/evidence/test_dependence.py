@@ -25,17 +25,6 @@ def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
     assert max(inflation(seen(planted), own).values()) < 2.5
 
 
-@pytest.mark.parametrize("what", ["rows", "space"])
-def test_one_in_twenty_pays_anything_where_poses_are_independent(what: str) -> None:
-    residual, own = seen(NAMES[0]), pool()[0]
-    paid = 0
-    for seed in range(200):
-        noise = np.zeros(len(residual.values))
-        noise[: residual.measured] = np.random.default_rng(seed).normal(size=residual.measured)
-        paid += inflation(replace(residual, target=noise, values=residual.span.remove(noise)), own)[what] > 1.0
-    assert 1 <= paid <= 22
-
-
 def wandering(seed: int) -> Residual:
     """An innocent robot whose instrument walks at random through the session."""
     truth = measure(ARM, (), (), seed, count=120)
