@@ -7,7 +7,7 @@ whole model, seen from the place.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from gpmodel.evolution.building_blocks import Vocabulary, promising
@@ -19,7 +19,7 @@ from gpmodel.evolution.shapes import shapes
 from gpmodel.evolution.smooth import factors, through, weighted_sum
 from gpmodel.formula.operators import operator_set
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Program
+from gpmodel.formula.program import Builder, Program
 
 STARTED, FITTED, STEPS = 200, 40, 4
 """Shapes whose constants are fitted in a few steps; the best of these, which are fitted to the end; and those steps."""
@@ -29,7 +29,7 @@ CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 FACTORS = 6
 """Laws of each factor of a product, the shortest descriptions."""
-EVEN = 0.1
+EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
@@ -46,12 +46,24 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:
-    """Shapes of one input, as they are and fitted, and what climbing makes of the best."""
+    """Shapes of one input, as they are and fitted, what climbing makes of the best, and what is left of the very best
+    without one of its nodes."""
     found = _with_fitted(problem, _shapes(problem))
     words = Vocabulary(problem.inputs, operator_set("slot"))
     best = sorted(found, key=lambda law: description_length(law, problem))
     starts = [law.program for law in best[:CLIMBED]] + [pair for pair, _ in promising(problem, words, CLIMBED)]
-    return found + _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
+    found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
+    top = min(found, key=lambda law: description_length(law, problem))
+    return found + _with_fitted(problem, list(_shorter(top.program)))
+
+
+def _shorter(program: Program) -> Iterator[Program]:
+    """The program with one of its nodes given way to one of that node's arguments."""
+    for node, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
+        builder, copies = Builder(), list[int]()
+        for index, old in enumerate(program.nodes):
+            copies.append(copies[argument] if index == node else builder.add(old, copies))
+        yield builder.program([copies[output] for output in program.outputs])
 
 
 def _shapes(problem: SlotProblem) -> list[Program]:
