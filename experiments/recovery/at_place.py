@@ -106,8 +106,9 @@ def main() -> None:
         ratios = np.array([row["ratio"] for row in rows])
         out[factors] = {
             "laws": len(rows), "within 1.25": int((ratios < 1.25).sum()), "within 1.5": int((ratios < 1.5).sum()),
-            "median ratio": float(np.median(ratios)), "at most 9 nodes": sum(row["nodes"] <= 9 for row in rows),
-            "median seconds": float(np.median([row["seconds"] for row in rows])), "each": rows,
+            "median ratio": round(float(np.median(ratios)), 3),
+            "at most 9 nodes": sum(row["nodes"] <= 9 for row in rows),
+            "median seconds": round(float(np.median([row["seconds"] for row in rows])), 1), "each": rows,
         }  # fmt: skip
         print(factors, {key: value for key, value in out[factors].items() if key != "each"})
     if settings.out:
