@@ -115,6 +115,12 @@ def change(before: float | None, after: float | None) -> str:
     return f"{millimetres(before)} → {millimetres(after)} mm"
 
 
+def counted(poses: int, rows: int, of: str = "") -> str:
+    """How many poses, of what, and in how many rows where these are more; poses 0: one a row."""
+    several = 0 < poses < rows
+    return f"{poses if several else rows} poses{of and f' of {of}'}{f' in {rows} rows' if several else ''}"
+
+
 def listed(names: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

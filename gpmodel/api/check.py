@@ -17,7 +17,7 @@ from gpmodel.model.geometric import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
-from gpmodel.wording import wrapped
+from gpmodel.wording import counted, wrapped
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,21 +47,18 @@ class CheckResult:
 
     def summary(self) -> str:
         """One line a finding, then the verdict."""
+        data = self.dataset
         warned = sum(f.severity == "warning" for f in self.findings)
         verdict = "fit to calibrate with" if self.valid else "nothing should be fitted to it"
         if self.unfit:
             verdict = f"not fit to calibrate with: {'; '.join(self.unfit)}"
         return "\n".join(
             [
-                f"{self.dataset.source}: {self._counted()}",
+                f"{data.source}: {counted(different_poses(data), len(data), self.mechanism)}",
                 *(wrapped(f.text, 11, f"  {f.severity:8} ") for f in self.findings),
                 f"{verdict}; {warned or 'no'} warning{'' if warned == 1 else 's'}",
             ]
         )
-
-    def _counted(self) -> str:
-        poses, rows = different_poses(self.dataset), len(self.dataset)
-        return f"{poses} poses of {self.mechanism}{f' in {rows} rows' if poses < rows else ''}"
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a finding: severity, text."""

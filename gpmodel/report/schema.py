@@ -21,6 +21,7 @@ from gpmodel.report.schema_search import (
     Share,
     SuspectRecord,
 )
+from gpmodel.wording import counted
 
 SCHEMA = 1
 REGISTRATION, STANDARD = "registration", "standard"
@@ -89,7 +90,7 @@ class DataRecord:
     @property
     def counted(self) -> str:
         """How many poses, and in how many rows where these are more."""
-        return f"{self.different} poses in {self.poses} rows" if self.unit == "rows" else f"{self.poses} poses"
+        return counted(self.different, self.poses)
 
 
 @dataclass(frozen=True)
