@@ -41,7 +41,7 @@ from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import SuspectRecord
-from gpmodel.table.bundles import bundles
+from gpmodel.table.bundles import bundles, different_poses
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
 from gpmodel.table.units import factor_like, split_quantity
@@ -215,7 +215,7 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
     if holdout is not None:
         return share(holdout, "holdout", positive=True), 0
     units = int(bundles(dataset).max(initial=-1)) + 1
-    return USUAL, FOLDS if USUAL * len(dataset) < ENOUGH_HELD and units >= FOLDS else 0
+    return USUAL, FOLDS if USUAL * different_poses(dataset) < ENOUGH_HELD and units >= FOLDS else 0
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}

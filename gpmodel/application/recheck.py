@@ -20,11 +20,10 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
-from gpmodel.checks.counting import distinct_poses
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank
 from gpmodel.numerics.multiple import chance_of_ratio
-from gpmodel.table.bundles import sharing
+from gpmodel.table.bundles import different_poses, sharing
 
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
@@ -156,7 +155,7 @@ def recheck(session: Session) -> Recheck:
         session, problem, blocks, spread, z, basis, bundle, bundle[problem.pose_of_row[first]], saved.freedom,
         (names, np.asarray(np.linalg.pinv(placed.T @ placed, hermitian=True), dtype=float)),
     )  # fmt: skip
-    count = len(distinct_poses(session.poses.dataset)[0])
+    count = different_poses(session.poses.dataset)
     if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:
         raise InputError(
             f"{session.poses.dataset.source}: {count} different poses leave too little to judge the model by after the "

@@ -4,28 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
 from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.observation import observations
 from gpmodel.numerics import rank as ident
-from gpmodel.table.dataset import READ, Dataset, unmeasured
+from gpmodel.table.dataset import Dataset, unmeasured
 
-SAME_POSE = 1e-6
-"""Radians, metres or kilograms up to which rows are one pose to count: rounding of what was written."""
 RANK_POSES = 60
 """Random poses that a rank is read from: 180 values, several times the unknowns of a long arm."""
-
-
-def distinct_poses(data: Dataset) -> tuple[IntArray, IntArray]:
-    """First row of each distinct pose, and each row's index into them."""
-    loads = np.column_stack([data.q, data.payload])
-    keys = [np.round(loads / SAME_POSE).astype(np.int64)]
-    keys += [data.codes(c)[1][:, None] for c in ("setup", "tool", *READ)]
-    _, first, inverse = np.unique(np.hstack(keys), axis=0, return_index=True, return_inverse=True)
-    return first.astype(np.int64), inverse.reshape(-1).astype(np.int64)
 
 
 def measured_values(data: Dataset) -> int:

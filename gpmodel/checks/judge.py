@@ -10,7 +10,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
-from gpmodel.checks.counting import SAME_POSE, distinct_poses, measured_values, unknowns
+from gpmodel.checks.counting import measured_values, unknowns
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import notes
 from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
@@ -20,7 +20,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.progress import Teller
-from gpmodel.table.bundles import noise_floor
+from gpmodel.table.bundles import SAME_JOINT, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import USUAL
 
@@ -134,26 +134,25 @@ def _shown(kind: str, value: float) -> str:
 
 
 def _all_alike(data: Dataset) -> str | None:
-    if np.ptp(data.q, axis=0).max() < SAME_POSE:
+    if np.ptp(data.q, axis=0).max() <= SAME_JOINT:
         count = f"all {len(data)} poses are alike" if len(data) > 1 else "there is only one pose"
         return f"{data.source}: {count}; expected joint values that differ from row to row"
     return None
 
 
 def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    distinct = data.subset(np.sort(distinct_poses(data)[0]))
-    values = measured_values(distinct)
+    values = measured_values(different_readings(data))
     needed = unknowns(mechanism, data, standard)
     if values <= needed:
         yield (
-            f"{data.source}: {len(distinct)} distinct poses give {values} measured values for {needed} unknowns; "
-            f"expected more poses than that (or fewer parameters of the standard model)"
+            f"{data.source}: {different_poses(data)} distinct poses give {values} measured values for {needed} "
+            f"unknowns; expected more poses than that (or fewer parameters of the standard model)"
         )
 
 
 def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
     """Enough values for all unknowns, but not once the usual share of the poses is held out."""
-    values, needed = measured_values(data.subset(np.sort(distinct_poses(data)[0]))), unknowns(mechanism, data, standard)
+    values, needed = measured_values(different_readings(data)), unknowns(mechanism, data, standard)
     if values * (1.0 - USUAL) <= needed:
         yield (
             f"{values} measured values for {needed} unknowns: with {100 * USUAL:.0f} % of the poses held out too few "

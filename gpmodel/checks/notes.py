@@ -10,7 +10,7 @@ from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.observation import observations
-from gpmodel.table.bundles import bundles
+from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
 
 ENOUGH_VALUES = 5.0
@@ -31,7 +31,7 @@ def notes(
         f"registration and tool alone leave {_rms_mm(bare):.4g} mm RMS, the standard model "
         f"{_rms_mm(fit):.4g} mm, on the poses it is fitted to"
     )
-    poses, values = int(bundles(data).max()) + 1, measured_values(data)
+    poses, values = different_poses(data), measured_values(data)
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
     yield _loads(mechanism, data)
     yield from unseen(observations(data))

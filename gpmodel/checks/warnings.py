@@ -5,13 +5,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.checks.counting import distinct_poses
 from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.measured_torque import unused_torques
 from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.table.bundles import SAME_JOINT, replicates
+from gpmodel.table.bundles import SAME_JOINT, original, replicates
 from gpmodel.table.dataset import Dataset
 
 SMALL_RANGE = np.radians(20.0)
@@ -125,16 +124,11 @@ def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 
 def _repeats(data: Dataset) -> Iterator[str]:
-    _, pose = distinct_poses(data)
-    read = (*data.distances.values(), *data.readings.values())
-    measured = np.column_stack([data.position, data.rotation, *read])
-    copies: list[str] = []
-    for index in np.flatnonzero(np.bincount(pose) > 1):
-        rows = np.flatnonzero(pose == index)
-        if np.array_equal(measured[rows[0]], measured[rows[1]], equal_nan=True):
-            copies.append(f"{data.row[rows[0]]} and {data.row[rows[1]]}")
-    if copies:
-        yield f"rows {_some(copies)} hold the same measurement twice; copied rows make errors look smaller"
+    first = original(data)
+    copied = np.flatnonzero(first < np.arange(len(data)))
+    if len(copied):
+        pairs = [f"{data.row[first[k]]} and {data.row[k]}" for k in copied]
+        yield f"rows {_some(pairs)} hold the same measurement twice; copied rows make errors look smaller"
 
 
 def _some(items: Sequence[object], most: int = 8) -> str:

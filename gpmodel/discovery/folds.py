@@ -63,7 +63,7 @@ def discover_by_folds(whole: Loop, again: Loop, poses: Poses, count: int, criter
     final = found.final if doubt is None or doubt.passed else steps[1].calibration
     seconds = time.monotonic() - started
     return replace(
-        found, heldout=everything, steps=steps, confirmation=doubt, final=final, folds=count, seconds=seconds
+        found, heldout=everything, steps=steps, confirmation=doubt, final=final, parts=tuple(choices), seconds=seconds
     )
 
 
@@ -72,5 +72,5 @@ def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])
-        out[held] = part.steps[min(number, len(part.steps) - 1)].heldout_error
+        out[held] = part.step(number).heldout_error
     return out

@@ -83,8 +83,8 @@ class Discovery:
 
     fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
     final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
-    poses without any discovery would have it. suspects: what is odd beside it and was not added. folds: of which
-    every one was held out once, 0 for one part for good.
+    poses without any discovery would have it. suspects: what is odd beside it and was not added. parts: the same
+    choice without each fold of the poses, where every one was held out once; none where some are for good.
     """
 
     mechanism: Mechanism
@@ -101,7 +101,16 @@ class Discovery:
     seconds: float
     stopped: str
     suspects: tuple[Suspect, ...] = ()
-    folds: int = 0
+    parts: tuple["Discovery", ...] = ()
+
+    @property
+    def folds(self) -> int:
+        """How many parts of the poses were held out in turn; 0 where one is for good."""
+        return len(self.parts)
+
+    def step(self, number: int) -> Step:
+        """A step of the ladder; of fewer the last stands for further ones."""
+        return self.steps[min(number, len(self.steps) - 1)]
 
     @property
     def found(self) -> Calibration:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
@@ -47,7 +47,7 @@ class Ladder:
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     """The part of a Report that every call has, under the table's own names; each adds what is its own."""
-    poses, final = ladder.poses, ladder.final
+    poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
     floor, source = floor_mm(data, origin.noise, told)
@@ -76,7 +76,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         further=fitted.further(final, poses),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
-        readings=reading_records(ladder),
+        readings=reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
         unseen=tuple(unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
@@ -87,15 +87,24 @@ OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px
 """How readings are written, and how many there are in one of SI."""
 
 
-def reading_records(ladder: Ladder) -> tuple[ReadingRecord, ...]:
-    """What the first and the last step leave of each kind of reading; none of a table of points alone."""
-    poses = ladder.poses
+Judged = tuple[Calibration, Poses]
+"""A fit, and the poses that its errors are looked at on."""
+
+
+def _judged(fit: Calibration, ladder: Ladder) -> Judged:
+    """On the poses held out, or on those fitted where there are none."""
+    held = np.setdiff1d(np.arange(len(ladder.poses)), ladder.train)
+    return fit, ladder.poses.subset(held if len(held) else ladder.train)
+
+
+def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
+    """What the first and the last step leave of each kind of reading; none of a table of points alone.
+
+    steps: of the two, the fits that were judged on some poses each.
+    """
     if not poses.dataset.observations:
         return ()
-    held = np.setdiff1d(np.arange(len(poses)), ladder.train)
-    judged = poses.subset(held if len(held) else ladder.train)
-    left = [_left(step.calibration, judged) for step in (ladder.steps[0], ladder.steps[-1])]
-    out = []
+    left, out = [_left(step) for step in steps], []
     for kind in observations(poses.dataset):
         if rows := int(kind.readings.any(axis=1).sum()):
             unit, factor = OWN_UNIT[kind.unit]
@@ -104,13 +113,16 @@ def reading_records(ladder: Ladder) -> tuple[ReadingRecord, ...]:
     return tuple(out)
 
 
-def _left(fit: Calibration, poses: Poses) -> dict[str, float]:
+def _left(judged: Sequence[Judged]) -> dict[str, float]:
     """RMS of a component by kind, in its own unit; readings that stand far out are left away, as in the fit."""
-    error = errors_on(fit, poses)
-    poses = poses.subset(np.flatnonzero(error <= outlier_limit(error)))
-    observed = observe(fit.model, poses, fit.theta, fit.placement)
-    left = {kind.name: kind.residual(observed.tips, observed.own) for kind in observed.kinds}
-    return {n: root_mean_square(v[np.isfinite(v)]) for n, v in left.items() if np.isfinite(v).any()}
+    left: dict[str, list[Array]] = {}
+    for fit, poses in judged:
+        error = errors_on(fit, poses)
+        observed = observe(fit.model, poses, fit.theta, fit.placement)
+        for kind in observed.kinds:
+            values = kind.residual(observed.tips, observed.own)[error <= outlier_limit(error)]
+            left.setdefault(kind.name, []).append(values[np.isfinite(values)])
+    return {name: root_mean_square(np.concatenate(values)) for name, values in left.items() if any(map(len, values))}
 
 
 def _step(step: Step) -> StepRecord:

@@ -12,7 +12,7 @@ from gpmodel.discovery.result import Discovery, Round, Suspect
 from gpmodel.families.catalogue import explained
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
-from gpmodel.report.build import Ladder, build
+from gpmodel.report.build import Ladder, build, reading_records
 from gpmodel.report.effects import effect_records
 from gpmodel.report.origin import Origin
 from gpmodel.report.referenced import histogram_record
@@ -57,8 +57,11 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
     """The report of a choice on all poses, the errors of each from the choice without it."""
     count, plots = len(discovery.poses), report.plots
     errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
+    held = [(part, part.poses.subset(part.heldout)) for part in discovery.parts]
+    steps = [[(part.step(k).calibration, poses) for part, poses in held] for k in (0, len(discovery.steps) - 1)]
     return replace(
         report,
+        readings=reading_records(discovery.poses, steps),
         data=replace(report.data, heldout=count, folds=discovery.folds),
         plots=replace(plots, heldout_mask=(True,) * count, error_mm=errors),
     )

@@ -56,7 +56,7 @@ def bundles(dataset: Dataset) -> IntArray:
 
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     """Code (N,) of every row: rows of one code read the same at the same pose, payload, set-up and tool; or whatever
-    they read.
+    they read, in whichever set-up.
 
     A `repeat` label decides where there is one; elsewhere joint values within SAME_JOINT, unless they are
     approximate. Rows that copy the measurement of another are not counted as measured again: they are alone.
@@ -67,16 +67,21 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
         again = np.flatnonzero(copies(dataset))
         same[again] = again
     codes = np.where(labels != "", _same_label(dataset, "repeat"), same)
-    keys = np.column_stack(
-        [codes, labels != "", *(dataset.codes(c)[1] for c in ("setup", "tool", *(() if whatever else READ)))]
-    )
+    read = () if whatever else ("setup", "tool", *READ)
+    keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in read)])
     loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
     return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def different_poses(dataset: Dataset) -> int:
-    """How many poses the rows are of: fewer than rows where some were measured again or show several markers."""
+    """How many poses the rows are of: fewer than rows where some were measured again or of several markers."""
     return int(replicates(dataset, whatever=True).max(initial=-1)) + 1
+
+
+def different_readings(dataset: Dataset) -> Dataset:
+    """The first row of everything that was read at each pose: no repeats, no copies."""
+    once = dataset.subset(~copies(dataset))
+    return once.subset(np.sort(np.unique(replicates(once), return_index=True)[1]))
 
 
 def sharing(dataset: Dataset) -> IntArray:
@@ -197,11 +202,18 @@ def _clusters(q: Array) -> IntArray:
 
 def copies(dataset: Dataset) -> Mask:
     """Rows (N,) whose joint values and measurement are, to the last digit, those of an earlier row."""
+    return original(dataset) < np.arange(len(dataset))
+
+
+def original(dataset: Dataset) -> IntArray:
+    """First row (N,) with the same joint values and measurement to the last digit; itself where nothing was measured in
+    columns."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
     said = np.nan_to_num(np.column_stack([dataset.q, measured]), nan=np.inf)
-    first = np.unique(said, axis=0, return_index=True)[1]
-    return ~np.isin(np.arange(len(dataset)), first) & np.isfinite(measured).any(axis=1)
+    _, first, code = np.unique(said, axis=0, return_index=True, return_inverse=True)
+    known = np.isfinite(measured).any(axis=1)
+    return np.where(known, first[code.reshape(-1)], np.arange(len(dataset))).astype(np.int64)
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:

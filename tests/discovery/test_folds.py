@@ -1,11 +1,13 @@
 """Every pose held out once: its error is that of a choice without it, and all poses choose."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from effect_cases import Truth, bare, measure, sized
+from instrument_cases import simulated
 from loop_cases import ARM, CASES
 
 import gpmodel as gp
@@ -17,6 +19,8 @@ from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.observation import observations
+from gpmodel.report.build import OWN_UNIT
 from gpmodel.table.split import JUDGED, folds
 
 COUNT = 3
@@ -84,3 +88,31 @@ def test_a_table_is_judged_one_way_whatever_the_seed_of_the_search() -> None:
     )
     assert once.ladder == again.ladder
     assert (once.seed, again.seed) == (0, 7)
+
+
+NOTHING = gp.Search(runs=0, max_effects=0)
+
+
+@pytest.mark.parametrize("instrument", ["camera", "planes", "points", "bar"])
+def test_of_few_poses_every_one_is_held_out_once_however_many_rows_show_it(instrument: str) -> None:
+    made = simulated(instrument)
+    found = gp.discover(made.truth.mechanism, made.table, search=NOTHING)
+    record, rows = found.record, len(made.table)
+    assert (record.data.folds, record.data.heldout) == (5, rows)
+    of_pose = np.unique(np.round(made.table.q, 6), axis=0, return_inverse=True)[1].reshape(-1)
+    for part in found.found.parts:
+        assert not set(of_pose[part.train]) & set(of_pose[part.heldout])
+    kinds = {kind.name: kind for kind in observations(found.found.poses.dataset)}
+    (left,), rung = [r for r in record.readings if r.name != "position"], record.ladder[-1]
+    kind = kinds[left.name]
+    in_metres = kind.metres / OWN_UNIT[kind.unit][1] * np.sqrt(kind.readings.sum() / rows)
+    assert 1e3 * in_metres * left.after == pytest.approx(rung.heldout.rms_mm, rel=0.05)
+    assert 1e3 * in_metres * left.after > 1.01 * rung.train.rms_mm
+
+
+def test_repeats_are_no_further_poses() -> None:
+    once = gp.simulate("irb6400r", poses=60, seed=1).table
+    thrice = once.subset(np.arange(60).repeat(3))
+    rng = np.random.default_rng(0)
+    thrice = replace(thrice, position=thrice.position + 1e-5 * rng.normal(size=(180, 3)), row=np.arange(1, 181))
+    assert gp.discover("irb6400r", thrice, search=NOTHING).record.data.folds == 5
