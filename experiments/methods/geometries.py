@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import gpmodel as gp
 from experiments.blind.simulator import Array
 from experiments.methods.plug import POSITION
-from gpmodel.table.read import read_table
+from gpmodel.api.table import dataset_of
 
 STEPS = 40
 """Steps of pybotics' fit at most."""
@@ -67,7 +67,7 @@ def pybotics(table: Path, urdf: Path, poses: Path) -> Array:
 
 def joints(file: Path, urdf: Path) -> Array:
     """(N, n) joint values, rad or m."""
-    return read_table(file, gp.load_mechanism(urdf), need_measurement=False).q
+    return dataset_of(file, gp.load_mechanism(urdf), need_measurement=False).q
 
 
 def figaroh(table: Path, urdf: Path, poses: Path) -> Array:

@@ -17,10 +17,10 @@ from experiments.methods.rows import Row, explained
 from experiments.random_laws.findings import graded
 from experiments.random_laws.robot import Robot, make
 from experiments.random_laws.surface import surface
+from gpmodel.api.table import dataset_of
 from gpmodel.errors import GpModelError
 from gpmodel.model.error_model import prepare
 from gpmodel.model.states import States
-from gpmodel.table.read import read_table
 
 
 def write(robot: Robot, folder: Path) -> Files:
@@ -39,7 +39,7 @@ def oracle(robot: Robot, files: Files) -> tuple[Array, States]:
     law, place = robot.law, robot.place
     told = [gp.effect_at("told", place.slot, place.axis, law, family="told")] if law and place else []
     model = gp.calibrate(files[1], files[0], told, holdout=0.0).model
-    poses = read_table(files[2], model.mechanism, need_measurement=False)
+    poses = dataset_of(files[2], model.mechanism, need_measurement=False)
     return predicted(model, files[2]), prepare(model.mechanism, poses).states
 
 

@@ -24,8 +24,8 @@ from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.findings import graded
 from experiments.random_laws.judge import write
 from experiments.random_laws.robot import Robot, make
+from gpmodel.api.table import read_table
 from gpmodel.model.error_model import prepare
-from gpmodel.table.read import read_table
 
 SIZES = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6)
 LEVEL = 0.01

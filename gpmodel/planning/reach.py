@@ -58,10 +58,6 @@ class Reach:
                 hidden[good] = body.hides(q[good], points[good], self.sight.instrument)
         return found | {"in collision with itself": meets, "hidden from the instrument": hidden}
 
-    def allowed(self, mechanism: Mechanism, q: Array) -> Mask:
-        """Which of the poses q (N, n) may be taken."""
-        return ~np.any(list(self.failures(mechanism, q).values()), axis=0)
-
 
 def knows_its_shape(mechanism: Mechanism) -> bool:
     """Whether the mechanism knows where it meets itself."""

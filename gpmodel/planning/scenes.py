@@ -70,8 +70,12 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
     """Surfaces, shared points or bars near the middle of tool points (P, 3)."""
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
-    q, there, spare = pool[chosen], points[chosen], (pool[near], points[None, near])
-    middle, own = np.median(there, axis=0), np.arange(count)
+    q, there, own = pool[chosen], points[chosen], np.arange(count)
+    middle = target = np.median(there, axis=0)
+
+    def aims(p: Array) -> Array:
+        return target
+
     if instrument == "planes":
         axis = own % 3
         turn = se3.exp(np.concatenate([np.zeros(3), rng.normal(0.0, 0.3, 3)]))[:3, :3]
@@ -80,22 +84,17 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
             normal = turn.T[axis]
             return p - np.sum((p - middle) * normal, axis=1, keepdims=True) * normal
 
-        return Scene(instrument, q, {"on_plane": np.array(["A", "B", "C"])[axis]}, *spare, flat)
-    if instrument == "spheres":
+        labels, aims = {"on_plane": np.array(["A", "B", "C"])[axis]}, flat
+    elif instrument == "spheres":
         ball = own % 3
-        centre = there[:3]
         away = rng.normal(size=(count, 3))
-        surface = centre[ball] + BALL * away / np.linalg.norm(away, axis=1, keepdims=True)
-        return Scene(
-            instrument,
-            q,
-            {"on_sphere": np.array(["A", "B", "C"])[ball]},
-            pool[near],
-            points[None, near],
-            lambda p: surface,
-        )
-    group = own // (2 if instrument == "bar" else TOUCHES)
-    target = there[np.flatnonzero(np.append(True, np.diff(group) > 0))][group]
+        target = there[:3][ball] + BALL * away / np.linalg.norm(away, axis=1, keepdims=True)
+        labels = {"on_sphere": np.array(["A", "B", "C"])[ball]}
+    else:
+        group = own // (2 if instrument == "bar" else TOUCHES)
+        target = there[np.flatnonzero(np.append(True, np.diff(group) > 0))][group]
+        label, letter = ("pair", "B") if instrument == "bar" else ("same_point", "P")
+        labels = {label: np.array([f"{letter}{g}" for g in group])}
     if instrument == "bar":
         first = target[::2]
         length = np.linalg.norm(points[near][None] - first[:, None], axis=2)
@@ -103,22 +102,7 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
         along = points[near][other] - first
         along *= BAR / np.linalg.norm(along, axis=1, keepdims=True)
         target = target + along[group] * (own % 2)[:, None]
-        return Scene(
-            instrument,
-            q,
-            {"pair": np.array([f"B{g}" for g in group])},
-            pool[near],
-            points[None, near],
-            lambda p: target,
-        )
-    return Scene(
-        instrument,
-        q,
-        {"same_point": np.array([f"P{g}" for g in group])},
-        pool[near],
-        points[None, near],
-        lambda p: target,
-    )
+    return Scene(instrument, q, labels, pool[near], points[None, near], aims)
 
 
 def _two_armed(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:

@@ -1,36 +1,30 @@
 """Position accuracy over poses in the manner of ISO 9283."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import Report
+from gpmodel.wording import millimetres
+
+STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
+    ("mean", np.mean),
+    ("mean + 3 s", lambda errors: errors.mean() + 3 * errors.std(ddof=1)),
+    ("95 % of the poses within", partial(np.percentile, q=95)),
+    ("largest", np.max),
+    ("RMS", root_mean_square),
+)
+"""What is stated of the 3-D errors (N,) over two poses or more."""
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """3-D errors over some poses, mm. within_95: the 95th percentile."""
-
-    poses: int
-    mean: float
-    mean_3sd: float
-    within_95: float
-    largest: float
-    rms: float
-
-
-def accuracy(errors: Array) -> Accuracy:
-    """Statistics of errors (N,), mm: mean, mean + 3 s, 95th percentile, maximum and RMS. Needs two poses."""
-    return Accuracy(
-        poses=len(errors),
-        mean=float(errors.mean()),
-        mean_3sd=float(errors.mean() + 3 * errors.std(ddof=1)),
-        within_95=float(np.percentile(errors, 95)),
-        largest=float(errors.max()),
-        rms=float(np.sqrt(np.mean(errors**2))),
-    )
+def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
+    """Rows of the table of accuracy of errors (N, 2), mm: name, before, after."""
+    before, after = errors.T
+    return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
 def errors_before_and_after(report: Report) -> Array | None:
@@ -42,9 +36,3 @@ def errors_before_and_after(report: Report) -> Array | None:
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if (p.heldout or not report.held) and p.before is not None and p.after is not None]
     return np.array([(p.before, p.after) for p in seen], dtype=float) if len(seen) > 1 else None
-
-
-def before_and_after(report: Report) -> tuple[Accuracy, Accuracy] | None:
-    """The accuracy of both; None where there are no errors."""
-    errors = errors_before_and_after(report)
-    return None if errors is None else (accuracy(errors[:, 0]), accuracy(errors[:, 1]))

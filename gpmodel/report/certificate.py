@@ -9,7 +9,7 @@ from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.numerics.interval import coverage_factor
 from gpmodel.report import words
-from gpmodel.report.accuracy import accuracy, errors_before_and_after
+from gpmodel.report.accuracy import errors_before_and_after, statistics
 from gpmodel.report.charts_certificate import histogram
 from gpmodel.report.figures import drawn
 from gpmodel.report.iso9283 import REPEATS
@@ -23,10 +23,6 @@ from gpmodel.report.schema_search import EffectRecord
 Line = tuple[str, str]
 Parameter = tuple[str, str, str, str]
 """Name, value, σ and unit."""
-STATISTICS = (
-    ("mean", "mean"), ("mean + 3 s", "mean_3sd"), ("95 % of the poses within", "within_95"),
-    ("largest", "largest"), ("RMS", "rms"),
-)  # fmt: skip
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
     "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. Before is "
@@ -114,15 +110,6 @@ def _scope(report: Report) -> tuple[Line, ...]:
     if report.data.outliers:
         lines.append(("left out of the fit, by row", ", ".join(map(str, report.data.outliers))))
     return tuple(lines)
-
-
-def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
-    """Rows of the table of accuracy of errors (N, 2), mm: name, before, after."""
-    before, after = accuracy(errors[:, 0]), accuracy(errors[:, 1])
-    return tuple(
-        (title, wording.millimetres(getattr(before, name)), wording.millimetres(getattr(after, name)))
-        for title, name in STATISTICS
-    )
 
 
 def _further(report: Report) -> tuple[tuple[str, str, str], ...]:

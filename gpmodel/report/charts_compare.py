@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, PAPER, Picture
+from gpmodel.report.picture import Picture, forest
 from gpmodel.wording import minus, short_name
 
 if TYPE_CHECKING:
@@ -31,16 +31,5 @@ def picture(changes: Sequence[Change]) -> Picture | None:
 
 
 def _draw(figure: Figure, changes: Sequence[Change]) -> None:
-    axes = figure.subplots()
-    axes.set_ylim(len(changes) - 0.4, -0.6)
-    axes.axvline(0, color=AXIS, lw=1)
-    for row, change in enumerate(changes):
-        z, colour = change.in_deviations, AFTER if change.significant else BEFORE
-        axes.plot([z - 1, z + 1], [row, row], color=colour, lw=1.6)
-        axes.plot(z, row, "o", mfc=colour if change.significant else PAPER, mec=colour, ms=4.5)
-    axes.set_yticks(range(len(changes)), [short_name(c.name, 34) for c in changes])
-    axes.tick_params(axis="y", length=0, labelsize=8)
-    axes.spines["left"].set_visible(False)
-    axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
-    axes.set_xlabel("change ± σ, in σ")
-    axes.grid(axis="x")
+    rows = [(short_name(c.name, 34), c.in_deviations, 1.0, c.significant) for c in changes]
+    forest(figure.subplots(), rows, "change ± σ, in σ")

@@ -21,6 +21,7 @@ from gpmodel.report.picture import (
     PAPER,
     Picture,
     log_axis,
+    noise_floor,
     numbers,
     rms,
     rows_only,
@@ -110,9 +111,7 @@ def _ladder(figure: Figure, report: Report, rungs: list[StepRecord]) -> None:
     axes.set_yticks(range(len(rungs)), [fill(shortened(report.title(r), 36), 21) for r in rungs])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     if floor:
-        axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
-        axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
+        noise_floor(axes, floor)
     key = (
         "3-D error, mm  (● RMS held out  ○ RMS train  | max)" if any(held) else "3-D error, mm   (● RMS train   | max)"
     )
@@ -135,10 +134,7 @@ def _histogram(figure: Figure, errors: list[tuple[str, Array, str]], floor: floa
         axes.text(1.0, 0.98, f"{shortened(name, 38)}\n{millimetres(rms(error))} mm RMS{note}", ha="right", va="top",
                   transform=axes.transAxes, color=AFTER if colour == AFTER else MUTED, weight="bold")  # fmt: skip
         if floor and floor < bins[-1]:
-            axes.axvline(floor, color=INK, lw=1, ls=(0, (3, 3)))
-    if floor and floor < bins[-1]:
-        panels[-1].annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
-                            textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
+            noise_floor(axes, floor, INK, said=axes is panels[-1])
     panels[-1].set_xlabel("3-D error, mm")
     panels[-1].set_xlim(0, bins[-1])
 
@@ -157,7 +153,7 @@ def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: flo
         axes.step(ordered, 100 * share, where="post", color=colour, lw=width, label=None if label in named else label)
         named.add(label)
     if floor and floor < axes.get_xlim()[1]:
-        axes.axvline(floor, color=MUTED, lw=1, ls=(0, (3, 3)), zorder=0)
+        noise_floor(axes, floor, said=False)
     axes.set(ylim=(0, 101), xlabel="3-D error, mm", ylabel="share, %")
     axes.grid(axis="both")
     figure.legend(loc="outside upper left", ncols=2, labelcolor=MUTED, columnspacing=1.2)

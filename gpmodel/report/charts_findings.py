@@ -17,13 +17,15 @@ from gpmodel.report.picture import (
     PAPER,
     Picture,
     broken,
+    forest,
     linked,
     log_axis,
     numbers,
+    signed,
 )
 from gpmodel.report.schema import ParameterRecord, RankRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
-from gpmodel.wording import millimetres, minus, pretty_unit, short_name
+from gpmodel.wording import millimetres, pretty_unit, short_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,8 +98,7 @@ def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
     if len(curve_x):
         axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)
     axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.y_unit}".rstrip(", "))
-    for which in (axes.xaxis, axes.yaxis):
-        which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    signed(axes.xaxis, axes.yaxis)
     axes.grid(axis="both")
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
 
@@ -126,19 +127,5 @@ def _rank(figure: Figure, curve: Sequence[RankRecord], chosen: float | None) -> 
 
 
 def _parameters(figure: Figure, parameters: Sequence[ParameterRecord], scale: float, unit: str) -> None:
-    axes = figure.subplots()
-    value = scale * numbers([p.value for p in parameters])
-    deviation = scale * numbers([p.stderr for p in parameters])
-    axes.set_ylim(len(parameters) - 0.4, -0.6)
-    axes.axvline(0, color=AXIS, lw=1)
-    for row, (v, s) in enumerate(zip(value, deviation, strict=True)):
-        clear = abs(v) > 2 * s
-        colour = AFTER if clear else BEFORE
-        axes.plot([v - s, v + s], [row, row], color=colour, lw=1.6)
-        axes.plot(v, row, "o", mfc=colour if clear else PAPER, mec=colour, ms=4.5)
-    axes.set_yticks(range(len(parameters)), [short_name(p.name, 30) for p in parameters])
-    axes.tick_params(axis="y", length=0, labelsize=8)
-    axes.spines["left"].set_visible(False)
-    axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
-    axes.set_xlabel(unit)
-    axes.grid(axis="x")
+    sizes = [(p.name, scale * (p.value or 0.0), scale * (p.stderr or 0.0)) for p in parameters]
+    forest(figure.subplots(), [(short_name(n, 30), v, s, abs(v) > 2 * s) for n, v, s in sizes], unit)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only
+from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only, signed
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import HistogramRecord, RoundRecord
-from gpmodel.wording import minus, shortened
+from gpmodel.wording import shortened
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -117,7 +117,7 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[st
     axes.set_yticks(range(len(rounds)), [f"round {r.round}" for r in rounds])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     axes.axvline(0, color=AXIS, lw=0.8)
-    axes.xaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    signed(axes.xaxis)
     axes.set_xlabel("description length saved, nats")
     for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):
         axes.scatter([], [], color=colour, marker=mark, s=30, label=label)

@@ -23,9 +23,10 @@ from gpmodel.report.picture import (
     nice_length,
     numbers,
     rms,
+    signed,
 )
 from gpmodel.report.schema import Report
-from gpmodel.wording import millimetres, minus
+from gpmodel.wording import millimetres
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,8 +105,7 @@ def _arrows(
     axes.set_aspect("equal")
     axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
     axes.locator_params(nbins=5)
-    for which in (axes.xaxis, axes.yaxis):
-        which.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+    signed(axes.xaxis, axes.yaxis)
     axes.tick_params(labelcolor=MUTED)
     axes.grid(axis="both")
 
@@ -134,7 +134,7 @@ def _rows(figure: Figure, report: Report, before: Array, after: Array) -> None:
         axes.set_ylabel(f"{'xyz'[axis]}, mm")
         axes.set_ylim(-reach * 1.05, reach * 1.05)
         axes.grid(axis="y")
-        axes.yaxis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+        signed(axes.yaxis)
     for outlier in outliers[:12]:
         panels[0].annotate(f"outlier {outlier}", (outlier, 1.0), xycoords=("data", "axes fraction"), ha="center",
                            va="bottom", fontsize=8, color=MUTED)  # fmt: skip

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.wording import minus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.collections import Collection
     from matplotlib.figure import Figure
 
@@ -88,6 +90,37 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     axes.grid(axis="x")
+
+
+def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
+    """Values ± deviations, one a row under its name, filled where they are beyond chance. rows: name, value, deviation,
+    whether; label: of the axis."""
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.axvline(0, color=AXIS, lw=1)
+    for row, (_, value, deviation, clear) in enumerate(rows):
+        colour = AFTER if clear else BEFORE
+        axes.plot([value - deviation, value + deviation], [row, row], color=colour, lw=1.6)
+        axes.plot(value, row, "o", mfc=colour if clear else PAPER, mec=colour, ms=4.5)
+    axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
+    axes.tick_params(axis="y", length=0, labelsize=8)
+    axes.spines["left"].set_visible(False)
+    signed(axes.xaxis)
+    axes.set_xlabel(label)
+    axes.grid(axis="x")
+
+
+def signed(*axes: Axis) -> None:
+    """Numbers along them with a true minus sign."""
+    for axis in axes:
+        axis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
+
+
+def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = True) -> None:
+    """A dashed line at the noise floor, behind everything; with its name where it is `said`."""
+    axes.axvline(floor, color=colour, lw=1, ls=(0, (3, 3)), zorder=0)
+    if said:
+        axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
+                      textcoords="offset points", fontsize=8, color=MUTED, va="top")  # fmt: skip
 
 
 def linked(dots: Collection, rows: Sequence[int], many: bool) -> None:

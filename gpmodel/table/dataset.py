@@ -100,8 +100,8 @@ class Dataset:
         return f"<table {self.source}: {len(self)} poses of {names}, {measured} with x, y, z>"
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Numbers with units in the headers: row, joints [deg] or [mm], what was measured [mm] and [deg], payload,
-        labels and every further column under its own name."""
+        """Numbers with units in the headers: row, joints [deg] or [mm], every further column under its own name,
+        payload, labels, and what was measured [mm], [deg] and [px]."""
         columns: dict[str, object] = {"row": self.row}
         kinds = self.kinds or ("revolute",) * len(self.joints)
         for name, kind, values in zip(self.columns or self.joints, kinds, self.q.T, strict=True):
@@ -114,7 +114,11 @@ class Dataset:
         columns |= {f"{a} [mm]": 1e3 * self.position[:, i] for i, a in enumerate("xyz")}
         if self.has_rotation:
             columns |= {f"r{a} [deg]": np.degrees(self.rotation[:, i]) for i, a in enumerate("xyz")}
-        return pd.DataFrame(columns | {f"{name} [mm]": 1e3 * values for name, values in self.distances.items()})
+        columns |= {f"{name} [mm]": 1e3 * values for name, values in self.distances.items()}
+        for name, values in self.readings.items():
+            unit, factor = {"px": ("px", 1.0), "m": ("mm", 1e3), "rad": ("deg", 180.0 / np.pi)}[READINGS[name]]
+            columns[f"{name} [{unit}]"] = factor * values
+        return pd.DataFrame(columns)
 
     @property
     def has_rotation(self) -> bool:

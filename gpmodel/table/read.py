@@ -14,8 +14,8 @@ from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.bundles import check_repeats
-from gpmodel.table.cells import numbers, read_frame
-from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset, with_payload
+from gpmodel.table.cells import numbers
+from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, split_header
 
 FARTHEST = 1e5
@@ -28,24 +28,14 @@ _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _NAMELESS = re.compile(r"^Unnamed: \d+$")
 
 
-def read_table(
-    path: str | Path, mechanism: Mechanism, payload: float | None = None, *, need_measurement: bool = True
-) -> Dataset:
-    """Read poses of `mechanism` from a .csv, .txt or .xlsx file; payload: kg carried at every row.
-
-    Columns are described in the README. Raises InputError: file missing or empty, a column without or with an
-    unknown unit, joints missing or in surplus, text among numbers, nothing measured.
-    """
-    path = Path(path)
-    frame, digest = read_frame(path)
-    dataset = dataset_from(frame, path, mechanism, need_measurement=need_measurement, sha256=digest)
-    return with_payload(dataset, payload)
-
-
 def dataset_from(
     frame: pd.DataFrame, path: Path, mechanism: Mechanism, *, need_measurement: bool = True, sha256: str = ""
 ) -> Dataset:
-    """The poses in a frame of text cells, as read_frame gives it; `path` is what messages name."""
+    """The poses in a frame of text cells, as read_frame gives it; `path` is what messages name.
+
+    Columns are described in the README. Raises InputError: a column without or with an unknown unit, joints missing or
+    in surplus, text among numbers, nothing measured.
+    """
     columns = _split_columns(frame, path)
     joints, used = _joint_columns(columns, mechanism.joints, path)
     n = len(frame)

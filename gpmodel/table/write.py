@@ -1,10 +1,12 @@
 """Datasets written back as tables."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.dataset import READINGS, Dataset
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import split_header
 
 _DIGITS = {"deg": 9, "rad": 11}
@@ -16,27 +18,16 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
 
     Unmeasured components are empty cells.
     """
-    columns: dict[str, list[str]] = {}
-    for joint, values in zip(mechanism.joints, dataset.q.T, strict=True):
-        header, scaled = joint_column(joint.name, joint.kind, values)
-        columns[header] = _cells(scaled, 9)
-    for name, values in dataset.extras.items():
-        columns[f"{name} [{dataset.extra_units[name]}]"] = _cells(values, 9)
-    if dataset.payload_given:
-        columns["payload [kg]"] = _cells(dataset.payload, 6)
-    columns |= {name: list(values) for name, values in dataset.labels.items()}
-    for i, axis in enumerate("xyz"):
-        if np.isfinite(dataset.position[:, i]).any():
-            columns[f"{axis} [mm]"] = _cells(1e3 * dataset.position[:, i], 6)
-    if dataset.has_rotation:
-        for i, axis in enumerate("xyz"):
-            columns[f"r{axis} [deg]"] = _cells(np.degrees(dataset.rotation[:, i]), 9)
-    for name, values in dataset.distances.items():
-        columns[f"{name} [mm]"] = _cells(1e3 * values, 6)
-    for name, values in dataset.readings.items():
-        unit, factor = {"px": ("px", 1.0), "m": ("mm", 1e3), "rad": ("deg", np.degrees(1.0))}[READINGS[name]]
-        columns[f"{name} [{unit}]"] = _cells(factor * values, 6)
-    return pd.DataFrame(columns)
+    names = tuple(joint.name for joint in mechanism.joints)
+    frame = replace(dataset, columns=names, kinds=tuple(joint.kind for joint in mechanism.joints), extra_names={})
+    cells = frame.to_dataframe().drop(columns="row")
+    nowhere = ~np.isfinite(dataset.position).any(axis=0)
+    cells = cells.drop(columns=[f"{axis} [mm]" for axis in np.array(list("xyz"))[nowhere]])
+    fine = {*names, *dataset.extras, "rx", "ry", "rz"}
+    for header, column in cells.items():
+        if pd.api.types.is_float_dtype(column):
+            cells[header] = _cells(column.to_numpy(), 9 if split_header(str(header))[0] in fine else 6)
+    return cells
 
 
 def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:

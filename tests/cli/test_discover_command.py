@@ -13,11 +13,11 @@ import pytest
 from brief_results import one_picture
 from cli_cases import one_line, run, table, write
 
+from gpmodel.api.table import read_table
 from gpmodel.application.model_file import load_model
 from gpmodel.cli import demo as demo_command
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare
-from gpmodel.table.read import read_table
 
 RESULTS = {
     "report.html", "explore.html", "poses.csv", "report.json", "model.json", "calibrated.urdf", "exports", "figures",

@@ -20,7 +20,7 @@ from experiments.blind.memory import direction, lag, stop_operator
 from experiments.blind.oracle import left_by
 from experiments.blind.robot import world_of
 from experiments.blind.simulator import gravity_loads, small_motion
-from gpmodel.table.read import read_table
+from gpmodel.api.table import read_table
 from robots import load_mechanism
 
 SINGLE = {"base", "eccentric_1", "setup_step", "windup_3", "approach_2", "null_outliers"}

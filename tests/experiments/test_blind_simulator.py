@@ -18,7 +18,7 @@ from experiments.blind.generate import make
 from experiments.blind.oracle import Fit, jacobian, register
 from experiments.blind.shapes import shift
 from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion, weight_regressor
-from gpmodel.table.read import read_table
+from gpmodel.api.table import read_table
 from robots import load_mechanism
 
 

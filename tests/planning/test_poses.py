@@ -10,6 +10,7 @@ from cli_cases import one_line, robot, run
 
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.poses import BEFORE, choose_poses
+from gpmodel.api.table import dataset_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.numerics.se3 import chain
@@ -19,7 +20,6 @@ from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, s
 from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema_search import SuspectRecord
-from gpmodel.table.read import read_table
 
 ARMS = ["irb6400r", "ur5", "panda"]
 
@@ -116,8 +116,8 @@ def test_an_arm_that_folds_into_itself_is_left_out_and_one_in_the_beam_too() -> 
     folded, straight = np.radians([[0, -90, 170, 0, 90, 0]]), np.radians([[0, -90, 0, 0, 90, 0]])
     reach = Reach()
     assert reach.failures(mechanism, folded)["in collision with itself"].all()
-    assert reach.allowed(mechanism, straight).all()
-    assert Reach(collisions=False).allowed(mechanism, folded).all()
+    assert not any(bad.any() for bad in reach.failures(mechanism, straight).values())
+    assert not any(bad.any() for bad in Reach(collisions=False).failures(mechanism, folded).values())
     tip = chain(mechanism.transforms(straight))[-1][0, :3, 3]
     up = np.array([0.0, 0.0, 1.0])
     places = [tip + np.array(way) for way in ([3.0, 0.0, 1.0], [0.0, 3.0, 0.0], [0.0, 0.0, -3.0])]
@@ -143,7 +143,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     done = run("poses", "--after", tmp_path / "fit", "-n", 6, "--out", tmp_path)
     assert done.exit_code == 0, done.stderr
     assert "worst known effect" in done.stdout
-    assert len(read_table(tmp_path / "poses.csv", mechanism, need_measurement=False).q) == 6
+    assert len(dataset_of(tmp_path / "poses.csv", mechanism, need_measurement=False).q) == 6
     assert len(pd.read_csv(tmp_path / "poses.curve.csv")) == 7
     assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals", "--quiet"), 2)
     assert "mechanism" in one_line(run("poses"), 2)
@@ -161,7 +161,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
 
 def test_command_writes_a_table_that_is_read_again(tmp_path: Path) -> None:
     assert run("poses", "--mechanism", "ur5", "-n", 12, "--out", tmp_path).exit_code == 0
-    data = read_table(tmp_path / "poses.csv", load_mechanism("ur5"), need_measurement=False)
+    data = dataset_of(tmp_path / "poses.csv", load_mechanism("ur5"), need_measurement=False)
     assert data.q.shape == (12, 6)
     printed = run("poses", "--mechanism", "ur5", "-n", 12).stdout
     assert printed == (tmp_path / "poses.csv").read_text()

@@ -7,12 +7,12 @@ import pytest
 from cli_cases import one_line, robot, run
 
 import gpmodel as gp
+from gpmodel.api.table import read_table
 from gpmodel.application.model_file import load_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.table.read import read_table
 
 PLANTED = {
     "catalogue": "base_compliance=3e-7 rad/Nm",

@@ -13,8 +13,9 @@ from report_runs import calibrated, discovered
 from gpmodel import wording
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import certificate
-from gpmodel.report.accuracy import accuracy, before_and_after
+from gpmodel.report.accuracy import STATISTICS, errors_before_and_after, statistics
 from gpmodel.report.certificate_pdf import write_pdf
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
@@ -28,32 +29,31 @@ def page(found: certificate.Certificate) -> str:
 
 def test_statistics_are_those_of_the_errors() -> None:
     errors = np.arange(1.0, 101.0)
-    found = accuracy(errors)
-    assert (found.poses, found.mean, found.largest) == (100, 50.5, 100.0)
-    assert found.mean_3sd == pytest.approx(50.5 + 3 * errors.std(ddof=1))
-    assert found.within_95 == pytest.approx(np.percentile(errors, 95))
-    assert found.rms == pytest.approx(np.sqrt(np.mean(errors**2)))
+    found = {name: of(errors) for name, of in STATISTICS}
+    spread = 50.5 + 3 * errors.std(ddof=1)
+    assert list(found.values()) == pytest.approx([50.5, spread, 95.05, 100.0, np.sqrt(np.mean(errors**2))])
+    assert [row[0] for row in statistics(np.column_stack([errors, errors]))] == list(found)
 
 
 def test_before_is_registration_and_after_the_last_step_on_held_out_poses() -> None:
     for report in (discovered(), calibrated(), calibrated(0.0)):
-        found = before_and_after(report)
+        found = errors_before_and_after(report)
         assert found is not None
-        for one, rung in zip(found, (report.ladder[0], report.ladder[-1]), strict=True):
-            assert one.poses == (report.data.heldout or report.data.train)
-            assert one.rms == pytest.approx(rung.errors.rms_mm, rel=1e-5)
-            assert one.largest == pytest.approx(rung.errors.max_mm, rel=1e-5)
+        assert len(found) == (report.data.heldout or report.data.train)
+        for one, rung in zip(found.T, (report.ladder[0], report.ladder[-1]), strict=True):
+            assert root_mean_square(one) == pytest.approx(rung.errors.rms_mm, rel=1e-5)
+            assert one.max() == pytest.approx(rung.errors.max_mm, rel=1e-5)
 
 
 def test_what_is_not_confirmed_is_not_certified() -> None:
     refused = dataclasses.replace(discovered(), confirmation=Confirmation(0.2, 0.4, 0.1, 27, False))
     assert certificate.certificate(discovered(), GIVEN).effects
     assert certificate.certificate(refused, GIVEN).effects == ()
-    pair = before_and_after(refused)
+    pair = errors_before_and_after(refused)
     standard = refused.step("standard")
     assert pair is not None
     assert standard is not None
-    assert pair[1].rms == pytest.approx(standard.heldout.rms_mm, abs=1e-5)
+    assert root_mean_square(pair[:, 1]) == pytest.approx(standard.heldout.rms_mm, abs=1e-5)
 
 
 @pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
@@ -63,12 +63,12 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
     assert {unit for *_, unit in (*certified.parameters, *certified.placement)} == {"mm", "mrad"}
     text = page(certified)
     words = " ".join(re.sub(r"<[^>]+>", " ", text).split())
-    found = before_and_after(made)
+    found = errors_before_and_after(made)
     assert found is not None
     effect = made.effects[0]
     for said in (
         "IRB 6400R", "64-10291", "tracker", "A. N. &lt;Other&gt;", made.data.sha256, made.command,
-        f"RMS {wording.millimetres(found[0].rms)} {wording.millimetres(found[1].rms)}",
+        f"RMS {' '.join(wording.millimetres(root_mean_square(of)) for of in found.T)}",
         "held out: no step of the calibration saw them", effect.name,
         wording.measured(effect.value, effect.stderr, effect.unit).value, "not stated: no pose was measured",
         wording.measured(made.placement[0].value, made.placement[0].stderr, "m", in_list=True).value, "tool x", "J1",
@@ -92,16 +92,16 @@ def test_the_pdf_has_one_side(report: type[Report], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("beyond", "said"), [(0.999, "fail: 1 of "), (1.001, "pass: none of "), (None, "")])
 def test_a_tolerance_is_passed_or_failed_by_what_is_predicted(beyond: float | None, said: str) -> None:
-    pair = before_and_after(discovered())
+    pair = errors_before_and_after(discovered())
     assert pair is not None
-    limit = None if beyond is None else beyond * pair[1].largest
+    limit = None if beyond is None else beyond * float(pair[:, 1].max())
     found = certificate.certificate(discovered(), GIVEN, limit)
     line = dict(found.scope)["tolerance"]
     assert line.startswith(said)
     assert bool(line) == (limit is not None)
     assert "after, predicted, mm" in page(found)
     assert dict(found.particulars)["controller"] == ""
-    assert len(found.errors) == pair[1].poses
+    assert len(found.errors) == len(pair)
 
 
 def test_particulars_are_read_from_toml(tmp_path: Path) -> None:

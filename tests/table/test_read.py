@@ -11,11 +11,11 @@ from cli_cases import robot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from gpmodel.api.table import dataset_of, read_table
 from gpmodel.errors import InputError
 from gpmodel.mechanism.registry import load_mechanism
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import LABELS
-from gpmodel.table.read import read_table
 from gpmodel.table.write import frame_of
 
 ROBOT = load_mechanism("irb6400r")
@@ -112,9 +112,9 @@ def test_labels_are_text_and_empty_where_absent(column: str, tmp_path: Path) -> 
     frame = frame_of(made.dataset, mechanism)
     path = tmp_path / "labels.csv"
     frame.to_csv(path, index=False)
-    assert read_table(path, mechanism).label(column).tolist() == ["", "", ""]
+    assert dataset_of(path, mechanism, need_measurement=False).label(column).tolist() == ["", "", ""]
     frame.assign(**{column: ["1", "", "two"]}).to_csv(path, index=False)
-    assert read_table(path, mechanism).label(column).tolist() == ["1", "", "two"]
+    assert dataset_of(path, mechanism, need_measurement=False).label(column).tolist() == ["1", "", "two"]
 
 
 def test_distances_and_rotations_are_measurements(tmp_path: Path) -> None:
