@@ -22,8 +22,8 @@ test: $(BIN)/pytest
 	$(BIN)/pytest -n auto --dist loadfile
 
 conclusions: $(BIN)/pytest
-	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py
-	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k slot_histogram_points_at
+	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py tests/experiments/test_hexapod_experiment.py
+	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k 'slot_histogram_points_at or every_machine'
 
 wheel: $(BIN)/pytest
 	.ci/installed $(PYTHON)

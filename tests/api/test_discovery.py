@@ -1,7 +1,6 @@
 """`gp.discover` and `gp.evolve`: the same as the commands, and what their results offer."""
 
 import json
-from collections.abc import Iterator
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -20,8 +19,13 @@ GEAR = table(70, effects=("gear_harmonic J4=200 arcsec",))
 
 
 @pytest.fixture(scope="module")
-def found() -> DiscoveryResult:
-    return gp.discover(gp.load_mechanism("irb6400r"), GEAR, search=SMALL(runs=1), noise="0.03 mm", holdout=0.3)
+def rows(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(GEAR, tmp_path_factory.mktemp("table") / "rows.csv")
+
+
+@pytest.fixture(scope="module")
+def found(rows: Path) -> DiscoveryResult:
+    return gp.discover(gp.load_mechanism("irb6400r"), rows, search=SMALL(runs=1), noise="0.03 mm", holdout=0.3)
 
 
 def comparable(folder: Path) -> dict[str, object]:
@@ -29,31 +33,16 @@ def comparable(folder: Path) -> dict[str, object]:
     return {key: value for key, value in report.items() if key not in ("seconds", "command")}
 
 
-@pytest.fixture
-def small() -> Iterator[None]:
-    with mock.patch("gpmodel.cli.discover.Search", SMALL):
-        yield
-
-
 @pytest.mark.usefixtures("brief")
-def test_on_rows_of_the_shipped_demo_it_gives_what_the_command_gives(small: None, tmp_path: Path) -> None:
-    rows = write(pd.read_csv(DEMO).head(45), tmp_path / "rows.csv")
-    command = run(
-        "discover",
-        rows,
-        "--mechanism",
-        "irb6400r",
-        "--runs",
-        1,
-        "--holdout",
-        0.3,
-        "--out",
-        tmp_path / "command",
-        "--quiet",
-    )
+def test_it_gives_what_the_command_gives_whatever_the_number_of_workers(
+    found: DiscoveryResult, rows: Path, tmp_path: Path
+) -> None:
+    with mock.patch("gpmodel.cli.discover.Search", SMALL):
+        command = run(
+            "discover", rows, "--mechanism", "irb6400r", "--runs", 1, "--noise", "0.03mm", "--holdout", 0.3,
+            "--workers", 1, "--out", tmp_path / "command", "--quiet",
+        )  # fmt: skip
     assert command.exit_code == 0, command.output
-    arm = gp.load_mechanism("irb6400r")
-    found = gp.discover(arm, gp.read_table(rows, arm), search=SMALL(runs=1), holdout=0.3)
     found.save(tmp_path / "report.json")
     found.model.save(tmp_path / "model.json")
     assert comparable(tmp_path) == comparable(tmp_path / "command")
@@ -80,7 +69,7 @@ def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_p
     rows = found.to_dataframe()
     assert rows.loc[0, "unit"] == "rad"
     assert rows.loc[0, "value"] > 3 * rows.loc[0, "stderr"]
-    assert repr(found) == "<discovery on data frame: added gear error, 2 per turn, J4>"
+    assert repr(found) == "<discovery on rows.csv: added gear error, 2 per turn, J4>"
     assert "<table" in found._repr_html_()
     found.report(tmp_path / "out")
     found.save(tmp_path / "found.json")

@@ -13,6 +13,7 @@ import pytest
 from nbclient import NotebookClient
 
 import gpmodel as gp
+from gpmodel.api import discover
 from gpmodel.discovery.search import Search
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +31,9 @@ MOST_LINES = 150
 @pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize("name", SHOWN)
 def test_the_lines_that_a_document_shows_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one share of the poses held out instead of every one in turn."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(discover, "ENOUGH_HELD", 1)
     shutil.copy(DEMO, "table.csv")
     frame = pd.read_csv(DEMO).head(5)
     for file in ("poses.csv", "targets.csv"):
@@ -66,8 +69,9 @@ def test_the_readme_is_short_and_leads_nowhere_that_is_not_there() -> None:
 
 @pytest.mark.usefixtures("brief")
 def test_the_lines_of_the_tour_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All its cells in turn, with searches of the smallest size."""
+    """All its cells in turn, with searches of the smallest size and one share of the poses held out."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(discover, "ENOUGH_HELD", 1)
     monkeypatch.setattr(gp, "Search", lambda **sizes: Search(**sizes | {"runs": 1, "population": 48, "generations": 4}))
     lines = [cell.source for cell in TOUR.cells if cell.cell_type == "code"]
     assert len(lines) > 10

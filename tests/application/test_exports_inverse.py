@@ -64,15 +64,14 @@ def test_the_inverse_in_c_is_that_of_compensate(name: str, tmp_path: Path) -> No
     for k, given in enumerate(forward.inputs):
         inputs[k] = float(choice_of(model.mechanism).payload or 0.0) if given == "payload" else 0.0
     double = ctypes.POINTER(ctypes.c_double)
-    found, same = np.empty_like(q), 0
+    found = np.full_like(q, np.nan)
     for k, row in enumerate(q):
         start, out = np.ascontiguousarray(row), np.empty(q.shape[1])
         if inverse(start.ctypes.data_as(double), inputs.ctypes.data_as(double), out.ctypes.data_as(double)):
             np.testing.assert_array_equal(out, start)
             continue
         found[k] = out
-        if expected["status"].iloc[k] == "ok":
-            same += 1
-            off = np.linalg.norm(points(model, out[None]) - points(model, wanted[k][None]))
-            assert off < 1e-6
-    assert same >= 0.95 * (expected["status"] == "ok").sum() > 100
+    ok = (expected["status"] == "ok").to_numpy()
+    both = ok & np.isfinite(found).all(axis=1)
+    assert both.sum() >= 0.95 * ok.sum() > 100
+    assert np.linalg.norm(points(model, found[both]) - points(model, wanted[both]), axis=1).max() < 1e-6

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from brief_results import one_picture
+from brief_results import brief
 from cli_cases import one_line, run
 from fleet_cases import BASE, JOINT, MECHANISM, NOISE, machines, written
 
@@ -24,7 +24,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def result(tables: Path) -> tuple[str, Path]:
     out = tables.parent / "result"
-    with one_picture():
+    with brief():
         done = run("fleet", tables, *SAID[2:], "--out", out)
     assert done.exit_code == 0, done.stderr
     return done.stdout, out
@@ -70,6 +70,7 @@ def test_every_machine_leaves_a_model_that_predicts(result: tuple[str, Path], ta
     assert kept == {"base compliance", "joint compliance, J2"}
 
 
+@pytest.mark.usefixtures("brief")
 def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     folder = written(tmp_path / "tables", {f"<b>{k}": v for k, v in machines(3, 2).items()})
     (folder / "~$<b>R-01.xlsx").write_bytes(b"of Excel, while the table is open")

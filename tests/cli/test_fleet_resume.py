@@ -9,6 +9,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
+from brief_results import brief
 from cli_cases import one_line, run
 from durable_cases import start
 from fleet_cases import two_joint_arms
@@ -17,6 +18,8 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.files import alone_in
 from gpmodel.hierarchy.found import Searched
 from gpmodel.records.unfinished import FOLDER, REQUEST
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 MACHINES = 3
 _search = Searched.found
@@ -59,7 +62,8 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def expected(tables: Path) -> dict[str, Any]:
     """The numbers of a fleet that nobody disturbed."""
     out = tables.parent / "whole"
-    assert run("fleet", tables, "--out", out, "--quiet").exit_code == 0
+    with brief():
+        assert run("fleet", tables, "--out", out, "--quiet").exit_code == 0
     assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures", "machines"}
     return fleet_of(out)
 

@@ -1,51 +1,42 @@
 """Every pose held out once: its error is that of a choice without it, and all poses choose."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_cases import Truth, bare, measure, sized
 from instrument_cases import simulated
-from loop_cases import ARM, CASES
 
 import gpmodel as gp
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery.folds import discover_by_folds
-from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
-from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.observation import observations
 from gpmodel.report.build import OWN_UNIT
 from gpmodel.table.split import JUDGED, folds
 
-COUNT = 3
 ALONE = Search(runs=0, workers=1)
 
 
 @pytest.fixture(scope="module")
-def truth() -> Truth:
-    gear = CASES["gear"].effects
-    data = bare(ARM, 48, 4, payload=False)
-    return measure(ARM, gear, sized(ARM, gear, data, 0.3), 4, dataset=data)
+def of_folds() -> DiscoveryResult:
+    table = gp.simulate("irb6400r", ["gear_harmonic J4=60 arcsec"], poses=40, seed=1).table
+    return gp.discover("irb6400r", table, search=ALONE)
 
 
-def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(truth: Truth) -> None:
-    poses = truth.poses
-    run = partial(discover, truth.model.mechanism, search=ALONE)
-    found = discover_by_folds(run, run, poses, COUNT, Criteria())
-    assert found.folds == COUNT
+def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(of_folds: DiscoveryResult) -> None:
+    found = of_folds.found
+    poses = found.poses
     assert len(found.train) == len(found.heldout) == len(poses)
     assert [f.candidate.inputs for f in found.findings] == [("J4",)]
-    fold = folds(poses.dataset, COUNT, np.random.default_rng(JUDGED))
+    fold = folds(poses.dataset, found.folds, np.random.default_rng(JUDGED))
     standard = found.steps[1]
-    for k in range(COUNT):
+    for k in range(found.folds):
         seen, held = poses.subset(np.flatnonzero(fold != k)), np.flatnonzero(fold == k)
-        own = calibrate(ErrorModel(truth.model.mechanism, standard.calibration.model.effects), seen, seed=JUDGED)
+        own = calibrate(ErrorModel(found.mechanism, standard.calibration.model.effects), seen, seed=JUDGED)
         np.testing.assert_allclose(standard.heldout_error[held], errors_on(own, poses.subset(held)), rtol=1e-6)
     last = found.steps[-1].heldout_error
     assert np.isfinite(last).all()
@@ -54,10 +45,10 @@ def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(truth: Truth) -> 
     assert found.confirmation.passed
 
 
-def test_more_folds_than_groups_are_refused(truth: Truth) -> None:
-    run = partial(discover, truth.model.mechanism, search=ALONE)
+def test_more_folds_than_groups_are_refused() -> None:
+    table = gp.simulate("irb6400r", poses=48, seed=1).table
     with pytest.raises(InputError, match="folds: 50, expected 2 to 48"):
-        discover_by_folds(run, run, truth.poses, 50, Criteria())
+        gp.discover("irb6400r", table, folds=50)
 
 
 def test_folds_and_a_share_exclude_each_other() -> None:
@@ -66,13 +57,11 @@ def test_folds_and_a_share_exclude_each_other() -> None:
         gp.discover("irb6400r", table, folds=4, holdout=0.3)
 
 
-def test_a_report_of_folds_says_so_and_holds_an_error_of_every_pose(tmp_path: Path) -> None:
-    table = gp.simulate("irb6400r", ["gear_harmonic J4=60 arcsec"], poses=40, seed=1).table
-    found = gp.discover("irb6400r", table, search=ALONE)
-    record = found.record
+def test_a_report_of_folds_says_so_and_holds_an_error_of_every_pose(of_folds: DiscoveryResult, tmp_path: Path) -> None:
+    record = of_folds.record
     assert (record.data.folds, record.data.train, record.data.heldout) == (5, 40, 40)
     assert all(rung.heldout.known and rung.train.known for rung in record.ladder)
-    found.report(tmp_path)
+    of_folds.report(tmp_path)
     assert "40 poses, each held out once" in (tmp_path / "report.html").read_text()
     rows = (tmp_path / "poses.csv").read_text().splitlines()[1:]
     assert sum(row.split(",")[1] == "held out" for row in rows) == 40

@@ -127,8 +127,7 @@ def test_held_out_poses_choose_nothing() -> None:
 
 
 def test_the_number_of_workers_changes_no_number() -> None:
-    truth, train, heldout = robot("gear", 0)
-    two = discover(truth.model.mechanism, truth.poses, train, heldout, search=replace(QUICK, workers=2))
+    two = found("gear", 0, replace(QUICK, workers=2))
     assert numbers(two) == numbers(quick())
 
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from experiments.hexapod import run
 from experiments.hexapod.simulator import STROKE, readings, table
@@ -20,6 +21,7 @@ def test_tables_repeat_and_stay_within_the_stroke() -> None:
     assert readings.__module__.startswith("experiments")
 
 
+@pytest.mark.slow
 def test_the_leg_with_the_bad_screw_is_named_and_its_error_removed() -> None:
     machine = run.one_machine(1, True)
     assert run.right(machine)
@@ -27,6 +29,7 @@ def test_the_leg_with_the_bad_screw_is_named_and_its_error_removed() -> None:
     assert steps[-1] < 0.6 * steps[1]
 
 
+@pytest.mark.slow
 def test_a_machine_with_good_screws_is_left_alone() -> None:
     assert run.one_machine(1, False)["found"] == []
 

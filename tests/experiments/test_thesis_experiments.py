@@ -45,6 +45,7 @@ def test_a_compensator_is_scored_in_millimetres():
     assert problem.initial_norm() == pytest.approx(1e3 * model.error.max(), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_every_machine_of_the_thesis_lowers_the_largest_error(tmp_path):
     """By the median of three runs: one in four of the thesis' trees ends metres away."""
     sizes = ["--seeds", "3", "--generations", "15", "--population", "2048", "--tree_population", "2048"]

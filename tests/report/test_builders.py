@@ -75,8 +75,7 @@ def test_the_same_run_gives_the_same_report() -> None:
 
 
 def test_the_number_of_workers_is_not_in_the_report() -> None:
-    truth, train, heldout = robot("gear", 0)
-    two = discover(truth.model.mechanism, truth.poses, train, heldout, search=replace(QUICK, workers=2))
+    two = found("gear", 0, replace(QUICK, workers=2))
     texts = [to_json(built(d)) for d in (quick(), two)]
     assert texts[0] == texts[1]
 
