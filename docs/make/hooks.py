@@ -6,6 +6,8 @@ from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+from mkdocs.utils import get_relative_url
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
@@ -47,6 +49,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for path, content in pages.items():
             files.append(File.generated(config, path, content=content))
     return files
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Has the search of pages that are opened as files load its worker from beside them, not from the network."""
+    return output.replace("https://unpkg.com/iframe-worker/shim", get_relative_url("iframe-worker.js", page.url))
 
 
 def documents() -> dict[str, str]:
