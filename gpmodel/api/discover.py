@@ -8,12 +8,12 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, quantity, share, shown, texts, whole
+from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses, measured_joints
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.table import TableLike, read_table, specified
+from gpmodel.api.table import TableLike, in_metres, read_table, specified
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
@@ -34,7 +34,6 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.geometric import standard_effects
 from gpmodel.model.naming import in_mechanism_names, names_of, translate
-from gpmodel.model.observation import observations
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
@@ -44,7 +43,6 @@ from gpmodel.report.schema_search import SuspectRecord
 from gpmodel.table.bundles import bundles, different_poses
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
-from gpmodel.table.units import factor_like, split_quantity
 
 COMMAND = "gpmodel.discover"
 
@@ -140,7 +138,7 @@ def discover(
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)
-    floor = None if noise is None else _in_metres(noise, poses.dataset)
+    floor = None if noise is None else in_metres(noise, poses.dataset, "noise")
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
@@ -162,17 +160,6 @@ def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
             f"{shown(standard)}, expected geometric parameters to look beside, as in ('J* R?',)", "standard"
         )
     return found
-
-
-def _in_metres(noise: str | float, dataset: Dataset) -> float:
-    """The noise of one reading, m; of pixels and inclinations what they count as. Raises InputError where it is none
-    of a reading of the table."""
-    value, unit = (isinstance(noise, str) and split_quantity(noise)) or (0.0, "")
-    for kind in observations(dataset):
-        sizes = [factor_like(u, kind.unit) for u in (unit, kind.unit)]
-        if value > 0 and kind.unit != "m" and kind.metres is not None and sizes[0] and sizes[1]:
-            return value * kind.metres * sizes[0] / sizes[1]
-    return quantity(noise, "length", "noise", positive=True)
 
 
 def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:

@@ -9,7 +9,7 @@ import pandas as pd
 from gpmodel.api.display import figure_of, ladder_of, notebook_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
-from gpmodel.api.table import TableLike
+from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
 from gpmodel.model.error_model import Poses
@@ -98,9 +98,11 @@ class FittedResult(RecordedResult, ABC):
         """As `Model.predict`."""
         return self.model.predict(poses, as_measured=as_measured, in_order=in_order)
 
-    def verify(self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False) -> VerifyResult:
+    def verify(
+        self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
+    ) -> VerifyResult:
         """As `Model.verify`."""
-        return self.model.verify(table, tolerance=tolerance, in_order=in_order)
+        return self.model.verify(table, tolerance=tolerance, in_order=in_order, **sights)
 
     @property
     def residuals(self) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, shown
+from gpmodel.api.arguments import file_path, quantity, shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -16,11 +16,13 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations
+from gpmodel.model.observation import observations
 from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.specification import EXPECTED, specification
+from gpmodel.table.units import factor_like, split_quantity
 from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
@@ -70,7 +72,9 @@ def specified(dataset: Dataset, instrument: object) -> Dataset:
     return replace(dataset, instrument=specification(instrument))
 
 
-def described(cameras: Described, board: Described, surfaces: Described) -> dict[str, Mapping[str, object]]:
+def described(
+    cameras: Described = None, board: Described = None, surfaces: Described = None
+) -> dict[str, Mapping[str, object]]:
     """What is given of them, files read. Raises InputError for a file that cannot be."""
     given = dict(zip(KINDS, (cameras, board, surfaces), strict=True))
     return {
@@ -105,6 +109,17 @@ def dataset_of(
     if need_measurement:
         dataset = with_observations(dataset, mechanism, described)
     return with_payload(dataset, payload)
+
+
+def in_metres(value: str | float, dataset: Dataset, name: str) -> float:
+    """A size of one reading, m, of text with a unit; of pixels and inclinations what they count as. Raises InputError,
+    naming the argument, where it is none of a reading of the table."""
+    number, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
+    for kind in observations(dataset):
+        sizes = [factor_like(u, kind.unit) for u in (unit, kind.unit)]
+        if number > 0 and kind.unit != "m" and kind.metres is not None and sizes[0] and sizes[1]:
+            return number * kind.metres * sizes[0] / sizes[1]
+    return quantity(value, "length", name, positive=True)
 
 
 def told_of_reading(source: TableLike, progress: Say) -> None:

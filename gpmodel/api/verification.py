@@ -1,20 +1,20 @@
 """A model judged by poses measured after it was fitted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, quantity
+from gpmodel.api.arguments import file_path
 from gpmodel.api.display import notebook
-from gpmodel.api.table import TableLike, cells_of, dataset_of
+from gpmodel.api.table import TableLike, cells_of, dataset_of, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
-from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, write_text
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.instruments import with_observations
 from gpmodel.report.verification import NAME, Verification, VerifyRequest, to_json, verification
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
@@ -22,10 +22,10 @@ from gpmodel.table.units import split_header
 
 CORRECTED = "corrected_"
 """How `compensate` calls the joint values it gives."""
+Sights = Mapping[str, Mapping[str, object]]
+"""As Dataset.described."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 """What it gives beside them."""
-ALONE = "verify judges positions and distances alone, not what cameras, touches, bars or levels read"
-"""Of a table of other readings."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,29 +99,28 @@ class VerifyResult:
 
 
 def verify_saved(
-    saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool
+    saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool, sights: Sights
 ) -> VerifyResult:  # fmt: skip
-    """A saved model judged by a table. Raises InputError as `gpmodel.verify`."""
-    limit = None if tolerance is None else quantity(tolerance, "length", "tolerance", positive=True)
-    dataset, targets = _driven(saved.mechanism, table)
-    if not (np.isfinite(dataset.position).any() or dataset.distances):
-        raise InputError(f"{dataset.source}: {ALONE}")
-    dataset = replace(dataset, in_order=in_order or dataset.in_order)
-    found = verified(saved, dataset)
+    """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
+    InputError as `gpmodel.verify`."""
+    dataset, targets = _driven(saved, table, sights)
+    found = verified(saved, replace(dataset, in_order=in_order or dataset.in_order))
+    limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets)
     return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed)))
 
 
-def _driven(mechanism: Mechanism, table: TableLike) -> tuple[Dataset, Dataset | None]:
+def _driven(saved: SavedModel, table: TableLike, sights: Sights) -> tuple[Dataset, Dataset | None]:
     """Where the machine went, and where its nominal arm would have been sent, where the table says both."""
+    mechanism, known = saved.mechanism, {} if saved.measured is None else saved.measured.dataset.described
     if isinstance(table, Dataset):
-        return dataset_of(table, mechanism, need_measurement=True), None
+        return dataset_of(
+            table, mechanism, need_measurement=True, described=sights and {**table.described, **sights}
+        ), None
     cells = cells_of(table)
     names = {header: split_header(header)[0] for header in cells.text.columns}
-    if {"u", "v"} <= set(names.values()):
-        raise InputError(f"{cells.path.name}: {ALONE}")
     if not any(name.startswith(CORRECTED) for name in names.values()):
-        return dataset_of(table, mechanism, need_measurement=True), None
+        return dataset_of(table, mechanism, need_measurement=True, described={**known, **sights}), None
     joints = {name.removeprefix(CORRECTED): header for header, name in names.items() if name.startswith(CORRECTED)}
     own = [header for header, name in names.items() if name in GIVEN_BESIDE]
     went = cells.text[list(joints.values())].notna().all(axis=1)
@@ -132,4 +131,4 @@ def _driven(mechanism: Mechanism, table: TableLike) -> tuple[Dataset, Dataset | 
     both = (dataset_from(f, cells.path, mechanism, sha256=cells.sha256) for f in (driven, sent))
     payload, row = choice_of(mechanism).payload, np.flatnonzero(went) + 1
     first, second = (replace(with_payload(d, payload), row=row) for d in both)
-    return first, second
+    return with_observations(first, mechanism, {**known, **sights}), second

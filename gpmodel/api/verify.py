@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gpmodel.api.arguments import shown
 from gpmodel.api.model import Model, load_model
-from gpmodel.api.table import TableLike
+from gpmodel.api.table import Described, TableLike, described
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.errors import InputError
 from gpmodel.report.verification import VerifyRequest
@@ -14,11 +14,12 @@ COMMAND = "gpmodel.verify"
 
 def verify(
     model: Model | str | Path, table: TableLike, *, tolerance: str | None = None, in_order: bool = False,
-    command: str = COMMAND,
+    cameras: Described = None, board: Described = None, surfaces: Described = None, command: str = COMMAND,
 ) -> VerifyResult:  # fmt: skip
     """Judge a model by poses measured afterwards: does it hold, has the machine drifted, or is it another one?
 
-    The registration is found anew; tool point and everything else are the model's, at the end of its session. With r
+    The registration is found anew, and where what stands in the world is: a camera in the hall, a board on the table,
+    planes, points. Tool point, what links carry and everything else are the model's, at the end of its session. With r
     what the model leaves, V its covariance (noise and all that the model does not know better) and z the part of
     V^(-1/2) r at right angles to the registration, |z|² is compared with chi-square, and what could have changed
     (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. Both tests together call one machine
@@ -26,12 +27,16 @@ def verify(
 
     model: of a fit, or its model.json. table: as of `read_table`; where it has the columns corrected_J1, ... that
     `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
-    tolerance: what no row may exceed, as "0.1 mm". in_order: as of `predict`. command: what verify.json says made it.
-    Raises InputError where the table does not fit the model, or has fewer than four poses.
+    tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as of `predict`. cameras, board,
+    surfaces: as of `read_table`, where they are others than in the table of the fit. command: what verify.json says
+    made it.
+    Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
+    four poses.
     """
     name = "model"
     if isinstance(model, str | Path):
         name, model = Path(model).name, load_model(model)
     if not isinstance(model, Model):
         raise InputError(f"{shown(model)}, expected a gpmodel.Model or its model.json", "model")
-    return verify_saved(model.saved, table, VerifyRequest(command, name, model.sha256), tolerance, in_order)
+    asked, sights = VerifyRequest(command, name, model.sha256), described(cameras, board, surfaces)
+    return verify_saved(model.saved, table, asked, tolerance, in_order, sights)

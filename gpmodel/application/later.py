@@ -12,6 +12,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, measured_minus, observe, pose_error, prepare
+from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
 from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
@@ -48,9 +49,12 @@ class Session:
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Which columns (P + E,) this session finds for itself: registration and anchors, the tool where it is free;
-        the effects are the model's."""
-        free = [self.tool or name.split(" ", 1)[0] != "tool" for name in problem.placement_names]
+        """Which columns (P + E,) this session finds for itself: registration and what stands in the world; the tool and
+        what links carry where they are free. Effects and lenses are the model's."""
+        held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
+        for kind, key in kept_by(self.saved, self.poses.dataset):
+            held |= {f"{key} {own}" for own in kind.own[key]}
+        free = [name not in held or (self.tool and not name.startswith("lens ")) for name in problem.placement_names]
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
@@ -66,6 +70,18 @@ class Session:
         far &= ~in_company(far, dataset.q, measured_minus(observed, dataset))
         far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(error)))])
         return replace(self, use=~far)
+
+
+def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
+    """Observations of a dataset, each with every key of its own unknowns that outlasts a session and that the model
+    has."""
+    known, there = set(saved.covariance.placement), saved.placement.anchors
+    return [
+        (kind, key)
+        for kind in observations(dataset)
+        for key in kind.kept
+        if key in there and all(f"{key} {own}" in known for own in kind.own[key])
+    ]
 
 
 def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
@@ -102,4 +118,5 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
             raise InputError(f"{where}: {rows.sum()} poses with x, y and z; registration needs at least 3")
         turn, shift = se3.fit_rotation(root[rows, :3, 3], dataset.position[rows])
         registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
-    return replace(saved, placement=Placement(registration, saved.placement.tool, {}))
+    kept = {key: saved.placement.anchors[key] for _, key in kept_by(saved, dataset)}
+    return replace(saved, placement=Placement(registration, saved.placement.tool, kept))

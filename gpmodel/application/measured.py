@@ -1,7 +1,7 @@
 """The measured table that a model was fitted to, kept with it: what exports and the choice of next poses refer to."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.instruments import with_observations
+from gpmodel.model.observation import observations
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.touches import Touches
 from gpmodel.table.dataset import Dataset
@@ -54,6 +55,7 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
         "in_order": data.in_order,
         "readings": dict(data.readings),
         "described": dict(data.described),
+        "counted_m": {kind.name: kind.metres for kind in observations(data) if kind.unit != "m" and kind.metres},
     }
 
 
@@ -85,7 +87,21 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
         readings={name: _numbers(values) for name, values in record.readings.items()},
         described=record.described,
     )
-    return Measured(with_observations(dataset, mechanism), np.array(record.heldout, dtype=np.int64))
+    dataset = counted(with_observations(dataset, mechanism), record.counted_m)
+    return Measured(dataset, np.array(record.heldout, dtype=np.int64))
+
+
+def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
+    """The same with pixels and angles that count as so many metres, by the name of their kind."""
+    return replace(
+        dataset,
+        observations=tuple(
+            replace(kind, metres=metres[kind.name])
+            if isinstance(kind, Pixels | Inclination) and kind.name in metres
+            else kind
+            for kind in dataset.observations
+        ),
+    )
 
 
 def _numbers(values: Sequence[object]) -> Array:

@@ -94,7 +94,10 @@ class MechanismPart(msgspec.Struct, frozen=True):
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):
-    """The table a model was fitted to, SI, a value or a row of values a pose; null where nothing was measured."""
+    """The table a model was fitted to, SI, a value or a row of values a pose; null where nothing was measured.
+
+    counted_m: metres that one pixel or radian of the readings counted as.
+    """
 
     file: Name
     sha256: Name
@@ -112,6 +115,7 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     in_order: bool
     readings: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
     described: dict[Label, dict[str, object]] = {}
+    counted_m: dict[Word, Annotated[float, msgspec.Meta(gt=0.0)]] = {}
 
     def __post_init__(self) -> None:
         given: dict[str, Sequence[object] | None] = {

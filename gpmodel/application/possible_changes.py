@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from gpmodel.application.later import kept_by
 from gpmodel.application.recheck import Recheck
 from gpmodel.arrays import Array
 from gpmodel.calibration.rivals import ROW
@@ -15,6 +16,7 @@ from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
+from gpmodel.model import lens
 from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.memory import clock_of
@@ -29,6 +31,8 @@ LEAST = 1e-3
 """Of a column's length: where less than that is left of it, registration or tool stand for it."""
 STANDING = "base"
 """The slot of what the machine stands on."""
+PIXELS = lens.NAMES[:4]
+"""Numbers of a lens that are pixels."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
 """A set-up that wanders does so by as many half waves along the rows at most, each of as many poses."""
 
@@ -109,6 +113,23 @@ def _tools(found: Recheck) -> Iterator[PossibleChange]:
         at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
         if at:
             yield from _seen(found, f"{title} point", "tool", "m", found.problem.columns[:, at])
+    yield from _carried(found)
+
+
+def _carried(found: Recheck) -> Iterator[PossibleChange]:
+    """Where a link carries a camera, a board or an inclinometer, and how it is turned; every number of a lens."""
+    session, names = found.session, found.problem.placement_names
+    for kind, key in kept_by(session.saved, session.poses.dataset):
+        of_a_lens = not set(kind.own[key]) <= set(AXES)
+        if session.tool and not of_a_lens:
+            continue
+        at = {own: names.index(f"{key} {own}") for own in kind.own[key]}
+        for name, unit, axes in (("place", "m", AXES[:3]), ("angle", "rad", AXES[3:])):
+            if columns := [at[axis] for axis in axes if axis in at]:
+                yield from _seen(found, f"{name} of {key}", "tool", unit, found.problem.columns[:, columns])
+        for own, k in at.items() if of_a_lens else ():
+            unit = "px" if own in PIXELS else "1"
+            yield from _seen(found, f"{key} {own}", "tool", unit, found.problem.columns[:, [k]])
 
 
 def _sizes(found: Recheck) -> Iterator[PossibleChange]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from gpmodel.application.changes import SET_UP, SIGNIFICANCE, NamedChange, Visible, changes, visible
 from gpmodel.application.kinematics import tips
-from gpmodel.application.later import Session, settled
+from gpmodel.application.later import Session, kept_by, settled
+from gpmodel.application.measured import counted
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import possible_changes
 from gpmodel.application.recheck import Recheck, recheck
@@ -18,7 +19,10 @@ from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.model.observation import observations
+from gpmodel.model.own_pose import frame_of
 from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
@@ -67,7 +71,7 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     """
     if saved.measured is not None and dataset.sha256 and dataset.sha256 == saved.measured.dataset.sha256:
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
-    found, instrument = _with_or_without_the_instrument(saved, dataset)
+    found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     other_tool = _another_tool(found, alone.placement)
     found = found if other_tool is None else other_tool
@@ -78,7 +82,8 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     verdict: Verdict = "holds"
     of_the_machine = tuple(c for c in named if c.kind != SET_UP)
     if moved or of_the_machine or left.chance < SIGNIFICANCE:
-        useless = _rms(session.errors[session.use]) > HALF * _rms(alone.error[session.use])
+        residual, unknowns = found.problem.residual, found.basis.shape[1]
+        useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         few = left.chi_square < UNEXPLAINED * found.chi_square
         verdict = "another machine" if useless and not few else "drifted"
     points = session.observed.tip[:, :3, 3]
@@ -91,6 +96,20 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
         visible=visible(found, tried),
         instrument=instrument,
     )
+
+
+def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
+    """Readings that are no lengths counted as in the table of the fit. Raises InputError for one in a unit whose noise
+    the fit does not know."""
+    fitted = () if saved.measured is None else observations(saved.measured.dataset)
+    read = {kind.unit: kind.name for kind in fitted if kind.readings.any()} or {"m": "positions"}
+    for kind in observations(dataset):
+        if kind.readings.any() and kind.metres and kind.unit not in read:
+            raise InputError(
+                f"{dataset.source}: the model was fitted to {' and '.join(read.values())}, which says nothing of the "
+                f"noise of {kind.name}; expected a table of the same instrument, or a model fitted to both"
+            )
+    return counted(dataset, {kind.name: kind.metres for kind in fitted if kind.metres})
 
 
 def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:
@@ -120,17 +139,21 @@ def _rms(errors: Array) -> float:
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
-    """Tool points that are not where the model has them, by how much, m."""
-    names, covariance = found.anew
+    """Tool points, and what links carry, that are not where the model has them, by how much, m."""
+    (names, covariance), now = found.anew, found.session.saved.placement
+    moved = {f"tool{f' {n}' if n else ''}": (saved.placement.tool[n], frame) for n, frame in now.tool.items()}
+    titles = {title: f"{title} point" for title in moved}
+    for kind, key in kept_by(saved, found.session.poses.dataset):
+        if kind.own[key] == AXES:
+            moved[key] = frame_of(saved.placement.anchors[key]), frame_of(now.anchors[key])
+            titles[key] = f"place of {key}"
     out = []
-    for label, frame in found.session.saved.placement.tool.items():
-        title = f"tool{f' {label}' if label else ''}"
-        at = [names.index(f"{title} T{axis}") for axis in "xyz"]
-        off = frame[:3, :3].T @ (frame[:3, 3] - saved.placement.tool[label][:3, 3])
+    for title, (before, after) in moved.items():
+        at = [names.index(f"{title} {axis}") for axis in AXES[:3]]
+        off, own = after[:3, :3].T @ (after[:3, 3] - before[:3, 3]), covariance[np.ix_(at, at)]
         size = float(np.linalg.norm(off))
-        deviation = float(np.sqrt(off @ covariance[np.ix_(at, at)] @ off) / size)
-        if size > FAR:
-            out.append(NamedChange(f"{title} point", "tool", size, deviation, "m", 0.0, ()))
+        if size > FAR and own.any():
+            out.append(NamedChange(titles[title], "tool", size, float(np.sqrt(off @ own @ off) / size), "m", 0.0, ()))
     return tuple(out)
 
 

@@ -43,6 +43,11 @@ class Inclination:
         return {VERTICAL: ("Rx", "Ry"), **{f"inclinometer {name}": ("Rx", "Ry", "Rz") for name, _ in self.links}}
 
     @property
+    def kept(self) -> tuple[str, ...]:
+        """How each is mounted on its link."""
+        return tuple(f"inclinometer {name}" for name, _ in self.links)
+
+    @property
     def readings(self) -> Mask:
         """Which components (N, 2) were measured."""
         return np.isfinite(self.values)

@@ -68,6 +68,10 @@ class Observation(Protocol):
         """Names of its own unknowns, in the order of the columns of `by_own`."""
 
     @property
+    def kept(self) -> tuple[str, ...]:
+        """Keys of those that outlast a session: where a link carries something, and a lens."""
+
+    @property
     def readings(self) -> Mask:
         """Which components (N, m) were measured."""
 
@@ -95,7 +99,10 @@ class Observation(Protocol):
 
 
 class AtTheTip:
-    """What most kinds share: no frame but the tip's moves them, and their own unknowns are added to."""
+    """What most kinds share: no frame but the tip's moves them, and their own unknowns are added to and end with the
+    session."""
+
+    kept: ClassVar[tuple[str, ...]] = ()
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """None."""

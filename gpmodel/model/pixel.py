@@ -84,6 +84,13 @@ class Pixels:
         return out | {f"lens {c.name}": tuple(lens.NAMES[k] for k in c.solved) for c in self.cameras if c.solved}
 
     @property
+    def kept(self) -> tuple[str, ...]:
+        """Cameras and boards that links carry, and what is solved of a lens."""
+        carried = [f"camera {c.name}" for c in self.cameras if c.slot != WORLD]
+        carried += [f"board {b.name}" for b in self.boards if b.slot != WORLD]
+        return (*carried, *(f"lens {c.name}" for c in self.cameras if c.solved))
+
+    @property
     def readings(self) -> Mask:
         """Which components (N, 2) were measured."""
         return np.isfinite(self.values)

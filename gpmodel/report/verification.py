@@ -2,9 +2,10 @@
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import msgspec
 import numpy as np
@@ -14,6 +15,9 @@ from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative
 from gpmodel.errors import InputError
 from gpmodel.model.naming import names_of, translate
+from gpmodel.model.observation import Observation, observations
+from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.report.build import OWN_UNIT
 from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
@@ -57,6 +61,19 @@ class ChangeRecord:
 
 
 @dataclass(frozen=True)
+class KindRecord:
+    """Readings of one kind that are no points, RMS in their own unit. mm: that one unit counts as."""
+
+    name: str
+    unit: str
+    mm: NotNegative
+    rows: int
+    without: NotNegative | None
+    after: NotNegative | None
+    promised: NotNegative | None
+
+
+@dataclass(frozen=True)
 class VisibleRecord:
     """The smallest change of a joint's zero that these poses would show; None where none would."""
 
@@ -72,6 +89,7 @@ class Verification:
     verdict: holds, drifted or another machine. sigma_mm: of one coordinate, by the model. chi_square, degrees, chance:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
+    kinds: of readings that are no points; their rows count in mm.
     """
 
     command: str
@@ -95,9 +113,17 @@ class Verification:
     instrument: bool | None = None
     repeatability: Repeatability | None = None
     tolerance_mm: NotNegative | None = None
+    kinds: tuple[KindRecord, ...] = ()
     schema: int = SCHEMA
     kind: str = KIND
     versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """The unit in which errors of rows are written and the mm of one: that of the readings where all have one."""
+        units = {(k.unit, k.mm) for k in self.kinds}
+        alone = len(units) == 1 and sum(k.rows for k in self.kinds) + len(self.data.outliers) >= len(self.poses)
+        return units.pop() if alone else ("mm", 1.0)
 
     @property
     def beyond_tolerance(self) -> tuple[PoseRecord, ...]:
@@ -132,7 +158,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
     session = found.session
     data, count = session.poses.dataset, len(session.poses)
     names = names_of(data)
-    measured = np.isfinite(data.position).any(axis=1) | any(np.isfinite(d).any() for d in data.distances.values())
+    measured = np.any([kind.readings.any(axis=1) for kind in observations(data)], axis=0)
     errors = np.where(measured, session.errors, np.nan)
     missed = np.full(count, np.nan) if asked.missed is None else asked.missed
     promised, chances = found.found.by_pose
@@ -170,8 +196,19 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         instrument=found.instrument,
         repeatability=repeatability(data),
         tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
+        kinds=tuple(_kinds(found, promised)),
         versions=versions(),
     )  # fmt: skip
+
+
+def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
+    """Of the rows that count."""
+    session = found.session
+    for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
+        rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]
+        own = factor / (kind.metres or 1.0)
+        sizes = [own * root_mean_square(v[rows]) for v in (found.alone, session.errors, promised)]
+        yield KindRecord(kind.name, unit, 1e3 / own, int(rows.sum()), *map(optional, sizes))
 
 
 def to_json(record: Verification) -> str:

@@ -17,6 +17,11 @@ SMALL_PRINT = (
     "distances. Before is registration and tool point alone, with the nominal geometry; after is the model, its "
     "registration found anew. The interval of the RMS holds for poses drawn like these."
 )
+OF_READINGS = (
+    "Errors are of what was read: how far a touch is off its surface or its point, the ends of a bar off their "
+    "distance, in mm; a pixel or a degree counts as many mm as in the fit of the model. The tool point itself was not "
+    "measured, as ISO 9283 asks. Before is with the nominal geometry; after is the model."
+)
 
 
 def certificate(record: Verification, particulars: Particulars) -> Certificate:
@@ -38,7 +43,7 @@ def certificate(record: Verification, particulars: Particulars) -> Certificate:
         errors=errors,
         tolerance_mm=record.tolerance_mm,
         predicted=False,
-        small_print=SMALL_PRINT,
+        small_print=OF_READINGS if record.kinds else SMALL_PRINT,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -27,24 +27,36 @@ LOST = 50.0
 """mm that nominal geometry leaves of no arm of the same type: joint columns, units or the type itself are others."""
 
 
+def size(record: Verification, mm: float | None, bare: bool = False) -> str:
+    """An error of a row, in the unit of the readings; bare: without the unit."""
+    unit, of_one = record.shown
+    if unit == "mm":
+        said = wording.millimetres(mm)
+    else:
+        said = wording.UNKNOWN if mm is None else wording.significant(mm / of_one, 3)
+    return said if bare else f"{said} {unit}"
+
+
 def verdict(record: Verification) -> str:
     """The answer in one sentence, and the tolerance in another."""
-    mm, after = wording.millimetres, record.after
+    after, promised, without = (
+        size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
+    )
     if record.verdict == "holds":
         said = (
-            f"The model holds: {record.data.counted} measured afterwards miss it by {mm(after.rms_mm)} mm RMS, "
-            f"{mm(record.promised_mm)} mm are promised, {mm(record.without.rms_mm)} mm without it."
+            f"The model holds: {record.data.counted} measured afterwards miss it by {after} RMS, "
+            f"{promised} are promised, {without} without it."
         )
         if record.changes:
             said += f" Not the machine but its set-up or the instrument: {'; '.join(map(change, record.changes))}."
     elif record.verdict == "drifted":
-        said = f"The machine has drifted: {mm(after.rms_mm)} mm RMS, {mm(record.promised_mm)} mm are promised"
+        said = f"The machine has drifted: {after} RMS, {promised} are promised"
         named = "; ".join(change(c) for c in record.changes)
         said += f"; what changed: {named}." if named else "; no single change explains it."
     else:
         said = (
-            f"This is another machine, or much of it was changed: {mm(after.rms_mm)} mm RMS with the model, "
-            f"{mm(record.without.rms_mm)} mm without it, {mm(record.promised_mm)} mm are promised."
+            f"This is another machine, or much of it was changed: {after} RMS with the model, "
+            f"{without} without it, {promised} are promised."
         )
         if (record.without.rms_mm or 0.0) > LOST:
             said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
@@ -55,12 +67,13 @@ def tolerance(record: Verification) -> str:
     """Whether the tolerance is kept; empty where none was asked."""
     if record.tolerance_mm is None:
         return ""
-    limit, worst, beyond = record.tolerance_mm, record.worst_first[0], record.beyond_tolerance
+    worst, beyond, (unit, of_one) = record.worst_first[0], record.beyond_tolerance, record.shown
+    limit = f"{record.tolerance_mm / of_one:.4g} {unit}"
     if not beyond:
-        return f"Every pose is within {limit:g} mm, the worst has {wording.millimetres(worst.with_mm)} mm."
+        return f"Every {record.data.unit.rstrip('s')} is within {limit}, the worst has {size(record, worst.with_mm)}."
     return (
-        f"{len(beyond)} of {len(record.poses)} {record.data.unit} are beyond {limit:g} mm, "
-        f"the worst, row {worst.row}, has {wording.millimetres(worst.with_mm)} mm."
+        f"{len(beyond)} of {len(record.poses)} {record.data.unit} are beyond {limit}, "
+        f"the worst, row {worst.row}, has {size(record, worst.with_mm)}."
     )
 
 
@@ -80,18 +93,27 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
         f"chance {wording.chance(record.chance)} while the model holds",
     )  # fmt: skip
+    for kind in record.kinds:
+        with_model, promised, without = (
+            wording.UNKNOWN if v is None else wording.significant(v, 3)
+            for v in (kind.after, kind.promised, kind.without)
+        )
+        yield (
+            f"{kind.name}, {kind.rows} rows",
+            f"{with_model} {kind.unit} RMS, {promised} promised, {without} without the model",
+        )
     for found in record.changes:
         yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{_rivals(found)}"
     if record.missed.known:
-        yield "compensated targets missed", _errors(record.missed)
+        yield "compensated targets missed", _errors(record, record.missed)
     if record.instrument is not None:
         there = "in these readings too" if record.instrument else "not in these readings, and left out"
         yield "instrument's errors", there
     if record.data.outliers:
-        yield "outliers, left out", f"rows {', '.join(map(str, record.data.outliers))}"
-    beyond = [str(p.row) for p in record.poses if p.outside]
+        yield "outliers, left out", _rows(record.data.outliers)
+    beyond = [p.row for p in record.poses if p.outside]
     if beyond:
-        yield "outside the model's ranges", f"rows {', '.join(beyond)}"
+        yield "outside the model's ranges", _rows(beyond)
     if record.repeatability is not None:
         yield "pose repeatability RP, mean", f"{wording.millimetres(record.repeatability.rp_mean_mm)} mm"
     yield "a moved zero is seen from", ", ".join(_visible(record))
@@ -103,33 +125,41 @@ def _visible(record: Verification) -> Iterator[str]:
         yield f"{zero.joint} {seen or wording.measured(zero.size, None, zero.unit)}"
 
 
+def _rows(rows: Sequence[int]) -> str:
+    more = f" and {len(rows) - MOST_PRINTED} more" if len(rows) > MOST_PRINTED else ""
+    return f"rows {', '.join(map(str, rows[:MOST_PRINTED]))}{more}"
+
+
 def _rivals(found: ChangeRecord) -> str:
     return f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
 
 
-def _errors(errors: ErrorsMm) -> str:
-    mm = wording.millimetres
-    return f"mean {mm(errors.mean_mm)}, RMS {mm(errors.rms_mm)}, largest {mm(errors.max_mm)} mm"
+def _errors(record: Verification, errors: ErrorsMm) -> str:
+    mean, rms, most = (size(record, mm, bare=True) for mm in (errors.mean_mm, errors.rms_mm, errors.max_mm))
+    return f"mean {mean}, RMS {rms}, largest {most} {record.shown[0]}"
 
 
 def text(record: Verification) -> str:
     """Verdict, what it rests on, and the worst rows, in 80 columns."""
     lines = ["[[Verdict]]", wording.wrapped(verdict(record), 4), "[[Errors]]"]
     for title, errors in (("without the model", record.without), ("with the model", record.after)):
-        lines.append(f"    {title:<19}{_errors(errors)}")
-    lines.append(f"    {'promised':<19}RMS {wording.millimetres(record.promised_mm)} mm")
+        lines.append(f"    {title:<19}{_errors(record, errors)}")
+    lines.append(f"    {'promised':<19}RMS {size(record, record.promised_mm)}")
     lines.append("[[Why]]")
     lines += [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]
-    lines += ["[[Worst rows]]", f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   mm"]
-    lines += [_row(p) for p in record.worst_first[:MOST_PRINTED]]
+    lines += [
+        "[[Worst rows]]",
+        f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}",
+    ]
+    lines += [_row(record, p) for p in record.worst_first[:MOST_PRINTED]]
     return "\n".join(lines)
 
 
-def _row(pose: PoseRecord) -> str:
-    mm = wording.millimetres
+def _row(record: Verification, pose: PoseRecord) -> str:
+    errors = (size(record, mm, bare=True) for mm in (pose.without_mm, pose.with_mm, pose.promised_mm))
     said = "outlier" if pose.outlier else wording.chance(pose.chance)
     mark = " *" if pose.chance is not None and pose.chance < UNLIKELY else ""
-    cells = f"{mm(pose.without_mm):>10}{mm(pose.with_mm):>9}{mm(pose.promised_mm):>10}{said:>12}{mark}"
+    cells = "{:>10}{:>9}{:>10}".format(*errors) + f"{said:>12}{mark}"
     return f"    {pose.row:>6}{cells}{f'  outside {pose.outside}' if pose.outside else ''}"
 
 
@@ -148,8 +178,9 @@ def picture(record: Verification) -> Picture:
     """Errors row by row, with and without the model, and what is promised."""
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
-        f"3-D error of every row: {_errors(record.after)} with the model, {_errors(record.without)} without it.",
-        "Dots: 3-D error of each row with the model (blue) and with nominal geometry (grey); the line is what the "
+        f"Error of every row: {_errors(record, record.after)} with the model, "
+        f"{_errors(record, record.without)} without it.",
+        "Dots: error of each row with the model (blue) and with nominal geometry (grey); the line is what the "
         "model promises, twice its RMS. The scale is logarithmic.",
         partial(_draw, record=record),
     )  # fmt: skip
@@ -157,10 +188,10 @@ def picture(record: Verification) -> Picture:
 
 def _draw(figure: Figure, record: Verification) -> None:
     axes = figure.subplots()
-    rows, nan = [p.row for p in record.poses], float("nan")
+    rows, nan, (unit, of_one) = [p.row for p in record.poses], float("nan"), record.shown
 
     def of(name: str) -> list[float]:
-        return [nan if (v := getattr(p, name)) is None else max(v, 1e-5) for p in record.poses]
+        return [nan if (v := getattr(p, name)) is None else max(v, 1e-5) / of_one for p in record.poses]
 
     values = np.array([of("with_mm"), of("without_mm"), of("promised_mm")])
     log_axis(axes, 0.5 * float(np.nanmin(values)), 2.0 * float(np.nanmax(values)), "y")
@@ -168,11 +199,11 @@ def _draw(figure: Figure, record: Verification) -> None:
     axes.plot(rows, of("with_mm"), "o", ms=4.5, color=AFTER, label="model")
     axes.plot(rows, [2 * v for v in of("promised_mm")], "_", ms=7, color=INK, label="promised, 2 RMS")
     if record.tolerance_mm:
-        axes.axhline(record.tolerance_mm, color=AXIS, lw=1.0)
-        axes.text(rows[0], record.tolerance_mm, "tolerance", color=MUTED, size=8, va="bottom")
+        axes.axhline(record.tolerance_mm / of_one, color=AXIS, lw=1.0)
+        axes.text(rows[0], record.tolerance_mm / of_one, "tolerance", color=MUTED, size=8, va="bottom")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("row")
-    axes.set_ylabel("3-D error, mm")
+    axes.set_ylabel(f"error, {unit}" if record.kinds else "3-D error, mm")
     axes.grid(axis="y")
     figure.legend(loc="outside upper right", ncols=3)
 
@@ -183,4 +214,5 @@ def html(record: Verification) -> str:
     return render(
         "verify.html.j2", record=record, verdict=verdict(record), facts=list(facts(record)), picture=shown,
         drawing=drawn([shown])[shown.name], rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY,
+        size=partial(size, record),
     )  # fmt: skip

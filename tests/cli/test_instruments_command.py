@@ -81,8 +81,3 @@ def test_what_a_camera_cannot_show_has_no_sigma_and_its_noise_is_in_pixels(tmp_p
     assert found.record.data.counted == "10 poses in 200 rows"
     model = gp.calibrate(ARM, table, standard=("J? Rz",), holdout=0.0).model
     assert model.predict(table)["sigma [mm]"].max() < 1.0
-    with pytest.raises(gp.InputError, match="verify judges positions and distances alone"):
-        model.verify(table)
-    save = tmp_path / "model.json"
-    model.save(save)
-    assert "verify judges positions and distances alone" in one_line(run("verify", save, path), 2)
