@@ -11,15 +11,7 @@ import pandas as pd
 from gpmodel.api.arguments import among, box_limits, called, file_path, number, whole
 from gpmodel.api.display import aligned, notebook
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
-from gpmodel.api.table import (
-    Described,
-    TableLike,
-    dataset_of,
-    described,
-    frame_to_extend,
-    told_of_reading,
-    with_numbers,
-)
+from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
@@ -174,7 +166,7 @@ class Model:
         """Whether the model still holds, by a table measured afterwards; see `gpmodel.verify`, which has `cameras`,
         `board` and `surfaces` as well."""
         asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
-        return verify_saved(self.saved, table, asked, tolerance, in_order, described(**sights))
+        return verify_saved(self.saved, table, asked, tolerance, in_order, sights)
 
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False

@@ -9,7 +9,7 @@ import pandas as pd
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.display import notebook
-from gpmodel.api.table import TableLike, cells_of, dataset_of, in_metres
+from gpmodel.api.table import Described, TableLike, cells_of, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
 from gpmodel.files import finished_folder, write_text
@@ -22,8 +22,6 @@ from gpmodel.table.units import split_header
 
 CORRECTED = "corrected_"
 """How `compensate` calls the joint values it gives."""
-Sights = Mapping[str, Mapping[str, object]]
-"""As Dataset.described."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 """What it gives beside them."""
 
@@ -99,18 +97,21 @@ class VerifyResult:
 
 
 def verify_saved(
-    saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool, sights: Sights
+    saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool,
+    sights: Mapping[str, Described],
 ) -> VerifyResult:  # fmt: skip
     """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
     InputError as `gpmodel.verify`."""
-    dataset, targets = _driven(saved, table, sights)
+    dataset, targets = _driven(saved, table, described(**sights))
     found = verified(saved, replace(dataset, in_order=in_order or dataset.in_order))
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets)
     return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed)))
 
 
-def _driven(saved: SavedModel, table: TableLike, sights: Sights) -> tuple[Dataset, Dataset | None]:
+def _driven(
+    saved: SavedModel, table: TableLike, sights: Mapping[str, Mapping[str, object]]
+) -> tuple[Dataset, Dataset | None]:
     """Where the machine went, and where its nominal arm would have been sent, where the table says both."""
     mechanism, known = saved.mechanism, {} if saved.measured is None else saved.measured.dataset.described
     if isinstance(table, Dataset):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from gpmodel.api.arguments import shown
 from gpmodel.api.model import Model, load_model
-from gpmodel.api.table import Described, TableLike, described
+from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.errors import InputError
 from gpmodel.report.verification import VerifyRequest
@@ -38,5 +38,6 @@ def verify(
         name, model = Path(model).name, load_model(model)
     if not isinstance(model, Model):
         raise InputError(f"{shown(model)}, expected a gpmodel.Model or its model.json", "model")
-    asked, sights = VerifyRequest(command, name, model.sha256), described(cameras, board, surfaces)
+    asked = VerifyRequest(command, name, model.sha256)
+    sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
     return verify_saved(model.saved, table, asked, tolerance, in_order, sights)

@@ -99,8 +99,7 @@ class Observation(Protocol):
 
 
 class AtTheTip:
-    """What most kinds share: no frame but the tip's moves them, and their own unknowns are added to and end with the
-    session."""
+    """What most kinds share: no frame but the tip's moves them; their own unknowns are added to and kept by nothing."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
@@ -124,6 +123,11 @@ class NothingOwn(AtTheTip):
         """Which components (N, 3) were measured."""
         return np.isfinite(self.values)
 
+    @property
+    def absolute(self) -> bool:
+        """Whether it places the mechanism in the instrument's frame: where anything was measured."""
+        return bool(self.readings.any())
+
     def by_own(self, tips: Tips, own: Own) -> Array:
         """None."""
         return np.zeros((len(self.values), 3, 0))
@@ -143,11 +147,6 @@ class Point(NothingOwn):
     metres: float = field(default=1.0, init=False)
     components: int = field(default=3, init=False)
     oriented: bool = field(default=False, init=False)
-
-    @property
-    def absolute(self) -> bool:
-        """Whether it places the mechanism in the instrument's frame."""
-        return bool(np.isfinite(self.values).any())
 
     def subset(self, rows: IntArray) -> "Point":
         return Point(self.values[rows])
@@ -171,11 +170,6 @@ class Orientation(NothingOwn):
     unit: str = field(default="rad", init=False)
     metres: None = field(default=None, init=False)
     components: int = field(default=3, init=False)
-
-    @property
-    def absolute(self) -> bool:
-        """Whether it places the mechanism in the instrument's frame."""
-        return bool(np.isfinite(self.values).any())
 
     @property
     def oriented(self) -> bool:
@@ -246,12 +240,11 @@ class Distance(AtTheTip):
             raise InputError(f"column '{self.name}': {int(seen.sum())} distances; its anchor needs at least 4")
         points = tips.root[seen, :3, 3]
         system = np.column_stack([-2 * points, np.ones(len(points))])
-        squares = self.values[seen] ** 2 - np.sum(points**2, axis=1)
-        return {self.name: np.linalg.lstsq(system, squares, rcond=None)[0][:3]}
+        return {self.name: np.linalg.lstsq(system, self.values[seen] ** 2 - np.sum(points**2, axis=1))[0][:3]}
 
 
 def observations(dataset: Dataset) -> tuple[Observation, ...]:
     """Everything read at the poses of a dataset: point, orientation, distances, then what else it carries."""
     distances = (Distance(name, values) for name, values in dataset.distances.items())
-    more = (cast(Observation, o) for o in dataset.observations)
+    more = cast(tuple[Observation, ...], dataset.observations)
     return (Point(dataset.position), Orientation(dataset.rotation), *distances, *more)
