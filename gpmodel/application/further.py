@@ -12,7 +12,7 @@ from gpmodel.application.exports.sample import at_joint_values
 from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import placement_columns
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
@@ -32,23 +32,25 @@ FEWEST = 10
 
 @dataclass(frozen=True)
 class Bound:
-    """A statistic of further poses, m: its median over the worlds, and what it exceeds in 1 - CONFIDENCE of them."""
+    """A statistic of further poses: its median over the worlds, and what it exceeds in 1 - confidence of them."""
 
-    typical: float
-    bound: float
+    typical_mm: NotNegative
+    bound_mm: NotNegative
 
 
 @dataclass(frozen=True)
 class ErrorBounds:
-    """Distance between measured and predicted point at POSES further poses within the measured ranges of the joints:
-    root mean square, 95th percentile and maximum."""
+    """Distance between measured and predicted point at so many further poses within the measured ranges of the joints:
+    root mean square, 95th percentile and maximum. Each bound holds by itself with that confidence."""
 
+    poses: Count
+    confidence: float
     rms: Bound
     within_95: Bound
     largest: Bound
 
 
-def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds | None:
+def further_poses(fit: Calibration, poses: Poses) -> ErrorBounds | None:
     """Of a model fitted to `poses`; None where joint values are approximate, positions are not whole, what the model
     remembers is not known there, or hardly more was measured than fitted."""
     data = poses.dataset
@@ -59,7 +61,7 @@ def further_poses(fit: Calibration, poses: Poses, seed: int = 0) -> ErrorBounds 
     problem = problem_at(fit, poses)
     if (count := _coordinates(fit, problem, use)) < FEWEST:
         return None
-    saved, rng = saved_model(fit, poses), np.random.default_rng(seed)
+    saved, rng = saved_model(fit, poses), np.random.default_rng(0)
     try:
         known = remembered(saved, data)
     except InputError:
@@ -106,11 +108,9 @@ def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random
     drawn = root @ rng.normal(size=(len(root), WORLDS))
     off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng)
     distance = np.linalg.norm(off, axis=2)
-    return ErrorBounds(
-        _bound(np.sqrt(np.mean(distance**2, axis=1))), _bound(np.percentile(distance, 95, axis=1)),
-        _bound(distance.max(axis=1)),
-    )  # fmt: skip
+    rms, within = np.sqrt(np.mean(distance**2, axis=1)), np.percentile(distance, 95, axis=1)
+    return ErrorBounds(len(columns), CONFIDENCE, _bound(rms), _bound(within), _bound(distance.max(axis=1)))
 
 
 def _bound(worlds: Array) -> Bound:
-    return Bound(float(np.median(worlds)), float(np.quantile(worlds, CONFIDENCE)))
+    return Bound(1e3 * float(np.median(worlds)), 1e3 * float(np.quantile(worlds, CONFIDENCE)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gpmodel.application.further import further_poses
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, errors_on
@@ -73,7 +74,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         instrument=instrument_record(data),
         repeatability=repeatability(data),
         positioning=positioning(poses, ladder.train, ladder.steps),
-        further=fitted.further(final, poses),
+        further=further_poses(final, poses),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
         readings=reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gpmodel.application.further import CONFIDENCE, POSES, further_poses
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
@@ -15,7 +14,6 @@ from gpmodel.model.naming import translate
 from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.numerics.se3 import chain
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
-from gpmodel.report.schema_accuracy import BoundMm, FurtherRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
 from gpmodel.table.dataset import Dataset
@@ -82,17 +80,6 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
     """Tool and registration of a fit, number by number, the tool first."""
     ordered = sorted(final.placed, key=lambda p: not p.name.startswith("tool"))
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
-
-
-def further(final: Calibration, poses: Poses) -> FurtherRecord | None:
-    """Bounds of the errors at further poses, where they can be told."""
-    found = further_poses(final, poses)
-    if found is None:
-        return None
-    rms, within, largest = (
-        BoundMm(1e3 * b.typical, 1e3 * b.bound) for b in (found.rms, found.within_95, found.largest)
-    )
-    return FurtherRecord(POSES, CONFIDENCE, rms, within, largest)
 
 
 def tool_displacements(

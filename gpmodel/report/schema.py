@@ -7,9 +7,10 @@ beside it; names of joints and inputs are those of the table. None stands where 
 from dataclasses import dataclass, field
 from typing import Literal
 
+from gpmodel.application.further import ErrorBounds
 from gpmodel.arrays import Count, NotNegative
 from gpmodel.evidence.confirmation import Confirmation
-from gpmodel.report.schema_accuracy import FurtherRecord, InstrumentRecord, Positioning, Repeatability
+from gpmodel.report.schema_accuracy import InstrumentRecord, Positioning, Repeatability
 from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 from gpmodel.report.schema_search import (
     Correlation,
@@ -187,7 +188,7 @@ class Report:
     instrument: InstrumentRecord | None = None
     repeatability: Repeatability | None = None
     positioning: Positioning | None = None
-    further: FurtherRecord | None = None
+    further: ErrorBounds | None = None
     confirmation: Confirmation | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()

@@ -6,28 +6,6 @@ from gpmodel.arrays import Count, NotNegative
 
 
 @dataclass(frozen=True)
-class BoundMm:
-    """A statistic of further poses: its median, and what it does not exceed with the confidence of the record."""
-
-    typical_mm: NotNegative
-    bound_mm: NotNegative
-
-
-@dataclass(frozen=True)
-class FurtherRecord:
-    """Distance between measured and predicted point at so many further poses within the measured ranges of the joints.
-
-    Each bound holds by itself with that confidence.
-    """
-
-    poses: Count
-    confidence: float
-    rms: BoundMm
-    within_95: BoundMm
-    largest: BoundMm
-
-
-@dataclass(frozen=True)
 class Repeatability:
     """ISO 9283 (1998) pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses.
 

@@ -18,7 +18,7 @@ from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports.against import Check
 from gpmodel.application.exports.chain import chain_of
-from gpmodel.application.exports.make import geometry_export
+from gpmodel.application.exports.make import as_urdf, of_urdf
 from gpmodel.application.exports.rigid import Rigid, refitted
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.errors import InputError
@@ -40,7 +40,8 @@ class Case:
     points: np.ndarray
 
     def text(self, file: str) -> str:
-        return geometry_export(file, self.rigid, self.check).text
+        urdf = as_urdf(self.rigid, self.check)
+        return urdf.text if file == urdf.file else of_urdf(file, self.rigid, urdf).text
 
     def missed(self, flange: np.ndarray, tool: np.ndarray | None = None) -> float:
         """Largest distance, m, of the tool point on flanges (N, 4, 4) in the root from what predict gives."""
@@ -182,7 +183,8 @@ def test_robodk_rows_move_as_the_calibrated_arm(case: Case) -> None:
 
 def test_what_a_geometry_cannot_hold_is_said_in_every_file(case: Case) -> None:
     rigid = replace(case.rigid, missing=("joint compliance, J2",))
+    urdf = as_urdf(rigid, case.check)
     for file in ("kinematics.yaml", "joint_offsets.yaml", "robodk.csv"):
-        export = geometry_export(f"exports/{file}", rigid, case.check)
+        export = of_urdf(f"exports/{file}", rigid, urdf)
         assert export.missing == ("joint compliance, J2",)
         assert "# Missing: joint compliance, J2." in export.text

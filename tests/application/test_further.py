@@ -34,10 +34,10 @@ def test_the_bounds_hold_on_further_poses_and_are_no_wider_than_they_must(count:
         assert found is not None
         errors = errors_on(fit, fresh(truth.poses, truth, np.random.default_rng(seed)))
         there = [np.sqrt(np.mean(errors**2)), np.percentile(errors, 95), errors.max()]
-        bounds = [found.rms.bound, found.within_95.bound, found.largest.bound]
+        bounds = [1e-3 * b.bound_mm for b in (found.rms, found.within_95, found.largest)]
         held += [t <= b for t, b in zip(there, bounds, strict=True)]
-        over.append(found.rms.bound / there[0])
-        assert found.rms.typical < found.rms.bound
+        over.append(bounds[0] / there[0])
+        assert found.rms.typical_mm < found.rms.bound_mm
     assert np.mean(held) > 0.85
     assert np.median(over) < 1.3
 

@@ -36,9 +36,10 @@ from gpmodel.table.write import table_text
 
 GRID = "exports/grid.csv"
 DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh_standard.toml": "standard"}
-ROS = ("exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml")
-GEOMETRY = ("calibrated.urdf", *DH, *ROS, "exports/robodk.csv")
-"""Files of the refitted geometry."""
+OF_URDF = (
+    "exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml", "exports/robodk.csv"
+)  # fmt: skip
+"""Files that hold what calibrated.urdf holds."""
 POSES = 300
 """Poses at which an export is held against `predict`: their RMS is known to 4 % (1 / √(2·300))."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
@@ -80,8 +81,11 @@ def exports_of(
     rng = np.random.default_rng(seed)
     check = cache(lambda: Check.against(saved, place, place.poses(fresh_poses(saved, POSES, rng))))
     rigid = cache(lambda: refitted(saved))
+    urdf = cache(lambda: as_urdf(rigid(), check()))
     makers: dict[str, Callable[[str], Export]] = {
-        **dict.fromkeys(GEOMETRY, lambda file: geometry_export(file, rigid(), check())),
+        "calibrated.urdf": lambda file: urdf(),
+        **dict.fromkeys(DH, lambda file: _dh(file, rigid(), check())),
+        **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf())),
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
         "exports/model.h": lambda file: _header(file, check()),
@@ -103,20 +107,30 @@ def exports_of(
     return Exports(tuple(made), refused)
 
 
-def geometry_export(file: str, rigid: Rigid, check: Check) -> Export:
-    """One of the forms of the same refitted geometry; ROS's and RoboDK's are what calibrated.urdf holds."""
+def as_urdf(rigid: Rigid, check: Check) -> Export:
+    """The refitted geometry as URDF, which ROS's and RoboDK's files are made of."""
+    text = urdf_text(rigid, note_of(rigid))
+    points = read_back(text, ".urdf", measured_link(text), rigid, check.dataset)
+    return _geometry("calibrated.urdf", "as a URDF", text, check.errors(points), rigid)
+
+
+def _dh(file: str, rigid: Rigid, check: Check) -> Export:
     mechanism = rigid.fit.model.mechanism
-    chain, note = chain_of(mechanism), note_of(rigid)
-    if file in DH:
-        text = dh_text(mechanism, chain, rigid.twists, DH[file], note)
-        points, what = read_back(text, ".toml", None, rigid, check.dataset), f"as {DH[file]} Denavit-Hartenberg rows"
-    else:
-        urdf = urdf_text(rigid, note)
-        points = read_back(urdf, ".urdf", measured_link(urdf), rigid, check.dataset)
-        text, what = _beside(file, rigid, urdf)
-    rms, largest = check.errors(points)
+    text = dh_text(mechanism, chain_of(mechanism), rigid.twists, DH[file], note_of(rigid))
+    errors = check.errors(read_back(text, ".toml", None, rigid, check.dataset))
+    return _geometry(file, f"as {DH[file]} Denavit-Hartenberg rows", text, errors, rigid)
+
+
+def of_urdf(file: str, rigid: Rigid, urdf: Export) -> Export:
+    """One of OF_URDF of the refitted geometry and its URDF."""
+    text, what = _beside(file, rigid, urdf.text)
+    return _geometry(file, what, text, (urdf.rms, urdf.largest), rigid)
+
+
+def _geometry(file: str, what: str, text: str, errors: tuple[float, float], rigid: Rigid) -> Export:
+    """One of the forms of the same refitted geometry."""
     heldout = root_mean_square(rigid.heldout)
-    return Export(file, f"the refitted geometry {what}", text, rms, largest, heldout, rigid.missing)
+    return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing)
 
 
 def _arms(file: str, rigid: Rigid, saved: SavedModel, dataset: Dataset) -> Export:
@@ -126,9 +140,7 @@ def _arms(file: str, rigid: Rigid, saved: SavedModel, dataset: Dataset) -> Expor
     points = observe(kept.model, prepare(saved.mechanism, data), kept.theta, kept.placement).tip[:, :3, 3]
     text = urdf_text(rigid, note_of(rigid))
     off = np.linalg.norm(read_back_arms(text, measured_link(text), rigid, data) - points, axis=1)
-    heldout = root_mean_square(rigid.heldout)
-    what = "the refitted geometry as a URDF"
-    return Export(file, what, text, root_mean_square(off), float(off.max()), heldout, rigid.missing)
+    return _geometry(file, "as a URDF", text, (root_mean_square(off), float(off.max())), rigid)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
@@ -144,10 +156,8 @@ def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
             last = last_ur_link(urdf)
             note = note_of(rigid, last, beyond(urdf, last, measured_link(urdf)))
             return ur_text(nominal, urdf, note), "as the kinematics file of ur_description"
-        case "exports/robodk.csv":
-            note = note_of(rigid, "the last frame")
-            return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"
-    return urdf, "as a URDF"
+    note = note_of(rigid, "the last frame")
+    return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"
 
 
 def _numpy(file: str, check: Check) -> Export:
