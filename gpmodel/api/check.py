@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from gpmodel.api.arguments import called, file_path, texts
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, read_table, specified, told_of_reading
 from gpmodel.checks.judge import Remark, check_dataset
@@ -21,9 +21,10 @@ from gpmodel.wording import counted, wrapped
 
 
 @dataclass(frozen=True, repr=False)
-class CheckResult:
+class CheckResult(Shown):
     """What is wrong or odd with a table. findings: errors first, each with `severity` and `text`."""
 
+    _with_rows = False
     mechanism: str
     dataset: Dataset
     findings: tuple[Remark, ...]
@@ -87,9 +88,6 @@ class CheckResult:
 
     def __repr__(self) -> str:
         return f"<check of {self.dataset.source}: {'valid' if self.valid else 'not valid'}, {len(self.findings)} said>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary())
 
 
 def check(

@@ -13,7 +13,7 @@ import pandas as pd
 from gpmodel._version import __version__
 from gpmodel.api.arguments import among, called, evolved, limit, selecting, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, split
-from gpmodel.api.display import aligned, notebook
+from gpmodel.api.display import Shown, aligned
 from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.results import save_record, write_results
@@ -47,13 +47,14 @@ NORMS: tuple[Norm, ...] = get_args(Norm)
 
 
 @dataclass(frozen=True, repr=False)
-class EvolutionResult:
+class EvolutionResult(Shown):
     """Finished runs on the residual and on shuffled ones, and the inputs their best programs refer to.
 
     fit: the standard model whose residual was evolved on, of the rows `train` of `poses`. sites: where a slot's shape
     could act. request: what was asked.
     """
 
+    _with_rows = False
     runs: tuple[Run, ...]
     histogram: Histogram
     fit: Calibration
@@ -162,9 +163,6 @@ class EvolutionResult:
     def __repr__(self) -> str:
         found = ", ".join(self.histogram.significant) or "none"
         return f"<{len(self.runs)} runs on {self.poses.dataset.source}: inputs that stand out of chance: {found}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary())
 
 
 def evolve(

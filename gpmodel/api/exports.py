@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.application.exports.make import Exports
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.schema import ExportRecord
@@ -14,7 +14,7 @@ from gpmodel.wording import wrapped
 
 
 @dataclass(frozen=True, repr=False)
-class ExportsResult:
+class ExportsResult(Shown):
     """Files of a model and what they are off by. exports: as they were made."""
 
     mechanism: str
@@ -66,9 +66,6 @@ class ExportsResult:
 
     def __repr__(self) -> str:
         return f"<exports of {self.mechanism}: {', '.join(r.file for r in self.records)}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
 
 
 def _mm(metres: float) -> float | None:

@@ -1,23 +1,26 @@
 """What results of a fit have in common: numbers, predictions and pictures at hand."""
 
+import html
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from gpmodel.api.display import figure_of, ladder_of, notebook_of
 from gpmodel.api.model import Model
 from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
+from gpmodel.errors import InputError
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord
 from gpmodel.report.text import summary
+from gpmodel.wording import measured
 
 
 class RecordedResult:
@@ -68,17 +71,39 @@ class RecordedResult:
 
     def ladder(self) -> pd.DataFrame:
         """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
-        return ladder_of(self.record)
+        rows = []
+        for rung in self.record.ladder:
+            row: dict[str, str | float | None] = {"step": self.record.title(rung)}
+            for side, errors in (("held-out", rung.heldout), ("training", rung.train)):
+                row |= {f"{side} {k} [mm]": getattr(errors, f"{k}_mm") for k in ("mean", "rms", "max")}
+            rows.append(row | {"unknowns": rung.rank})
+        return pd.DataFrame(rows)
 
     def plot(self, name: str | None = None) -> object:
         """A picture of the report as a matplotlib Figure: the first one, or that of a name.
 
         Raises InputError, listing the names, for one that is none.
         """
-        return figure_of(self.record, name)
+        from gpmodel.report.figures import figure, pictures
+
+        known = {p.name: p for p in pictures(self.record)}
+        if not known or (name is not None and name not in known):
+            raise InputError(f"{name!r} is no picture of this result; available: {', '.join(known) or 'none'}", "name")
+        return figure(known[name or next(iter(known))])
 
     def _repr_html_(self) -> str:
-        return notebook_of(self.record)
+        """Verdict, ladder, effects with ±, and the errors drawn."""
+        ladder = self.ladder().dropna(axis="columns", how="all").to_html(index=False, float_format="{:.4g}".format)
+        effects = pd.DataFrame(
+            [{"effect": e.name, "value": str(measured(e.value, e.stderr, e.unit))} for e in self.findings]
+        )
+        drawn = ""
+        with suppress(ImportError):
+            from gpmodel.report.figures import in_a_page_of_its_own, pictures
+
+            drawn = next((in_a_page_of_its_own(p) for p in pictures(self.record)), "")
+        table = effects.to_html(index=False) if len(effects) else ""
+        return f"<p><b>{html.escape(self.verdict)}</b></p>{ladder}{table}{drawn}"
 
 
 class FittedResult(RecordedResult, ABC):

@@ -11,7 +11,7 @@ import pandas as pd
 from gpmodel._version import __version__
 from gpmodel.api.arguments import called, file_path, listed, share, whole
 from gpmodel.api.calibrate import CalibrationResult, named_group, split
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.api.fleet_tables import machines_of
 from gpmodel.api.mechanism import MechanismLike
 from gpmodel.api.results import save_model, write_results
@@ -57,7 +57,7 @@ OWN = "its own effects"
 
 
 @dataclass(frozen=True, repr=False)
-class FleetResult:
+class FleetResult(Shown):
     """Machines of one type calibrated together. record: the same as fleet.json has it. machines: by serial what each is
     found to be, with the effects that it alone has, as of `calibrate` with the prior of the type."""
 
@@ -106,9 +106,6 @@ class FleetResult:
 
     def __repr__(self) -> str:
         return f"<fleet of {len(self.record.machines)} {self.record.mechanism}: {self.verdict}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:

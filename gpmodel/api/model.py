@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import among, box_limits, called, file_path, number, whole
-from gpmodel.api.display import aligned, notebook
+from gpmodel.api.display import Shown, aligned
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
 from gpmodel.api.verification import VerifyResult, verify_saved
@@ -40,9 +40,10 @@ MODEL = "model.json"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Model:
+class Model(Shown):
     """A mechanism with everything a calibration or a discovery fitted. saved: the numbers."""
 
+    _with_rows = False
     saved: SavedModel
 
     @property
@@ -229,9 +230,6 @@ class Model:
     def __repr__(self) -> str:
         kept = int(np.count_nonzero(self.saved.theta))
         return f"<model of {self.mechanism.name}: {kept} parameters and effects>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary())
 
 
 def model_file(path: Path) -> Path:

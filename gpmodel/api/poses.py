@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import among, box_limits, called, file_path, number, point, quantity, whole
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.next_poses import next_questions, of_suspect, read_result
@@ -43,7 +43,7 @@ ROWS = 9
 
 
 @dataclass(frozen=True, repr=False)
-class PosesResult:
+class PosesResult(Shown):
     """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
     alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit:
     what no choice of as many poses of the pool could do better than, in the unit of the curve. columns: what the joints
@@ -86,9 +86,6 @@ class PosesResult:
 
     def __repr__(self) -> str:
         return f"<{len(self.q)} poses of {self.mechanism.name}: {self.said}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
 
 
 def choose_poses(

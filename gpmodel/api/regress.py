@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from gpmodel.api.arguments import file_path, number, shown, texts, whole
-from gpmodel.api.display import aligned, notebook
+from gpmodel.api.display import Shown, aligned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
@@ -26,13 +26,14 @@ FEWEST = 5
 
 
 @dataclass(frozen=True, repr=False)
-class Regression:
+class Regression(Shown):
     """Laws of a response that no shorter law fits as well, shortest first.
 
     names: of the columns of X. deviation: standard deviation of the response, in its unit. seconds: what the search
     took.
     """
 
+    _with_rows = False
     laws: tuple["Law", ...]
     names: tuple[str, ...]
     deviation: float
@@ -90,9 +91,6 @@ class Regression:
 
     def __repr__(self) -> str:
         return f"<{self.best.program}: R² {1.0 - self.best.left:.6f}, {len(self.laws)} laws>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary())
 
 
 def regress(

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path, naming, number, quantity, shown, texts, whole
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, dataset_of
@@ -34,7 +34,7 @@ MOST = 1_000_000
 
 
 @dataclass(frozen=True, repr=False)
-class SimulationResult:
+class SimulationResult(Shown):
     """A measured table and the truth behind it, a Model that predicts it but for the noise."""
 
     table: Dataset
@@ -65,9 +65,6 @@ class SimulationResult:
 
     def __repr__(self) -> str:
         return f"<{len(self.table)} simulated poses of {self.truth.mechanism.name}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
 
 
 def simulate(

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.display import notebook
+from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
@@ -27,7 +27,7 @@ GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 
 
 @dataclass(frozen=True, repr=False)
-class VerifyResult:
+class VerifyResult(Shown):
     """A model against poses measured afterwards. record: the same as verify.json has it."""
 
     record: Verification
@@ -91,9 +91,6 @@ class VerifyResult:
 
     def __repr__(self) -> str:
         return f"<verification of {self.record.model_file} by {self.record.data.file}: {self.record.verdict}>"
-
-    def _repr_html_(self) -> str:
-        return notebook(self.summary(), self.to_dataframe())
 
 
 def verify_saved(

@@ -2,17 +2,17 @@
 joint, rad and m, without units. Source: thanhndv212/figaroh-plus, calibration/data_loader.py."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.cells import numbers, read_frame
-from gpmodel.table.imported import Imported, cells, joint_cells
+from gpmodel.table.imported import Imported, cells, joint_cells, rotation_vectors
 
 _MARKER = re.compile(r"^(x|y|z|phix|phiy|phiz)(\d+)$")
 
@@ -40,15 +40,8 @@ def figaroh_table(path: Path, mechanism: Mechanism | None) -> Imported:
         part = dict(joints) | {f"{axis} [m]": cells(values[f"{axis}{k}"]) for axis in "xyz"}
         angles = [values[name] for axis in "xyz" if (name := f"phi{axis}{k}") in values]
         if len(angles) == 3:
-            part |= {f"r{a} [rad]": cells(v) for a, v in zip("xyz", _vectors(np.column_stack(angles)).T, strict=True)}
+            vectors = rotation_vectors(partial(Rotation.from_euler, "xyz"), np.column_stack(angles))
+            part |= {f"r{a} [rad]": cells(v) for a, v in zip("xyz", vectors.T, strict=True)}
         labels = {"group": [str(n + 1) for n in range(len(frame))]} if len(markers) > 1 else {}
         parts.append(pd.DataFrame(part | labels | ({"tool": [str(k)] * len(frame)} if labels else {})))
     return Imported(pd.concat(parts).sort_index(kind="stable").reset_index(drop=True))
-
-
-def _vectors(angles: Array) -> Array:
-    """Rotation vectors (N, 3), rad, of roll, pitch and yaw (N, 3) about fixed axes."""
-    out, known = np.full(angles.shape, np.nan), np.isfinite(angles).all(axis=1)
-    if known.any():
-        out[known] = Rotation.from_euler("xyz", angles[known]).as_rotvec()
-    return out

@@ -15,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.dataset import LABELS
-from gpmodel.table.imported import cells
+from gpmodel.table.imported import cells, rotation_vectors
 from gpmodel.table.units import factor, known_unit, split_header
 from gpmodel.texts import read_toml
 
@@ -122,12 +122,7 @@ def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path
         if count == 3 and unit is None:
             raise InputError(f"{where}: '{text}' has no unit; write '{text} [deg]'")
         parts.append(values if count == 4 else values * factor(unit or "1", "angle", where))
-    stacked = np.column_stack(parts)
-    known = np.isfinite(stacked).all(axis=1)
-    out = np.full((len(stacked), 3), np.nan)
-    if known.any():
-        out[known] = reader(stacked[known]).as_rotvec()
-    return out
+    return rotation_vectors(reader, np.column_stack(parts))
 
 
 def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Array, str | None]:

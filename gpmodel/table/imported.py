@@ -1,10 +1,11 @@
 """What files of other programs, whose layout is known, become: a table, or the description of something."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -37,3 +38,11 @@ def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where:
 def cells(values: Array) -> list[str]:
     """Numbers as text, nothing where there is none."""
     return ["" if np.isnan(v) else repr(float(v)) for v in values]
+
+
+def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array:
+    """Rotation vectors (N, 3), rad, of rows of numbers (N, k) that are whole; NaN of others."""
+    out, known = np.full((len(numbers), 3), np.nan), np.isfinite(numbers).all(axis=1)
+    if known.any():
+        out[known] = read(numbers[known]).as_rotvec()
+    return out

@@ -41,7 +41,9 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
         frame[:3, 3] = [offsets.get(key, 0.0) for key in keys[:3]]
         frame[:3, :3] = Rotation.from_rotvec([offsets.get(key, 0.0) for key in keys[3:]]).as_matrix()
         if found := {name, *keys} & offsets.keys():
-            _set_origin(joint, _origin(joint, nominal) @ frame @ _motion(joint, offsets.get(name, 0.0), nominal))
+            _set_origin(
+                joint, origin_of(joint, nominal.name) @ frame @ _motion(joint, offsets.get(name, 0.0), nominal.name)
+            )
             used |= found
     if not used:
         raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {', '.join([*offsets][:8])}")
@@ -66,29 +68,34 @@ def _offsets(path: Path) -> dict[str, float]:
     return out
 
 
-def _numbers(text: str, where: str) -> list[float]:
+def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> list[float]:
+    """Three numbers of a joint's tag."""
+    place = joint.find(tag)
+    text = default if place is None else place.get(key, default)
     try:
         out = [float(word) for word in text.split()]
     except ValueError:
         out = []
     if len(out) != 3:
-        raise InputError(f"{where}: '{text}'; expected three numbers")
+        raise InputError(f"{file}, joint '{joint.get('name')}', {tag}: '{text}'; expected three numbers")
     return out
 
 
-def _origin(joint: ET.Element, file: Path) -> Array:
-    place, where = joint.find("origin"), f"{file.name}, joint '{joint.get('name')}', origin"
-    given = {} if place is None else place.attrib
+def origin_of(joint: ET.Element, file: str) -> Array:
+    """Where a joint of a URDF sits on its parent link, (4, 4), m. Raises InputError naming the file."""
     out = np.eye(4)
-    out[:3, 3] = _numbers(given.get("xyz", "0 0 0"), where)
-    out[:3, :3] = Rotation.from_euler("xyz", _numbers(given.get("rpy", "0 0 0"), where)).as_matrix()
+    out[:3, 3] = _given(joint, "origin", "xyz", "0 0 0", file)
+    out[:3, :3] = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
     return out
 
 
-def _motion(joint: ET.Element, value: float, file: Path) -> Array:
-    axis = joint.find("axis")
-    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-    along = np.array(_numbers(text, f"{file.name}, joint '{joint.get('name')}', axis"))
+def axis_of(joint: ET.Element, file: str) -> list[float]:
+    """The three numbers of a joint's axis. Raises InputError likewise."""
+    return _given(joint, "axis", "xyz", "1 0 0", file)
+
+
+def _motion(joint: ET.Element, value: float, file: str) -> Array:
+    along = np.array(axis_of(joint, file))
     along = along / (np.linalg.norm(along) or 1.0)
     slides = joint.get("type") == "prismatic"
     return np.asarray(se3.exp(value * np.concatenate([along * slides, along * (not slides)])))

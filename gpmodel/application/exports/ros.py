@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
+from gpmodel.table.robot_calibration import axis_of, origin_of
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Links of ur_description without their `_link`, each moved by the joint before it."""
@@ -99,16 +99,9 @@ def _ur_chain(text: str) -> tuple[JointOrigin, ...]:
 
 
 def _origin(joint: ET.Element) -> JointOrigin:
-    parent, child, place, axis = (joint.find(tag) for tag in ("parent", "child", "origin", "axis"))
-    given: Mapping[str, str] = {} if place is None else place.attrib
-    frame = np.eye(4)
-    frame[:3, 3] = [float(v) for v in given.get("xyz", "0 0 0").split()]
-    frame[:3, :3] = Rotation.from_euler("xyz", [float(v) for v in given.get("rpy", "0 0 0").split()]).as_matrix()
-    along = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-    return JointOrigin(
-        joint.get("name", ""), joint.get("type", ""), "" if parent is None else parent.get("link", ""),
-        "" if child is None else child.get("link", ""), tuple(float(v) for v in along.split()), frame,
-    )  # fmt: skip
+    parent, child = ("" if (link := joint.find(tag)) is None else link.get("link", "") for tag in ("parent", "child"))
+    axis, frame = tuple(axis_of(joint, "calibrated.urdf")), origin_of(joint, "calibrated.urdf")
+    return JointOrigin(joint.get("name", ""), joint.get("type", ""), parent, child, axis, frame)
 
 
 def _placed(known: Mapping[str, JointOrigin], link: str) -> Array:
