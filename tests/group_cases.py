@@ -41,7 +41,7 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     arm, poses = truth.model.mechanism, truth.poses
     model = ErrorModel(arm, geometric_effects(arm))
     linear = linearise(model, poses, np.zeros(len(model.effects)), truth.placement, 1.0, np.ones(len(poses), bool))
-    noise = replace(blocks_of(linear, replicates(poses.dataset)), ratio=0.7)
+    noise = blocks_of(linear, replicates(poses.dataset), 0.7)
     shapes = Shapes(poses.states)
     groups = [*geometry_groups(model.effects), *offered(Offering(STANDING), arm, shapes)[::40]]
     target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))

@@ -12,6 +12,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
+from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics import rank as ident
 from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset
@@ -39,6 +40,12 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
     """Whether all of the slots are beside joints that stand still, so that nothing of their own can show there."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
+
+
+def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
+    """The sites of a mechanism but for those beside joints that stand still at every pose of a table."""
+    still = still_joints(mechanism, dataset)
+    return tuple(s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still))
 
 
 def preference(

@@ -113,16 +113,14 @@ def _fit(
 ) -> Calibration:
     """Choose, iterate, look for outliers, and again until none is new; from the start where they let no fit settle."""
     origin = theta, placement
-    fitted = Fitted(placement, theta, fitting.at(theta, placement), 0, "converged")
+    fitted = Fitted(placement, theta, fitting.at(theta, placement), "converged")
     choices = _Choices(np.zeros(len(theta), dtype=bool), condition_limit or LARGEST_LIMIT, ())
-    iterations = 0
     for attempt in range(ATTEMPTS):
         nominal = _nominal(fitting, fitted.placement)
         choices = _Choices(*choose(fitting.model, fitted.problem, nominal, fitted.theta, condition_limit, manner.seed))
         held = np.where(choices.kept, fitted.theta, 0.0)
         known = fitted.problem if np.array_equal(held, fitted.theta) else None
         fitted = iterate(fitting, held, fitted.placement, choices.kept, known)
-        iterations += fitted.iterations
         use = _without_outliers(fitting, fitted.problem) if manner.robust else fitting.use
         weight = fitting.rotation_weight
         ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
@@ -139,7 +137,13 @@ def _fit(
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
     reason = REASONS[fitted.status]
     fitted, choices, better = _better(fitting, fitted, choices, origin)
-    return _calibration(fitting, fitted, choices, iterations, better or reason)
+    return Calibration(
+        **vars(uncertainty(fitting, fitted, choices.kept)),
+        model=fitting.model, placement=fitted.placement, theta=fitted.theta, kept=choices.kept,
+        error=pose_error(fitted.problem.observed, fitting.poses.dataset), outliers=np.flatnonzero(~fitting.use),
+        condition_limit=choices.limit, rank_curve=choices.curve, rotation_weight=fitting.rotation_weight,
+        pose_ratio=fitting.ratio, status=fitted.status, reason=better or reason,
+    )  # fmt: skip
 
 
 def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
@@ -163,7 +167,7 @@ def _better(
         return fitted, choices, ""
     left = [1e3 * residual_sigma(problem) for problem in (fitted.problem, start)]
     text = f"{left[0]:.4g} mm a component after the fit, {left[1]:.4g} mm before it"
-    kept = Fitted(placement, theta, fitting.at(theta, placement), fitted.iterations, "kept previous")
+    kept = Fitted(placement, theta, fitting.at(theta, placement), "kept previous")
     return kept, replace(choices, kept=choices.kept & (theta != 0.0)), text
 
 
@@ -183,30 +187,3 @@ def _rotation_weight(problem: Linearised, poses: Poses) -> float:
     residual, turns = measured_minus(problem.observed, poses.dataset), problem.observed.turns
     lengths, angles = np.nanmedian(np.abs(residual[:, ~turns])), np.nanmedian(np.abs(residual[:, turns]))
     return float(np.clip(lengths / angles, 0.01, 10.0)) if lengths > 0 and angles > 0 else ROTATION_WEIGHT
-
-
-def _calibration(fitting: Fitting, fitted: Fitted, choices: _Choices, iterations: int, reason: str) -> Calibration:
-    known = uncertainty(fitting, fitted, choices.kept)
-    return Calibration(
-        model=fitting.model,
-        placement=fitted.placement,
-        theta=fitted.theta,
-        stderr=known.stderr,
-        kept=choices.kept,
-        correlation=known.correlation,
-        covariance=known.covariance,
-        unique_share=known.unique_share,
-        placed=known.placed,
-        sigma=known.sigma,
-        freedom=known.freedom,
-        error=pose_error(fitted.problem.observed, fitting.poses.dataset),
-        outliers=np.flatnonzero(~fitting.use),
-        rank=known.rank,
-        condition_limit=choices.limit,
-        rank_curve=choices.curve,
-        rotation_weight=fitting.rotation_weight,
-        pose_ratio=fitting.ratio,
-        iterations=iterations,
-        status=fitted.status,
-        reason=reason,
-    )

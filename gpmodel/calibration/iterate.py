@@ -8,12 +8,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linear_step import LinearStep, linear_step
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
 from gpmodel.calibration.noise import decorrelated, decorrelated_rows
-from gpmodel.calibration.priors import (
-    TOOL_REACH,
-    geometry_reach,
-    noise_sigma,
-    off_mean,
-)
+from gpmodel.calibration.priors import TOOL_REACH, geometry_reach, noise_sigma, off_mean
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 
@@ -97,7 +92,6 @@ class Reached:
 class Fitted(Reached):
     """Where the iterations ended. status: a key of REASONS."""
 
-    iterations: int
     status: str
 
 
@@ -134,16 +128,16 @@ def iterate(
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, short, since, gram = np.inf, 0, False, 0.0, None
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    for _ in range(MAX_ITERATIONS):
         if gram is None and here.problem.placement + kept.sum() >= MANY_COLUMNS:
             gram = here.problem.columns.T @ here.problem.columns
         step = _step(fitting, here, kept, gram)
         if not np.isfinite(step.moved) or step.moved > 1e3 * max(last, 1.0):
-            return Fitted(**vars(here), iterations=iteration, status="diverged")
+            return Fitted(**vars(here), status="diverged")
         near = here.problem.left is None and since + step.moved < NEAR
         reached = _lower(fitting, here, step, max(0, cut - REGAINED), near or short)
         if reached is None:
-            return Fitted(**vars(here), iterations=iteration, status="stalled")
+            return Fitted(**vars(here), status="stalled")
         there, cut, short = reached
         near = near and _straight(here.problem.residual - there.problem.residual, step.motion / 2**cut)
         if there.problem.columns is here.problem.columns and not near:
@@ -151,8 +145,8 @@ def iterate(
         here, last = there, step.moved
         since, gram = (since + last, gram) if near else (0.0, None)
         if last < STEP_TOLERANCE:
-            return Fitted(**vars(here), iterations=iteration, status="converged")
-    return Fitted(**vars(here), iterations=MAX_ITERATIONS, status="stalled")
+            return Fitted(**vars(here), status="converged")
+    return Fitted(**vars(here), status="stalled")
 
 
 def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:

@@ -73,8 +73,6 @@ def decorrelated(problem: Linearised, bundle: IntArray, ratio: float) -> Lineari
 
     bundle: (N,) code of every pose, the same for repeats. ratio: between the two levels of the noise.
     """
-    if ratio == 0.0:
-        return problem
     columns, residual = (decorrelated_rows(problem, v, bundle, ratio) for v in (problem.columns, problem.residual))
     return replace(problem, columns=columns, residual=residual)
 
@@ -83,7 +81,7 @@ def decorrelated_rows(problem: Linearised, values: Array, bundle: IntArray, rati
     """The same of any values (M, ...) over the rows of a problem."""
     if ratio == 0.0:
         return values
-    return float(np.sqrt(1.0 + ratio)) * replace(blocks_of(problem, bundle), ratio=ratio).whiten(values)
+    return float(np.sqrt(1.0 + ratio)) * blocks_of(problem, bundle, ratio).whiten(values)
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
@@ -92,7 +90,7 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
 
     bundle: (N,) code of every pose. As it is where nothing was measured twice.
     """
-    noise = replace(blocks_of(problem, bundle), ratio=ratio)
+    noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
@@ -111,13 +109,13 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> f
     return 2 * (1 + ratio) ** 2 * size**2 / variance
 
 
-def blocks_of(problem: Linearised, bundle: IntArray) -> Whitening:
-    """The blocks of a linearised problem, one a bundle (N,) and component, of noise that is independent so far.
+def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
+    """The blocks of a linearised problem, one a bundle (N,) and component, of a known ratio between the two levels.
 
     What free joints leave has no components that repeats of a pose could share: there every row is a block of its own.
     """
     if problem.left is not None:
-        return Whitening(np.arange(len(problem.residual)))
+        return Whitening(np.arange(len(problem.residual)), ratio)
     component = np.nonzero(problem.weights > 0)[1]
     key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component
-    return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64))
+    return Whitening(np.unique(key, return_inverse=True)[1].reshape(-1).astype(np.int64), ratio)

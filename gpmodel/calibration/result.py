@@ -40,14 +40,31 @@ class Covariance:
     centre: Array
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How well the numbers of a fit are known.
+
+    stderr, unique_share: (E,), NaN and zero where dropped. correlation: (E, E). covariance: of everything fitted.
+    placed: registration and tool, number by number. sigma: of one measurement about the model, one component, m;
+    freedom: degrees of freedom of it, and of Student's t that the numbers follow in their stderr. rank: unknowns the
+    measurements determine.
+    """
+
+    stderr: Array
+    correlation: Array
+    covariance: Covariance
+    unique_share: Array
+    placed: tuple[Placed, ...]
+    sigma: float
+    freedom: float
+    rank: int
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(Uncertainty):
     """The fitted numbers and what is needed to distrust them.
 
-    theta: (E,) values of model.effects, zero where dropped. stderr: (E,), NaN where dropped. kept: (E,) bool.
-    correlation: (E, E). covariance: of everything fitted. unique_share: (E,). placed: registration and tool, number by
-    number. sigma: of one measurement about the model, one component, m; freedom: degrees of freedom of it, and of
-    Student's t that the numbers follow in their stderr. error: (N,) 3-D error of each pose, m.
+    theta: (E,) values of model.effects, zero where dropped. kept: (E,) bool. error: (N,) 3-D error of each pose, m.
     outliers: indices of poses left out of the fit. rotation_weight: m that a radian of measured rotation counts.
     pose_ratio: variance of what repeats of a pose share over that of their measurements about it, zero where nothing
     was measured twice. status: converged, stalled, diverged or kept previous; reason says why.
@@ -56,22 +73,13 @@ class Calibration:
     model: ErrorModel
     placement: Placement
     theta: Array
-    stderr: Array
     kept: Mask
-    correlation: Array
-    covariance: Covariance
-    unique_share: Array
-    placed: tuple[Placed, ...]
-    sigma: float
-    freedom: float
     error: Array
     outliers: IntArray
-    rank: int
     condition_limit: float
     rank_curve: tuple[RankChoice, ...]
     rotation_weight: float
     pose_ratio: float
-    iterations: int
     status: str
     reason: str
 

@@ -1,7 +1,5 @@
 """How well the numbers of a fit are known: deviations, correlations, unique shares."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
@@ -9,27 +7,11 @@ from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import freedom
 from gpmodel.calibration.priors import ReadJoints, geometry_rows, prior_rows, tool_rows
-from gpmodel.calibration.result import Covariance, Placed
+from gpmodel.calibration.result import Covariance, Placed, Uncertainty
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """stderr, unique_share: (E,), NaN and zero for what is not held. correlation: (E, E). covariance: of everything.
-    sigma: m, one component; freedom: degrees of it. placed: registration and tool. rank: unknowns the measurements
-    determine."""
-
-    stderr: Array
-    correlation: Array
-    covariance: Covariance
-    unique_share: Array
-    placed: tuple[Placed, ...]
-    sigma: float
-    freedom: float
-    rank: int
 
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from types import MappingProxyType
 
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauge import stands_still, still_joints
+from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested
 from gpmodel.discovery.compact import compact_laws, is_curve
@@ -67,7 +67,7 @@ class Choice:
     """What groups are chosen for.
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
-    user name. seed: of the laws that are evolved. pointed: inputs that stand out of the histograms, None where there
+    user name. pointed: inputs that stand out of the histograms, None where there
     is none. late: whether the time is up.
     """
 
@@ -77,7 +77,6 @@ class Choice:
     offers: Sequence[Offer]
     search: Search
     criteria: Criteria
-    seed: int
     pointed: frozenset[str] | None = None
     late: Callable[[], bool] = lambda: False
 
@@ -147,7 +146,7 @@ def _chosen(
 
     states = choice.train.states
     inputs = readable_inputs(states, np.arange(len(states)))[0].names
-    sites = [s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still)]
+    sites = moving_sites(mechanism, choice.train.dataset)
     grids = grids_of(choice.offers, mechanism, choice.train.states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(builders, sites, inputs, grids, wanted)
@@ -189,7 +188,7 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in last.chosen.kept}
-    residual = _last_kept(choice.residual)
+    residual = lru_cache(1)(choice.residual)
     candidates, calibration = refined_fit(choice.fit, residual, *_in_detail(choice, last))
     apart = told_apart(residual(calibration), candidates)
     if apart != candidates:
@@ -213,18 +212,6 @@ def _in_detail(choice: Choice, last: _Together) -> tuple[dict[str, Candidate], C
     """What was chosen, its fine curves with twice their harmonics where they ask for them, and the fit with it."""
     calibration, offered = last.left.calibration, detailed(last.left, last.candidates)
     return offered, calibration if offered == last.candidates else choice.fit(tuple(offered.values()), calibration)
-
-
-def _last_kept(residual: Callable[[Calibration], Residual]) -> Callable[[Calibration], Residual]:
-    """The same, of the calibration that was asked for last without working it out again."""
-    last: list[tuple[Calibration, Residual]] = []
-
-    def left(calibration: Calibration) -> Residual:
-        if not last or last[0][0] is not calibration:
-            last[:] = [(calibration, residual(calibration))]
-        return last[0][1]
-
-    return left
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:

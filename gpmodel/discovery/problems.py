@@ -7,13 +7,13 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.discovery.explore import posed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.targets import targets
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
-from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
+from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem
 from gpmodel.formula.program import Program
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, observe
@@ -53,10 +53,7 @@ def cartesian_task(
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
     """The residual of a fit seen from every site of the mechanism; a node costs what it costs in the loop."""
     residual = residual_of(fit, seen, Criteria(), seed)
-    sites = sites_of(mechanism)
-    rows = np.arange(len(residual.poses))
-    inputs, _ = readable_inputs(residual.poses.states, rows)
-    return TrainingProblem(SlotProblem(inputs, targets(residual, sites, rows), parsimony=Search().nats_per_node), None)
+    return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
 
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.calibration.gauge import stands_still, still_joints
+from gpmodel.calibration.gauge import moving_sites
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
 from gpmodel.discovery.additive import Choice, additive
@@ -15,7 +15,6 @@ from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import Poses
-from gpmodel.model.sites import sites_of
 from gpmodel.progress import Teller
 from gpmodel.table.split import JUDGED
 
@@ -38,7 +37,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     state.say(f"round {number}: choosing groups of effects together")
     choice = Choice(
         standard_fit, lambda found, start: state.fit(state.model(found), start) if found else standard_fit, train,
-        state.offers, state.search, state.criteria, state.seed, pointed, lambda: state.late,
+        state.offers, state.search, state.criteria, pointed, lambda: state.late,
     )  # fmt: skip
     found = additive(choice, (*state.evolved, *new))
     searched = [*judged, *(h for r in state.rounds for h in r.hypotheses)]
@@ -104,8 +103,7 @@ def _explored(
     pooled = sum(len(nats) for nats in earlier) > 0
     tell = Teller(state.say.say, f"round {number}: ")
     context = RoundContext(number, tell, state.journal, lambda: state.late, opening, pooled)
-    still = still_joints(state.mechanism, residual.poses.dataset)
-    sites = tuple(s for s in sites_of(state.mechanism) if not stands_still((t[0] for t in s.terms), still))
+    sites = moving_sites(state.mechanism, residual.poses.dataset)
     exploration = explore(residual, sites, state.search, rng, context)
     known = {c.name for c in (*state.known_effects, *state.found, *state.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]

@@ -83,11 +83,11 @@ class State:
         effects = [e for c in (*self.known_effects, *found) for e in c.effects]
         return ErrorModel(self.mechanism, (*self.standard, *effects))
 
-    def fit(self, model: ErrorModel, start: Calibration | None = None, robust: bool = True) -> Calibration:
+    def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
         """A model fitted to the training poses; start: a fit to go on from, its outliers judged anew."""
         train = self.poses.subset(self.train)
         again = without_outlier_marks(start) if start else None
-        return calibrate(model, train, condition_limit=self.condition_limit, start=again, robust=robust, seed=JUDGED)
+        return calibrate(model, train, condition_limit=self.condition_limit, start=again, seed=JUDGED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
         """A model fitted to all poses, with the condition limit that the training poses chose."""

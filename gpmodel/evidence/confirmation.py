@@ -8,6 +8,7 @@ from scipy import special
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import paired_t
 from gpmodel.evidence.units import independent_units
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics.outliers import outlier_limit
@@ -46,8 +47,7 @@ def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) ->
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)
     squared = [np.minimum(e, limit) ** 2 for e in errors]
     unit = np.unique(independent_units(dataset, criteria)[known], return_inverse=True)[1].reshape(-1)
-    gain = np.bincount(unit, squared[0] - squared[1])
-    spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
-    t = float(gain.mean()) / spread if spread > 0 else 0.0
-    p = float(special.stdtr(len(gain) - 1, -t)) if spread > 0 else 1.0
+    gain = np.bincount(unit, squared[0] - squared[1]).astype(float)
+    t = paired_t(gain) if len(gain) > 1 else 0.0
+    p = float(special.stdtr(len(gain) - 1, -t)) if t else 1.0
     return Confirmation(t, p, criteria.confirmation, len(gain), p < criteria.confirmation)

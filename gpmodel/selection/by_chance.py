@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best
+from gpmodel.evidence.null import reordered
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.selection.active import Active
 from gpmodel.selection.scan import conditional_gram, whitened_cross
@@ -60,21 +61,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
     The rest is made as large as the noise σ of the model: the fit has taken a part of the noise, of few poses a large
     one, and takes that part again of every permuted residual.
     """
-    rows = active.pool.rows
-    explained = np.zeros_like(rows.target)
-    for g, at in active.blocks.items():
-        part = active.pool.columns(g)[:, active.chosen[g]]
-        explained += part @ (np.sqrt(active.variances[g]) * active.mean[at])
-    present = rows.problem.weights > 0
-    left = np.full(present.shape, np.nan)
-    rest = rows.target - explained
-    left[present] = rest * np.sqrt(active.sigma2 * len(rest) / max(float(rest @ rest), np.finfo(float).tiny))
+    rows, left = active.pool.rows, active.left
+    scaled = left * np.sqrt(active.sigma2 * len(left) / max(active.energy, np.finfo(float).tiny))
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
-    places = np.argsort(codes, kind="stable")
-    out = np.empty((len(rows.target), count))
-    for t in range(count):
-        rank = np.argsort(rng.permutation(codes.max() + 1))
-        turned = np.empty_like(left)
-        turned[places] = left[np.argsort(rank[codes], kind="stable")]
-        out[:, t] = explained + np.nan_to_num(turned[present])
-    return out
+    return (rows.target - left)[:, None] + reordered(rows.problem, scaled, codes, rng, count)

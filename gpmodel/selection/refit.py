@@ -8,7 +8,6 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, pose_error
 from gpmodel.numerics.least_squares import inverse_gram
 from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
@@ -40,11 +39,6 @@ class Refit:
     sigma: float
     unknowns: float
     error: Array
-
-
-def whitened(problem: Linearised, bundle: IntArray, ratio: float) -> Whitening:
-    """The noise of the rows of a problem, of a known ratio between its two levels."""
-    return replace(blocks_of(problem, bundle), ratio=ratio)
 
 
 def refit(point: Expansion, poses: Poses, bundle: IntArray, sigma: float) -> Refit:

@@ -21,7 +21,7 @@ from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.moves import stepwise, with_optimal_variances
 from gpmodel.selection.offers import Offering, offered
 from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.refit import Expansion, Refit, far_out, refit, whitened
+from gpmodel.selection.refit import Expansion, Refit, far_out, refit
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sample import predicted_states, sample_of
@@ -95,7 +95,7 @@ def _select(
             break
     together = exchangeable(poses.dataset.subset(sample), criteria)
     chance = best_by_chance(active, offering.grids, together, rng, criteria.shuffles)
-    return summarised(active, rivals, fit, len(groups) - len(base), chance)
+    return summarised(active, rivals, fit, chance)
 
 
 def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offering) -> list[Group]:
@@ -113,7 +113,7 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     problem = linearise(point.model, part, point.theta, point.placement, point.rotation_weight, point.use[task.sample])
     off = point.theta - np.array([e.mean for e in point.model.effects])
     target = problem.residual + problem.columns[:, problem.placement :] @ off
-    noise = whitened(problem, task.bundle[task.sample], point.ratio)
+    noise = blocks_of(problem, task.bundle[task.sample], point.ratio)
     rows = Rows(task.mechanism, problem, target, noise, task.shapes)
     pool = GroupPool(rows, groups, task.criteria)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)

@@ -91,7 +91,7 @@ def test_what_is_judged_and_handed_on_is_the_fit_with_all_its_harmonics() -> Non
         return calibrate(ErrorModel(arm, (*geometry, *(e for c in found for e in c.effects))), truth.poses, start=start)
 
     standard = fit(())
-    choice = Choice(standard, fit, truth.poses, tuple(catalogue), Search(runs=0), Criteria(shuffles=19), 0)
+    choice = Choice(standard, fit, truth.poses, tuple(catalogue), Search(runs=0), Criteria(shuffles=19))
     judged = additive(choice, ())
     accepted = {e.name for h in judged.hypotheses if h.accepted for e in h.candidate.effects}
     assert "fine error curve of the angle, J2, sin 79" in accepted
