@@ -23,7 +23,8 @@ from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, 
 from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
-from gpmodel.table.write import joint_column, table_text
+from gpmodel.table.units import joint_column
+from gpmodel.table.write import table_text
 from gpmodel.wording import wrapped
 
 Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "rivals", "observability"]

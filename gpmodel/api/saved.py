@@ -10,11 +10,11 @@ import pandas as pd
 
 from gpmodel.api.arguments import file_path, shown, whole
 from gpmodel.api.fitted import RecordedResult
-from gpmodel.api.model import MODEL, Model, load_model
+from gpmodel.api.model import MODEL, Model, load_model, model_file
 from gpmodel.api.results import write_results
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
-from gpmodel.report.saved import read_report
+from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _source(result: object, record: Report) -> str:
     said = f"{record.data.file}, {record.data.poses} poses"
     if folder is None:
         return said
-    written = datetime.fromtimestamp((folder / "report.json").stat().st_mtime, UTC)
+    written = datetime.fromtimestamp((folder / NAME).stat().st_mtime, UTC)
     return f"{folder.resolve().name}: {said}, written on {written:%Y-%m-%d}"
 
 
@@ -173,7 +173,7 @@ def export(
     """
     if isinstance(result, str | Path):
         path = file_path(result, "result")
-        model: object = load_model(path / MODEL if path.is_dir() else path)
+        model: object = load_model(model_file(path))
     else:
         model = result if isinstance(result, Model) else getattr(result, "model", None)
     if not isinstance(model, Model):

@@ -22,7 +22,7 @@ from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.specification import EXPECTED, specification
-from gpmodel.table.units import factor_like, split_quantity
+from gpmodel.table.units import JOINT_UNITS, factor_like, split_quantity
 from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
@@ -176,8 +176,7 @@ def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.Da
         raise InputError(
             f"an array of {said}, expected numbers, one row a pose and {len(joints)} joint values", argument
         )
-    units = ["rad" if joint.kind == "revolute" else "m" for joint in joints]
-    return pd.DataFrame(values, columns=[f"{j.name} [{u}]" for j, u in zip(joints, units, strict=True)])
+    return pd.DataFrame(values, columns=[f"{joint.name} [{JOINT_UNITS[joint.kind]}]" for joint in joints])
 
 
 def _cell(value: object) -> str | None:

@@ -19,8 +19,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
-from gpmodel.table.units import split_header
-from gpmodel.table.write import joint_column
+from gpmodel.table.units import JOINT_UNITS, joint_column, split_header
 
 OK, LARGE, SINGULAR = "ok", "large move", "near singular"
 LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
@@ -82,8 +81,7 @@ def targets_in(
         dataset = dataset_from(text, path, mechanism, need_measurement=False)
         return joint_targets(saved, replace(dataset, in_order=in_order))
     if names & {"x", "y", "z"}:
-        units = {"revolute": "rad", "prismatic": "m"}
-        zeros = {f"{j.name} [{units[j.kind]}]": ["0"] * len(text) for j in mechanism.joints}
+        zeros = {f"{j.name} [{JOINT_UNITS[j.kind]}]": ["0"] * len(text) for j in mechanism.joints}
         dataset = dataset_from(text.assign(**zeros), path, mechanism)
         return cartesian_targets(saved, replace(dataset, in_order=in_order), rng)
     raise InputError(f"{path.name}: no targets; expected joint columns, or x, y and z in the root frame")

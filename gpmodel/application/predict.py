@@ -13,8 +13,7 @@ from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics.se3 import rotation_vector
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.units import split_header
-from gpmodel.table.write import joint_column
+from gpmodel.table.units import joint_column, split_header
 
 AT_ONCE = 5000
 """Poses that are predicted together: their columns take a tenth of a gigabyte."""

@@ -8,6 +8,7 @@ from scipy import optimize
 from gpmodel.arrays import Array, IntArray
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.numerics import se3
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 TURNS = 4 * np.pi
@@ -116,11 +117,11 @@ def least_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
     frames = se3.chain(mechanism.transforms(q))[-1]
     columns = np.hstack([np.ones((len(q), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(len(q), 9)])
     left = position - columns @ np.linalg.lstsq(columns, position, rcond=None)[0]
-    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    return root_mean_square(np.linalg.norm(left, axis=1))
 
 
 def _spread(points: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+    return root_mean_square(np.linalg.norm(points - points.mean(axis=0), axis=1))
 
 
 def _degrees_read_as_radians(largest: float) -> str:

@@ -10,6 +10,7 @@ from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.observation import observations
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
 
@@ -28,8 +29,8 @@ def notes(
     repeats, m, None without."""
     bare, fit = fits
     yield (
-        f"registration and tool alone leave {_rms_mm(bare):.4g} mm RMS, the standard model "
-        f"{_rms_mm(fit):.4g} mm, on the poses it is fitted to"
+        f"registration and tool alone leave {1e3 * root_mean_square(bare.error):.4g} mm RMS, the standard model "
+        f"{1e3 * root_mean_square(fit.error):.4g} mm, on the poses it is fitted to"
     )
     poses, values = different_poses(data), measured_values(data)
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
@@ -54,10 +55,6 @@ def notes(
         yield f"{stated} {expected:.4f} mm; the standard model leaves {1e3 * fit.sigma:.4f} mm"
     if wanted := list(_wanted(mechanism, data, (values, fit.rank), floor)):
         yield f"to measure next: {'; '.join(wanted)}"
-
-
-def _rms_mm(fit: Calibration) -> float:
-    return float(1e3 * np.sqrt(np.mean(fit.error**2)))
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:

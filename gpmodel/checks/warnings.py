@@ -9,6 +9,7 @@ from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.measured_torque import unused_torques
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.bundles import SAME_JOINT, original, replicates
 from gpmodel.table.dataset import Dataset
@@ -57,7 +58,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
 
 def poor_fit(fit: Calibration) -> Iterator[str]:
     """A residual that no effect of a machine explains."""
-    left = float(np.sqrt(np.mean(fit.error**2)))
+    left = root_mean_square(fit.error)
     if left > POOR:
         yield (
             f"the standard model leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "

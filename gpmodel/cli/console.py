@@ -12,6 +12,7 @@ import click
 import pandas as pd
 
 from gpmodel import wording
+from gpmodel.api.model import MODEL
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
@@ -59,7 +60,7 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
 
 def what_next(folder: Path, record: Report) -> str:
     """The files of a calibration or a discovery, and the commands that use them."""
-    model = folder / "model.json"
+    model = folder / MODEL
     then = [(f"gpmodel predict {model} POSES", "where the real tool will be"),
             (f"gpmodel compensate {model} TARGETS", "joint values that make it go where it should")]  # fmt: skip
     if record.effects:

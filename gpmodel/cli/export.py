@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.model import load_model
+from gpmodel.api.model import load_model, model_file
 from gpmodel.application.exports.grid import NODES
 from gpmodel.cli.options import quiet_option, seed_option
 
@@ -32,7 +32,7 @@ def export(
     model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes of a box. Each error is
     against `gpmodel predict` on fresh poses. SDF and MJCF: Gazebo and MuJoCo read calibrated.urdf themselves.
     """
-    file = result / "model.json" if result.is_dir() else result
+    file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
     exports.report(folder or file.parent)
     if not quiet:

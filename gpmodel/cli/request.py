@@ -14,6 +14,7 @@ from click.core import ParameterSource
 
 from gpmodel._version import __version__
 from gpmodel.api.model import model_file
+from gpmodel.application.model_reader import REPORT
 from gpmodel.cli.options import SIGHTS
 from gpmodel.errors import InputError, WriteError
 from gpmodel.files import alone_in, folder_for
@@ -109,7 +110,7 @@ class Typed:
     folder: Path | None
     resume: Path | None
     options: Mapping[str, Any]
-    result: str = "report.json"
+    result: str = REPORT
 
     def request(self, settings: object) -> Request | None:
         """What is to be done; None where the search to resume is finished, which is said.

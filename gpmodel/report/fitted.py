@@ -11,6 +11,7 @@ from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.naming import translate
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.numerics.se3 import chain
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
@@ -27,7 +28,7 @@ def statistics_mm(error: Array) -> ErrorsMm:
     mm = 1e3 * error[np.isfinite(error)]
     if len(mm) == 0:
         return ErrorsMm()
-    return ErrorsMm(float(mm.mean()), float(np.sqrt(np.mean(mm**2))), float(mm.max()))
+    return ErrorsMm(float(mm.mean()), root_mean_square(mm), float(mm.max()))
 
 
 def optional(value: float) -> float | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.wording import minus
 
 if TYPE_CHECKING:
@@ -64,8 +65,7 @@ def broken(x: Array, y: Array) -> tuple[Array, Array]:
 
 def rms(values: Array) -> float:
     """RMS of what is finite; NaN when nothing is."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan
+    return root_mean_square(values[np.isfinite(values)])
 
 
 def log_ticks(low: float, high: float) -> list[float]:

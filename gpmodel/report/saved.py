@@ -6,13 +6,14 @@ from pathlib import Path
 import msgspec
 
 from gpmodel import files
+from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError
 from gpmodel.reading import read_limited
 from gpmodel.report.schema import SCHEMA, Report
 from gpmodel.report.schema_search import HistogramRecord
 from gpmodel.texts import parse_json
 
-NAME = "report.json"
+NAME = REPORT
 LARGEST_FILE = 256 << 20
 """Bytes: a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.table.specification import Specification
+from gpmodel.table.units import joint_column
 
 TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
 """Labels of what the tool point touched."""
@@ -105,8 +106,7 @@ class Dataset:
         columns: dict[str, object] = {"row": self.row}
         kinds = self.kinds or ("revolute",) * len(self.joints)
         for name, kind, values in zip(self.columns or self.joints, kinds, self.q.T, strict=True):
-            unit, factor = ("deg", 180.0 / np.pi) if kind == "revolute" else ("mm", 1e3)
-            columns[f"{name} [{unit}]"] = factor * values
+            columns |= [joint_column(name, kind, values)]
         for name, values in self.extras.items():
             columns[f"{self.extra_names.get(name, name)} [{self.extra_units[name]}]"] = values
         columns |= {"payload [kg]": self.payload} if self.payload_given else {}

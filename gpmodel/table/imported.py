@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.table.units import JOINT_UNITS
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,7 @@ def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where:
         raise InputError(f"{where}: joint values without units; expected --mechanism M, whose joints turn or slide")
     if missing := [j.name for j in mechanism.joints if j.name not in values]:
         raise InputError(f"{where}: no values of joint '{missing[0]}'; it has {', '.join(values) or 'none'}")
-    units = {"revolute": "rad", "prismatic": "m"}
-    return {f"{j.name} [{units[j.kind]}]": cells(values[j.name]) for j in mechanism.joints}
+    return {f"{j.name} [{JOINT_UNITS[j.kind]}]": cells(values[j.name]) for j in mechanism.joints}
 
 
 def cells(values: Array) -> list[str]:

@@ -4,8 +4,10 @@ import math
 import re
 from functools import lru_cache
 
+import numpy as np
 import pint
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
@@ -21,6 +23,10 @@ LONGEST = 60
 _SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
 
 
+JOINT_UNITS = {"revolute": "rad", "prismatic": "m"}
+"""SI units of joint values by the kind of the joint."""
+
+
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry:
     registry: pint.UnitRegistry = pint.UnitRegistry()
@@ -32,6 +38,11 @@ def split_header(header: str) -> tuple[str, str | None]:
     """`J1 [deg]` gives ("J1", "deg"); a header without brackets gives (header, None)."""
     match = _HEADER.match(header)
     return (match["name"], match["unit"]) if match else (header.strip(), None)
+
+
+def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
+    """Header and values of a joint column as it is written: [deg] for revolute joints, [mm] for prismatic ones."""
+    return (f"{name} [deg]", np.degrees(values)) if kind == "revolute" else (f"{name} [mm]", 1e3 * values)
 
 
 def identifier(name: str) -> str:

@@ -43,10 +43,5 @@ def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
     return cells.to_csv(index=False, lineterminator="\n")
 
 
-def joint_column(name: str, kind: str, values: np.ndarray) -> tuple[str, np.ndarray]:
-    """Header and values of a joint column as it is written: [deg] for revolute joints, [mm] for prismatic ones."""
-    return (f"{name} [deg]", np.degrees(values)) if kind == "revolute" else (f"{name} [mm]", 1e3 * values)
-
-
 def _cells(values: np.ndarray, digits: int) -> list[str]:
     return ["" if np.isnan(v) else f"{v:.{digits}f}" for v in values]

@@ -16,7 +16,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import joint_column
+from gpmodel.table.units import joint_column
 
 NODES = 5
 """Along each side of the box: errors of linear interpolation fall with its square."""
