@@ -38,14 +38,6 @@ def test_a_family_from_outside_is_found_and_explained() -> None:
     assert first.explanation == "the gear winds up and stops (its maker)"
 
 
-def test_a_single_effect_is_a_candidate_and_keeps_its_name() -> None:
-    truth, train, heldout = robot("windup", 0)
-    arm = truth.model.mechanism
-    mine = drive_effect("my windup", arm.joints[2], Expression("tanh(torque_J3/400)"))
-    found = discover(arm, truth.poses, train, heldout, search=QUICK, candidates=(mine,))
-    assert found.findings[0].candidate.name == "my windup"
-
-
 def test_what_is_no_offer_is_refused_before_the_search() -> None:
     truth, train, heldout = robot("windup", 0)
     with pytest.raises(InputError, match="candidates: 3 is of type int"):

@@ -143,6 +143,7 @@ def test_an_equation_is_readable_and_the_base_compliance_bends_the_point_in_prop
     assert saved(tmp_path, "compensation")
 
 
+@pytest.mark.slow
 def test_both_models_help_and_the_loop_finds_them_and_is_no_worse(tmp_path):
     found = models.main(["--seeds", "1", "--runs", "1", "--out", str(tmp_path)])
     errors = found["median_mm"]
