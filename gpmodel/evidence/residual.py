@@ -8,8 +8,9 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import prior_rows
+from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
 from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.size import size_hidden
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import independent_units
 from gpmodel.model.effect import Effect
@@ -34,7 +35,7 @@ class Residual:
     the columns after those of the placement are of. fold_of_row: (M,).
     unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
     criteria: the limits everything about it is held to. gram: (K, K) products of the columns, empty where none has a
-    prior.
+    prior. sizing: how many of the B rows are of lengths and tool, which together know the size and nothing else.
     """
 
     calibration: Calibration
@@ -50,6 +51,7 @@ class Residual:
     shrink: Array
     criteria: Criteria
     gram: Array
+    sizing: int = 0
 
     @property
     def measured(self) -> int:
@@ -64,7 +66,7 @@ class Residual:
     @property
     def freedom(self) -> int:
         """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
-        return max(len(self.values) - self.span.size, 1)
+        return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
 
     @cached_property
     def rms(self) -> float:
@@ -157,26 +159,37 @@ def residual_of(
     shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0
-    system, target, names = _system(calibration, problem, shrink)
+    system, target, names, sizing = _system(calibration, problem, shrink)
     believed = np.any(system[len(problem.residual) :] != 0, axis=0)
     gram = system.T @ system if believed.any() else system[:0, :0]
     span = _spanned(system, believed, gram)
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     return Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
-        independent_units(poses.dataset, criteria), shrink, criteria, gram,
+        independent_units(poses.dataset, criteria), shrink, criteria, gram, sizing,
     )  # fmt: skip
 
 
-def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...]]:
-    """Columns and right side (M + B) of what is enabled, and the names of the effects among the columns."""
+def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
+    """Columns and right side (M + B) of what is enabled, the names of the effects among the columns, and how many of
+    the rows are of lengths and tool.
+
+    These are believed where no reading shows size: a gap is zero, so that a machine that shrinks to a point would
+    explain whatever is left of all of them.
+    """
     shortened = problem.residual * shrink[problem.pose_of_row]
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), calibration.kept])
-    belief, pull = prior_rows(calibration.model, calibration.theta, problem, calibration.kept)
-    system, target = np.vstack([problem.columns[:, free], belief[:, free]]), np.concatenate([shortened, pull])
+    model, theta, kept = calibration.model, calibration.theta, calibration.kept
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
+    parts = [prior_rows(model, theta, problem, kept)]
+    if size_hidden(problem):
+        parts += [geometry_rows(model, theta, problem, kept), tool_rows(problem, calibration.placement)]
+    belief, pull = np.vstack([rows for rows, _ in parts]), np.concatenate([right for _, right in parts])
+    order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
+    system = np.vstack([problem.columns[:, free], belief[order][:, free]])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
-    return system, target, tuple(e.name for e, k in zip(calibration.model.effects, calibration.kept, strict=True) if k)
+    names = tuple(e.name for e, k in zip(model.effects, kept, strict=True) if k)
+    return system, np.concatenate([shortened, pull[order]]), names, len(pull) - len(parts[0][1])
 
 
 def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:

@@ -16,6 +16,8 @@ MOST_NAMED = 6
 """Inputs that are named; of more their number is said."""
 MOST_SIZED = 2
 """Effects that the verdict of a calibration names; of more it says the number."""
+SURE = 0.9
+"""Probability among its rivals from which an effect is said to be the one."""
 STATED_TOO_LARGE = 3.0
 """Times what is left of the error that a stated noise cannot be: it would leave a third of itself."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
@@ -41,10 +43,20 @@ def of_discovery(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """What the effects of a discovery follow, and whether anything odd is left; empty where there is neither."""
+    """What the effects of a discovery follow, what else they could be, and whether anything odd is left; empty where
+    there is nothing of it."""
     inputs = list(inputs_in_words(report))
     followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
-    return " ".join(filter(None, (followed, suspect_words.in_the_verdict(report.suspects))))
+    return " ".join(filter(None, (followed, *_undecided(report), suspect_words.in_the_verdict(report.suspects))))
+
+
+def _undecided(report: Report) -> Iterator[str]:
+    """Effects that these poses do not tell from a rival."""
+    for effect in report.effects:
+        close = effect.close_rivals()
+        if close and effect.probability is not None and effect.probability < SURE:
+            more = f" and {len(close) - 1} more" if len(close) > 1 else ""
+            yield f"These poses do not tell {effect.name} from {close[0].name}{more}."
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:

@@ -7,7 +7,9 @@ import pytest
 from effect_cases import MECHANISMS, bare, first_of_each_family, measure, mechanism, sized
 from residual_cases import NAMES, pool, seen
 
+import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
@@ -23,6 +25,7 @@ from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.sites import sites_of
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.numerics.rank import canonical_correlation, orthonormal
+from gpmodel.table.split import folds
 
 
 @pytest.mark.parametrize("planted", NAMES)
@@ -189,3 +192,21 @@ def test_sites_are_the_base_every_axis_of_every_joint_and_the_tool(name: str) ->
         assert np.sum(np.abs(before) > 1e-9) > 1
     for joint in arm.joints:
         assert joint.drive in [s.terms for s in sites]
+
+
+@pytest.mark.parametrize("instrument", ["planes", "points"])
+def test_a_machine_that_shrinks_to_a_point_explains_no_gaps(instrument: str) -> None:
+    """Where no reading shows size: what fits to other poses leave is what the one factorisation says."""
+    made = gp.simulate("ur5", ["joint_compliance shoulder_lift_joint=1e-5 rad/Nm"], poses=120, instrument=instrument,
+                       geometry_sigma="0.3 mm", seed=4)  # fmt: skip
+    arm, poses = made.truth.mechanism, prepare(made.truth.mechanism, made.table)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
+    residual = residual_of(fit, poses, Criteria(), 0)
+    assert residual.rms == pytest.approx(np.sqrt(np.mean(fit.error**2)), rel=0.05)
+    assert residual.freedom <= residual.measured - residual.span.size + 1
+    fold, errors = folds(poses.dataset, Criteria().folds, np.random.default_rng(0)), np.zeros(len(poses))
+    for k in range(Criteria().folds):
+        seen, held = poses.subset(np.flatnonzero(fold != k)), poses.subset(np.flatnonzero(fold == k))
+        again = calibrate(fit.model, seen, condition_limit=fit.condition_limit)
+        errors[fold == k] = errors_on(again, held)
+    assert cross_validated(residual, ()).rms == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.2)
