@@ -1,22 +1,25 @@
 """The law of a response at a known place in one or two known inputs.
 
 Of one input every short shape is looked at (``gpmodel.evolution.shapes``); the best are fitted and climbed from by
-single edits. Of two inputs a law is a product of a law of each, or a law of a weighted sum: the factors, or the
-weights, are found without a shape, and then each is a search in one input. Constants are fitted to the residual of the
-whole model, seen from the place.
+single edits. Of two inputs a law is a product or a sum of a law of each, or a law of a weighted sum or of a distance:
+factors, summands, weights or the point are found without a shape, and then each is a search in one input. Constants are
+fitted to the residual of the whole model, seen from the place.
 """
 
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.hill_climb import climbed
 from gpmodel.evolution.pareto import Solution, description_length, pareto, scored
 from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.shapes import shapes
-from gpmodel.evolution.smooth import factors, through, weighted_sum
+from gpmodel.evolution.smooth import distance, factors, summands, through, weighted_sum, without
 from gpmodel.formula.operators import operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Program
@@ -28,7 +31,7 @@ LONGEST = 30
 CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 FACTORS = 6
-"""Laws of each factor of a product, the shortest descriptions."""
+"""Laws of each factor or summand, the shortest descriptions."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
@@ -41,7 +44,7 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
     """
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
-    found = _of_one(there) if len(names) == 1 else _with_fitted(there, [*_products(there), *_of_weighted_sum(there)])
+    found = _of_one(there) if len(names) == 1 else _of_two(there)
     return tuple(law for law in pareto(found) if 0 < law.complexity <= LONGEST and law.program.inputs)
 
 
@@ -84,16 +87,40 @@ def _with_fitted(problem: SlotProblem, programs: Sequence[Program]) -> list[Solu
     return [scored(program, problem) for program in (*programs, *fitted)]
 
 
+def _of_two(problem: SlotProblem) -> list[Solution]:
+    """Laws of two inputs of every form, as they are and fitted."""
+    forms = (_products, _sums, _of_weighted_sum, _of_distance)
+    return _with_fitted(problem, [program for form in forms for program in form(problem)])
+
+
 def _products(problem: SlotProblem) -> list[Program]:
     """Products of a law of each of two inputs, each searched as the problem is seen through the other factor."""
-    fronts, inputs = [], problem.inputs
-    pair = factors(problem.targets, inputs.values)
-    for name, other in zip(inputs.names, pair[::-1], strict=True):
-        one = SlotProblem(inputs.select([name]), through(problem.targets, other), parsimony=problem.parsimony)
-        laws = laws_at(one, 0, [name])
-        fronts.append([law.program for law in sorted(laws, key=lambda law: description_length(law, one))[:FACTORS]])
+    first, second = factors(problem.targets, problem.inputs.values)
+    fronts = _of_each(problem, through(problem.targets, second), through(problem.targets, first))
     product = parse("first*second")
     return [product.with_inputs({"first": f, "second": s}) for f, s in itertools.product(*fronts)]
+
+
+def _sums(problem: SlotProblem) -> list[Program]:
+    """Sums of a law of each of two inputs, each searched with the other summand taken off the residual."""
+    first, second = summands(problem.targets, problem.inputs.values)
+    fronts = _of_each(problem, without(problem.targets, second), without(problem.targets, first))
+    found, columns = [], problem.inputs.mapping()
+    for f, s in itertools.product(*fronts):
+        one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
+        weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
+        found.append(weighted.with_inputs({"first": f, "second": s}))
+    return found
+
+
+def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
+    """Laws of each input of a problem on targets of its own, the shortest descriptions."""
+    fronts = []
+    for name, seen in zip(problem.inputs.names, targets, strict=True):
+        one = SlotProblem(problem.inputs.select([name]), seen, parsimony=problem.parsimony)
+        laws = sorted(laws_at(one, 0, [name]), key=lambda law: description_length(law, one))
+        fronts.append([law.program for law in laws[:FACTORS]])
+    return fronts
 
 
 def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
@@ -104,7 +131,19 @@ def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
     sums = [parse(text)]
     if abs(abs(weight) - 1.0) < EVEN:
         sums.append(parse(f"{one} {'+' if weight > 0.0 else '-'} {other}"))
-    values = sums[0].evaluate(problem.inputs.mapping())
-    summed = SlotProblem(Inputs(("sum",), values), problem.targets, parsimony=problem.parsimony)
-    laws = laws_at(summed, 0, ["sum"])
-    return [law.program.with_inputs({"sum": both}) for law in laws for both in sums]
+    return _of_any(problem, sums)
+
+
+def _of_distance(problem: SlotProblem) -> list[Program]:
+    """Laws of the distance from a point in the plane of two inputs that says most."""
+    (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
+    return _of_any(problem, [parse(f"sqrt(square({one} - ({a:.6g})) + ({w:.6g})*square({other} - ({b:.6g})))")])
+
+
+def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> list[Program]:
+    """Laws of what two inputs are joined to, searched for the first way and offered for all."""
+    values = joined[0].evaluate(problem.inputs.mapping())
+    laws = laws_at(
+        SlotProblem(Inputs(("joined",), values), problem.targets, parsimony=problem.parsimony), 0, ["joined"]
+    )
+    return [law.program.with_inputs({"joined": both}) for law in laws for both in joined]

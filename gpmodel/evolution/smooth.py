@@ -1,4 +1,5 @@
-"""Smooth functions at a place without a shape: of one input, as factors of a product, and of a weighted sum of two.
+"""Smooth functions at a place without a shape: of one input, and of two as factors, as summands, of their weighted sum
+and of a distance.
 
 A function φ is a sum of sines (``gpmodel.evolution.sines``) of the most likely variance. With D, B, g of
 ``projection.Targets`` at their first site, Φ (N, m) the sines, σ² the noise:
@@ -12,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.sines import Sines
@@ -27,6 +28,10 @@ TURNS, STARTS = 15, 3
 """Turns of each factor; first guesses at the second, its slowest sines."""
 DIRECTIONS, ANGLE = 24, 0.01
 """Directions of a weighted sum that are tried, evenly over half a turn, and how near the best is found, rad."""
+POINTS = (-1.2, -0.6, 0.0, 0.6, 1.2)
+"""Where a distance is first counted from, in standard deviations of each input about its mean."""
+NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
+"""How far the point may be, in these, and how unequal the inputs' deviations may count, as a logarithm."""
 LEAST = float(np.finfo(float).tiny)
 
 
@@ -81,6 +86,24 @@ def through(targets: Targets, factor: Array) -> Targets:
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 
+def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
+    """Functions (N,) of each of two columns (2, N) whose sum is most likely."""
+    bases, noise = [Sines.of("", column, LENGTH).values for column in columns], targets.energy / targets.components
+    for _ in range(TURNS):
+        found = smooth(targets, np.hstack(bases), noise)
+        noise = found.noise
+    first, second = np.split(found.coefficients, [bases[0].shape[1]])
+    return bases[0] @ first, bases[1] @ second
+
+
+def without(targets: Targets, values: Array) -> Targets:
+    """The targets once a function (N,) at their first site is taken off the residual."""
+    seen = targets.cross[0] @ values
+    column = targets.weight[0] * values - seen @ targets.cross[0]
+    left = targets.energy - 2.0 * float(targets.pull[0] @ values) + float(column @ values)
+    return replace(targets, pull=targets.pull - column, energy=max(left, LEAST))
+
+
 def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
     """Weights of two columns (2, N) in the sum of which a function saves most."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
@@ -96,3 +119,22 @@ def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
     found = minimize_scalar(cost, bounds=(best - step, best + step), method="bounded", options={"xatol": ANGLE})
     first, second = weights(float(found.x)).tolist()
     return first, second
+
+
+def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
+    """A point in the plane of two columns (2, N), the distance from which says most, and how often the second counts.
+
+    (a, b, w) of √((x - a)² + w (y - b)²).
+    """
+    middle, spread = columns.mean(axis=1), columns.std(axis=1)
+    scaled, noise = (columns - middle[:, None]) / spread[:, None], targets.energy / targets.components
+
+    def cost(point: Array) -> float:
+        away = np.hypot(scaled[0] - point[0], np.exp(point[2]) * (scaled[1] - point[1]))
+        return -smooth(targets, Sines.of("", away, LENGTH).values, noise).nats
+
+    starts = sorted((np.array([a, b, 0.0]) for a in POINTS for b in POINTS), key=cost)[:STARTS]
+    ends = (minimize(cost, start, method="Nelder-Mead", bounds=NEAR) for start in starts)
+    found = min(ends, key=lambda end: float(end.fun))
+    (a, b), log_ratio = middle + spread * found.x[:2], float(found.x[2])
+    return float(a), float(b), float((np.exp(log_ratio) * spread[0] / spread[1]) ** 2)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.sines import Sines
-from gpmodel.evolution.smooth import LENGTH, factors, smooth, through, weighted_sum
+from gpmodel.evolution.smooth import LENGTH, distance, factors, smooth, summands, through, weighted_sum, without
 
 Array = NDArray[np.float64]
 POSES, NOISE = 150, 0.05
@@ -49,6 +49,36 @@ def test_the_weights_of_a_sum_are_found(weights: tuple[float, float]) -> None:
     targets, _, _ = planted(np.tanh(2.0 * (scaled @ columns) - 0.5), NOISE, 1)
     first, second = weighted_sum(targets, columns)
     assert second / first == pytest.approx(scaled[1] / scaled[0], rel=0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_summands_of_a_sum_are_found(seed: int) -> None:
+    u, v = np.random.default_rng(200 + seed).uniform(-2.0, 2.0, (2, POSES))
+    wanted = np.tanh(3.0 * u), 0.5 * np.sin(2.0 * v)
+    found = summands(planted(wanted[0] + wanted[1], NOISE, seed)[0], np.array([u, v]))
+    for one, other in zip(found, wanted, strict=True):
+        assert alike(one - one.mean(), other - other.mean()) > 0.99
+
+
+@pytest.mark.parametrize("centre", [(0.4, -0.6), (-1.0, 0.0)])
+def test_the_point_that_a_distance_counts_from_is_found(centre: tuple[float, float]) -> None:
+    u, v = np.random.default_rng(11).uniform(-2.0, 2.0, (2, POSES))
+    away = np.hypot(u - centre[0], 1.3 * (v - centre[1]))
+    columns = np.array([u, 50.0 * v])
+    a, b, w = distance(planted(np.tanh(2.0 * away - 2.0), NOISE, 1)[0], columns)
+    assert (a, b / 50.0) == pytest.approx(centre, abs=0.05)
+    assert w * 50.0**2 == pytest.approx(1.3**2, rel=0.1)
+
+
+def test_without_a_function_the_problem_is_that_of_the_rest() -> None:
+    """Once a function is taken off, nothing is left of it to gain, and of another what it adds."""
+    u, v = np.random.default_rng(3).uniform(-1.0, 1.0, (2, POSES))
+    targets, _, _ = planted(u + 0.5 * np.exp(v), NOISE, 2)
+    both = np.array([u, np.exp(v)])
+    gain, coefficients = targets.set_gain(both, 0)
+    rest = without(targets, coefficients @ both)
+    assert rest.energy == pytest.approx((1.0 - gain) * targets.energy, rel=1e-9)
+    assert np.max(rest.gains(both)) < 1e-12
 
 
 def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
