@@ -9,8 +9,6 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
-from gpmodel.families.frequency_grid import FrequencyGrid, frequency_grid
-from gpmodel.families.inner import symbol
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.balls import balls_of
 from gpmodel.mechanism.protocol import AXES, Mechanism
@@ -29,10 +27,6 @@ few."""
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
 
-NAMED, HIGHEST = 12, 400
-"""Ripples per turn that are offered by name; up to where any number, whole or not, is looked for: twice the ratio of
-the slowest strain-wave gears."""
-
 LOBES = (2, 3, 4)
 """Of a ball: oval, as centreless grinding leaves it, and one more, that a number has neighbours on either side."""
 
@@ -49,26 +43,6 @@ def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Gear error of two periods a turn: a sin 2q + b cos 2q on each revolute joint, rad."""
     for j in revolute(mechanism):
         yield pair(f"gear error, 2 per turn, {j.name}", j, f"2*{j.name}", "gear_harmonic", 4.5)
-
-
-def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Three to twelve per turn: a sin nq + b cos nq on each revolute joint, rad."""
-    for j in revolute(mechanism):
-        for n in range(3, NAMED + 1):
-            name, cost = f"transmission ripple, {n} per turn, {j.name}", 4.0 + float(np.log(NAMED))
-            yield pair(name, j, f"{n}*{j.name}", "transmission_ripple", cost)
-
-
-def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
-    for j in revolute(mechanism):
-        travel = float(np.ptp(states[j.name]))
-        name = f"transmission ripple, {symbol()} per turn, {j.name}"
-        lowest = max(3.0, 4 * np.pi / travel) if travel > 0 else np.inf
-        wave = pair(name, j, f"{symbol()}*{j.name}", "transmission_ripple", 4.0)
-        found = frequency_grid(wave, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate)
-        if found is not None:
-            yield found
 
 
 @cache

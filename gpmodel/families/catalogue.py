@@ -14,6 +14,7 @@ from gpmodel.families import load as families_load
 from gpmodel.families import load_curves as families_load_curves
 from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
+from gpmodel.families import ripple as families_ripple
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.family import Family, installed
@@ -33,7 +34,8 @@ _OWN: tuple[Family, ...] = (
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
-    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_angle.transmission_ripple, families_angle.ripple_grids, refit_constants=True),
+    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_ripple.transmission_ripple, families_ripple.ripple_grids, refit_constants=True),
+    Family("mesh_compliance", "the teeth in mesh yield to the torque, some more and some less: compliance that changes from tooth to tooth", "Kahraman and Singh 1991", families_ripple.mesh_compliance, families_ripple.mesh_grids, refit_constants=True),
     Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve, offered=families_curves.curves, clamped=True),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
     Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_memory.play_last_move),

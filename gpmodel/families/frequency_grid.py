@@ -17,11 +17,12 @@ best one loses 5 % at most, (1 - sinc²(1/8))."""
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """sin and cos of rate · (q - start) on the drive of a joint, at every rate of a range.
+    """sin and cos of rate · (q - start) on the drive of a joint, times a load where there is one, at every rate of a
+    range.
 
     template: the candidate with a symbol in the place of what its name tells the rate by. rates: (F,) rad of the
     argument per rad or metre of the joint's coordinate, equally spaced. value: what stands for the symbol at a rate,
-    and the rate of that.
+    and the rate of that. load: the column of it.
     Its cost is that of a named effect and the log of how many of the rates the poses can tell apart.
     """
 
@@ -30,6 +31,7 @@ class FrequencyGrid:
     start: float
     rates: Array
     value: Callable[[float], float]
+    load: str = ""
 
     @property
     def step(self) -> float:
@@ -49,6 +51,7 @@ def frequency_grid(
     travel: tuple[float, float],
     span: tuple[float, float],
     value: Callable[[float], float],
+    load: str = "",
 ) -> FrequencyGrid | None:
     """The grid of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
@@ -60,4 +63,4 @@ def frequency_grid(
     if not independent > 1:
         return None
     template = replace(wave, cost=wave.cost + float(np.log(independent)))
-    return FrequencyGrid(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value)
+    return FrequencyGrid(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value, load)

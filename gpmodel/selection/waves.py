@@ -1,8 +1,8 @@
 """The worth of waves at very many rates beside a model, without a column for each; the best of them as groups.
 
-A wave's columns are x = r ∘ sin and r ∘ cos of rate (q - start), r what the drive does to the rows (M,), so that their
-products with anything are sums over the poses of shapes times what r made of it. Of poses that share a deviation the
-angles are taken as one.
+A wave's columns are x = r ∘ sin and r ∘ cos of rate (q - start), r what the drive does to the rows (M,), times a load
+where the wave grows with one, so that their products with anything are sums over the poses of shapes times what r made
+of it. Of poses that share a deviation the angles are taken as one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -89,6 +89,8 @@ def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
     """A grid beside a model; targets: (M, T), whitened and cleaned."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
+    if grid.load:
+        reach = reach * rows.shapes.states[grid.load][rows.pose_of_row]
     reach = rows.whitening.whiten(np.asarray(reach))[:, None]
     left = targets - active.spanned @ (active.spanned.T @ targets)
     taken = np.hstack([rows.placement, active.spanned])

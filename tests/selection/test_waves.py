@@ -23,16 +23,16 @@ from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of, most_by_chance, spectrum
 
 
-def grids(arm: str) -> list[FrequencyGrid]:
-    return grids_of(
-        catalogue.catalogue, mechanism(arm), prepare(mechanism(arm), bare(arm, 20, 1, payload=False)).states
-    )
+def grids(arm: str, family: str = "transmission_ripple") -> list[FrequencyGrid]:
+    states = prepare(mechanism(arm), bare(arm, 20, 1, payload=False)).states
+    found = grids_of(catalogue.catalogue, mechanism(arm), states)
+    return [grid for grid in found if grid.template.family == family]
 
 
 def test_a_wave_is_worth_what_its_group_is() -> None:
     active, _ = problem()
     rows = active.pool.rows
-    for grid in grids(ARM)[1:4]:
+    for grid in grids(ARM)[1:4] + grids(ARM, "mesh_compliance")[1:3]:
         there = spectrum(active, grid, rows.target[:, None])
         for rate in (7.0, 101.37, 250.5):
             group = from_candidate(grid.at(rate), rows.shapes)
@@ -48,17 +48,22 @@ def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
     assert np.mean(most_by_chance(active, grids(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
 
 
-@pytest.mark.parametrize("rate", [37.42, 101.4, 160.0])
-def test_a_ripple_at_any_number_per_turn_is_found_and_named(rate: float) -> None:
+@pytest.mark.parametrize(
+    ("family", "rate"),
+    [("transmission_ripple", 37.42), ("transmission_ripple", 101.4), ("transmission_ripple", 160.0),
+     ("mesh_compliance", 50.79), ("mesh_compliance", 101.4)],
+)  # fmt: skip
+def test_a_ripple_at_any_number_per_turn_is_found_and_named(family: str, rate: float) -> None:
     data = bare(ARM, 90, 5, payload=False)
-    ripple = grids(ARM)[1].at(rate).effects
+    everything = [*grids(ARM), *grids(ARM, "mesh_compliance")]
+    ripple = grids(ARM, family)[1].at(rate).effects
     truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
     selection = select(
-        calibrate(model, truth.poses), truth.poses, Offering(STANDING, grids=grids(ARM)), criteria=Criteria(shuffles=9)
+        calibrate(model, truth.poses), truth.poses, Offering(STANDING, grids=everything), criteria=Criteria(shuffles=9)
     )
     (kept,) = selection.kept
-    said = re.fullmatch(r"transmission ripple, ([\d.]+) per turn, (\w+)", kept.group.name)
+    said = re.fullmatch(rf"{family.replace('_', ' ')}, ([\d.]+) per turn, (\w+)", kept.group.name)
     assert said
     assert float(said[1]) == pytest.approx(rate, abs=0.2)
-    assert said[2] == grids(ARM)[1].joint.name
+    assert said[2] == grids(ARM, family)[1].joint.name
