@@ -126,11 +126,12 @@ def _chosen(
 ) -> Selection:
     """What is chosen of all that is offered but for groups at joints that stand still.
 
-    before: what was chosen, of which some have laws; these are not offered again, nor are curves of the same inputs
-    that were not chosen, which would say the same elsewhere. What was evolved in several terms is offered term by term
-    where one of them has a name by itself.
+    before: what was chosen, of which some have laws. These are not offered again, nor are curves that were not chosen
+    and read what laws read, beside nothing but what was chosen reads: they would say the same elsewhere or together.
+    What was evolved in several terms is offered term by term where one of them has a name by itself.
     """
-    said = {frozenset(before[name].inputs) for name in laws}
+    read = {name for candidate in before.values() for name in candidate.inputs}
+    said = {name for law in laws.values() for name in law.inputs}
     mechanism = choice.standard.model.mechanism
     cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
     builders = of_offers(choice.offers), of_evolved(evolved, cost)
@@ -139,7 +140,9 @@ def _chosen(
     def wanted(group: Group) -> bool:
         return (
             group.name not in laws
-            and not (is_curve(group) and group.name not in before and frozenset(group.inputs) in said)
+            and not (
+                is_curve(group) and group.name not in before and said & set(group.inputs) and read >= set(group.inputs)
+            )
             and choice.asks_for(group)
             and not all(stands_still(e.slots, still) for e in group.effects)
         )
@@ -157,9 +160,9 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     """Of every curve that was chosen, and of what was evolved in several terms: the law of one term that saves most,
     where it predicts as well within one standard error.
 
-    Where it does not predict better by two, it has to save as much as several terms, as a curve that only follows its
-    input but for the price of a name, and more than one that a family of the catalogue explains, by the head start of
-    named effects. Curves with constants inside are refined instead. Terms were evolved beside poses that stood far out;
+    Where it does not predict better by two, it has to save as much as several terms, as a free function of its inputs
+    but for the price of a name, and more than one that a family of the catalogue explains, by the head start of named
+    effects. Curves with constants inside are refined instead. Terms were evolved beside poses that stood far out;
     now these are explained.
 
     Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
@@ -177,7 +180,7 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     for curve, residual, laws in searched:
         own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
         best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
-        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * bool(curve.family)
+        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * is_curve(curve)
         worse = better_by(residual, curve.effects, best[1].effects) / criteria.standard_errors
         if worse < 1.0 and (best[0] >= own + margin or worse < -CLEARLY):
             found[curve.name] = best[1]

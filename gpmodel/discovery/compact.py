@@ -58,8 +58,8 @@ def compact_laws(
             yield curve, residual, laws
 
 
-def is_curve(group: Group) -> bool:
-    """Whether a group says how something looks and names no part."""
+def is_curve(group: Group | Candidate) -> bool:
+    """Whether it says how something looks and names no part."""
     known = family(group.family)
     return group.found_by == "surface" or (known is not None and known.generic)
 
