@@ -15,7 +15,7 @@ from gpmodel.application.verify import misses_of, verified
 from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
-from gpmodel.report.verification import NAME, Verification, VerifyRequest, to_json, verification
+from gpmodel.report.verification import NAME, Verification, VerifyRequest, by_row, to_json, verification
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
@@ -52,12 +52,7 @@ class VerifyResult(Shown):
     def to_dataframe(self) -> pd.DataFrame:
         """One row a row of the table, the worst first: errors without and with the model, promised, chance, and what
         is outside the ranges it was fitted in."""
-        rows = [
-            {"row": p.row, "without [mm]": p.without_mm, "with [mm]": p.with_mm, "promised [mm]": p.promised_mm,
-             "chance": p.chance, "outside": p.outside, "outlier": p.outlier, "missed [mm]": p.missed_mm}
-            for p in self.record.worst_first
-        ]  # fmt: skip
-        frame = pd.DataFrame(rows)
+        frame = by_row(self.record)
         return frame if self.record.missed.known else frame.drop(columns="missed [mm]")
 
     def changes(self) -> pd.DataFrame:
@@ -77,11 +72,12 @@ class VerifyResult(Shown):
         from gpmodel.report.certificate_pdf import write_pdf
         from gpmodel.report.particulars import Particulars
         from gpmodel.report.verification_certificate import certificate
-        from gpmodel.report.verification_words import csv, html
+        from gpmodel.report.verification_words import html
 
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "verify.html", html(self.record))
-            write_text(draft / "verify.csv", csv(self.record))
+            rows = by_row(self.record).astype({"outlier": int})
+            write_text(draft / "verify.csv", rows.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
             write_pdf(certificate(self.record, Particulars()), draft / "verify.pdf")
             self.save(draft / NAME)
 

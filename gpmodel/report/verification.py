@@ -9,6 +9,7 @@ from typing import Literal, cast
 
 import msgspec
 import numpy as np
+import pandas as pd
 
 from gpmodel import files
 from gpmodel.application.verify import Verified
@@ -209,6 +210,16 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
         own = factor / (kind.metres or 1.0)
         sizes = [own * root_mean_square(v[rows]) for v in (found.alone, session.errors, promised)]
         yield KindRecord(kind.name, unit, 1e3 / own, int(rows.sum()), *map(optional, sizes))
+
+
+def by_row(record: Verification) -> pd.DataFrame:
+    """One row a row of the table, the largest error with the model first, as verify.csv has it."""
+    rows = [
+        {"row": p.row, "without [mm]": p.without_mm, "with [mm]": p.with_mm, "promised [mm]": p.promised_mm,
+         "chance": p.chance, "outside": p.outside, "outlier": p.outlier, "missed [mm]": p.missed_mm}
+        for p in record.worst_first
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
 
 
 def to_json(record: Verification) -> str:

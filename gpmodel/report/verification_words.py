@@ -163,17 +163,6 @@ def _row(record: Verification, pose: PoseRecord) -> str:
     return f"    {pose.row:>6}{cells}{f'  outside {pose.outside}' if pose.outside else ''}"
 
 
-def csv(record: Verification) -> str:
-    """The text of verify.csv: a row a pose, the worst first."""
-    heads = ["row", "without [mm]", "with [mm]", "promised [mm]", "chance", "outside", "outlier", "missed [mm]"]
-    rows = [
-        (p.row, p.without_mm, p.with_mm, p.promised_mm, p.chance, p.outside, int(p.outlier), p.missed_mm)
-        for p in record.worst_first
-    ]
-    cells = (",".join("" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in row) for row in rows)
-    return "\n".join([",".join(heads), *cells]) + "\n"
-
-
 def picture(record: Verification) -> Picture:
     """Errors row by row, with and without the model, and what is promised."""
     return Picture(
