@@ -53,7 +53,6 @@ class Workers(Protocol):
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
         """(place in `tasks`, result) of every task, as they finish; tasks that nobody waits for are not begun."""
-        ...
 
 
 def cores() -> int:

@@ -49,17 +49,16 @@ def load_mechanism(
 
 def _described(name: str) -> PassiveJoint | Hexapod | Tau | None:
     from joints.description import kind_of, read_joint
-    from joints.hexapod_description import hexapod, read_hexapod
-    from joints.tau_description import read_tau, tau
+    from joints.hexapod_description import hexapod
+    from joints.tau_description import tau
 
-    if name in mechanism_names():
-        return spherical_joint() if name == SPHERICAL_JOINT else hexapod() if name == HEXAPOD else tau()
-    if Path(name).suffix.lower() != ".toml":
-        return None
-    kind = kind_of(Path(name))
+    if name == SPHERICAL_JOINT:
+        return spherical_joint()
+    path = Path(name) if Path(name).suffix.lower() == ".toml" else None
+    kind = kind_of(path) if path else name
     if kind in (HEXAPOD, TAU):
-        return read_hexapod(Path(name)) if kind == HEXAPOD else read_tau(Path(name))
-    return None if kind is None else read_joint(Path(name))
+        return hexapod(path) if kind == HEXAPOD else tau(path)
+    return read_joint(path) if path and kind is not None else None
 
 
 __all__ = ["load_mechanism", "mechanism_names", "spherical_joint"]

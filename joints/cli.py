@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -100,7 +99,7 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
-    from joints.studies.study import plain
+    from joints.studies.study import plain, png
 
     record = {
         "schema": 1,
@@ -115,9 +114,7 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
     if out is not None:
         files[out / f"joint_{name}.json"] = numbers
         for figure_name, figure in study.figures.items():
-            image = io.BytesIO()
-            figure.savefig(image, format="png", dpi=110, metadata={"Software": None})
-            files[out / "figures" / figure_name] = image.getvalue()
+            files[out / "figures" / figure_name] = png(figure)
         files |= {out / page_name: text.encode() for page_name, text in study.pages.items()}
     return files
 

@@ -50,13 +50,6 @@ def unit(vectors: Array) -> Array:
     return out
 
 
-def shift(points: Array) -> Array:
-    """Transforms (..., 4, 4) that move by points (..., 3)."""
-    out = np.broadcast_to(np.eye(4), (*points.shape[:-1], 4, 4)).copy()
-    out[..., :3, 3] = points
-    return out
-
-
 def axes_along(directions: Array) -> Array:
     """Axes (..., 3, 3) with z along unit vectors (..., 3): the smallest turn of the root's; none points to -z."""
     v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)

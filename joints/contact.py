@@ -8,13 +8,12 @@ fits, of which the thesis prints lambda (Fig 3.23) and uses alpha and beta in Ta
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipk, elliprd
 
+from gpmodel.arrays import Array
 from joints.limits import positive, require
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -94,8 +93,8 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
 
 
 @dataclass(frozen=True)
-class PublishedContact:
-    """The rows of Table 3.3: Slocum's coefficients and what follows from them, SI."""
+class PublishedContact(HertzContact):
+    """The rows of Table 3.3: Slocum's coefficients beside what follows from them, SI."""
 
     equivalent_radius: float
     cos_theta: float
@@ -103,11 +102,6 @@ class PublishedContact:
     alpha: float
     beta: float
     lam: float
-    semi_major: Array
-    semi_minor: Array
-    pressure: Array
-    approach: Array
-    stiffness: Array
 
 
 def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> PublishedContact:
@@ -128,19 +122,8 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
     scale = np.cbrt(3 * load * radius / (2 * modulus))
     approach = lam * np.cbrt(2 * load**2 / (3 * radius * modulus**2))
     pressure = 3 * load / (2 * np.pi * alpha * beta * scale**2)
-    return PublishedContact(
-        radius,
-        cos_theta,
-        theta,
-        float(alpha),
-        float(beta),
-        float(lam),
-        alpha * scale,
-        beta * scale,
-        pressure,
-        approach,
-        load / approach,
-    )
+    ellipse = alpha * scale, beta * scale, pressure, approach, load / approach
+    return PublishedContact(*ellipse, radius, cos_theta, theta, float(alpha), float(beta), float(lam))
 
 
 def _axis_ratio(curvature_ratio: float) -> float:

@@ -1,12 +1,12 @@
 """The ball on its air film: frequency response, its peak and bandwidth, and its identification (thesis chapter 6)."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.film import FilmGeometry
 from joints.limits import not_negative, positive, require
@@ -16,24 +16,6 @@ SPAN = (0.01, 20.0)
 """Of sqrt(k/m) / 2 pi, the frequencies in which peak and bandwidth are sought."""
 STEPS = 400
 """Frequencies over that span, 2 % apart; what lies between two is refined."""
-
-
-class Suspended(Protocol):
-    """A mass held by something."""
-
-    @property
-    def mass(self) -> float:
-        """kg."""
-        ...
-
-    @property
-    def stiffness(self) -> float:
-        """Static, N/m."""
-        ...
-
-    def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """F/x [N/m] at `frequency` [Hz]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -65,17 +47,17 @@ class BallOnFilm:
         )
 
 
-def receptance(system: Suspended, frequency: ArrayLike) -> NDArray[np.complex128]:
+def receptance(system: BallOnFilm, frequency: ArrayLike) -> NDArray[np.complex128]:
     """x/F [m/N] at `frequency` [Hz]."""
     return 1 / system.dynamic_stiffness(frequency)
 
 
-def natural_frequency(system: Suspended) -> float:
+def natural_frequency(system: BallOnFilm) -> float:
     """sqrt(k/m) / 2 pi [Hz], of the static stiffness."""
     return float(np.sqrt(system.stiffness / system.mass) / (2 * np.pi))
 
 
-def resonance(system: Suspended) -> tuple[float, float]:
+def resonance(system: BallOnFilm) -> tuple[float, float]:
     """Frequency [Hz] of the largest response and that over the static one; 0 and 1 where none is larger."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     size = _times_static(system, f)
@@ -88,14 +70,14 @@ def resonance(system: Suspended) -> tuple[float, float]:
     return (float(found.x), float(-found.fun)) if -found.fun > 1 else (0.0, 1.0)
 
 
-def bandwidth(system: Suspended) -> float:
+def bandwidth(system: BallOnFilm) -> float:
     """Frequency [Hz] above which the response stays below 1/sqrt(2) of the static one."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     last = int(np.flatnonzero(_times_static(system, f) >= np.sqrt(0.5)).max(initial=0))
     return float(optimize.brentq(lambda x: float(_times_static(system, x)) - np.sqrt(0.5), f[last], f[last + 1]))
 
 
-def _times_static(system: Suspended, frequency: ArrayLike) -> NDArray[np.float64]:
+def _times_static(system: BallOnFilm, frequency: ArrayLike) -> Array:
     return system.stiffness * np.abs(receptance(system, frequency))
 
 

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from joints import sphere_charts
 from joints.budget import Budget
 from joints.contact import HertzContact, PublishedContact
@@ -19,8 +20,6 @@ from joints.orifice import ATMOSPHERE, SCCM
 from joints.pugh import PughChart
 from joints.reynolds import SphericalFilm, compressible_film, spherical_area, spherical_pressure
 from joints.stiffness import RegimeCurve
-
-Array = NDArray[np.float64]
 
 
 def _axes(columns: int = 1, width: float = 6.0) -> tuple[Figure, list[Axes]]:

@@ -7,12 +7,11 @@ flows volumes at atmospheric pressure [m^3/s], displacements and gaps [m], angle
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from joints.limits import angle_within, not_negative, positive, require
 from joints.preload import projected_area
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

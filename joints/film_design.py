@@ -6,8 +6,9 @@ Units as in `joints.film`.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from joints.film import (
     FilmGeometry,
     edge_gap,
@@ -19,8 +20,6 @@ from joints.film import (
 )
 from joints.limits import not_negative, positive
 from joints.orifice import Orifice
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -2,35 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.film import FilmGeometry
+from joints.film_design import FilmDesign
 from joints.limits import positive
 from joints.orifice import Orifice
-
-Array = NDArray[np.float64]
+from joints.reynolds import SphericalFilm
 
 APART = 1e4
 """Condition of the two columns, scaled, above which the rows do not tell clearance from flow."""
 
 
-class Film(Protocol):
-    """A film that carries a load at a displacement."""
-
-    @property
-    def flow(self) -> Array:
-        """Through one orifice, m^3/s."""
-        ...
-
-    @property
-    def socket_pressure(self) -> Array:
-        """Under the orifices, Pa."""
-        ...
+Film = FilmDesign | SphericalFilm
+"""A film that carries a load at a displacement."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """The film and its orifices from the keys of a TOML table."""
 
+from dataclasses import fields
+
 from gpmodel.errors import InputError
 from joints.film import FilmGeometry
 from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
@@ -7,15 +9,9 @@ from joints.settings import Settings
 
 
 def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
-    """The film's geometry from the keys of a TOML table."""
-    return FilmGeometry(
-        settings["ball_radius"] if ball_radius is None else ball_radius,
-        settings["socket_angle"],
-        settings["orifice_angle"],
-        settings["clearance"],
-        settings["orifices"],
-        settings["viscosity"],
-    )
+    """The film's geometry from the keys of a TOML table, which are called as its fields."""
+    given = settings if ball_radius is None else {**settings, "ball_radius": ball_radius}
+    return FilmGeometry(**{field.name: given[field.name] for field in fields(FilmGeometry)})
 
 
 def orifice_law(settings: Settings) -> Orifice:

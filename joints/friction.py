@@ -14,12 +14,11 @@ which is quadratic in X. Source: J. P. Den Hartog, Trans. ASME 53 (1931); its eq
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from joints.dynamics import Suspended
+from gpmodel.arrays import Array
+from joints.dynamics import BallOnFilm
 from joints.limits import not_negative, positive
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ def magnet_stiffness(preload: float, stand_off: float) -> float:
     return float(-2 * positive("preload", preload, "N") / positive("stand-off", stand_off, "m"))
 
 
-def amplitude(system: Suspended, losses: Losses, force: ArrayLike, frequency: ArrayLike) -> Array:
+def amplitude(system: BallOnFilm, losses: Losses, force: ArrayLike, frequency: ArrayLike) -> Array:
     """Amplitude of motion [m] under `force` [N] of `frequency` [Hz]; 0 where friction holds the joint."""
     drive, held = positive("force amplitude", force, "N"), system.dynamic_stiffness(frequency)
     elastic = held.real + losses.magnet_stiffness
@@ -60,7 +59,7 @@ def amplitude(system: Suspended, losses: Losses, force: ArrayLike, frequency: Ar
     return np.where(drive > dry, np.maximum(root - viscous * dry, 0.0) / squared, 0.0)
 
 
-def energy_per_cycle(system: Suspended, losses: Losses, motion: ArrayLike, frequency: float) -> dict[str, Array]:
+def energy_per_cycle(system: BallOnFilm, losses: Losses, motion: ArrayLike, frequency: float) -> dict[str, Array]:
     """What a cycle of amplitude `motion` [m] loses, J: to the film, to friction, to the magnets."""
     x = not_negative("amplitude", motion, "m")
     return {

@@ -12,7 +12,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Joint
-from joints.closing import shift
+from gpmodel.numerics.se3 import shift
 from joints.legs import LEGS, OnLegs
 
 
@@ -45,12 +45,8 @@ class Hexapod(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Slot -> the vector (3,), m, that grows with temperature: the balls' places, and the legs at half stroke."""
-        out = {}
-        for i in range(LEGS):
-            out[f"L{i + 1}.fixed"], out[f"L{i + 1}.platform"] = self.base[i], self.platform[i]
-            out[f"L{i + 1}.moving"] = np.array([0.0, 0.0, np.mean(self.limits)])
-        return out
+        """As OnLegs.link_levers, the legs at half stroke."""
+        return self.link_levers(self.home[0])
 
     @property
     def home(self) -> Array:
@@ -62,7 +58,7 @@ class Hexapod(OnLegs):
         frames[1:-1:3] = own[0] @ shift(self.base)[:, None] @ own[1:-1:3]
         apart = np.linalg.norm((self.platform - self.base)[:, :2], axis=1).mean()
         high = np.sqrt(max(np.mean(self.limits) ** 2 - apart**2, 0.0)) + np.mean(self.base - self.platform, 0)[2]
-        return q.T, np.broadcast_to(shift(np.array([0.0, 0.0, high])), (len(q), 4, 4))
+        return q.T, np.broadcast_to(shift([0.0, 0.0, high]), (len(q), 4, 4))
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """torque_L1 .. (N): the force of the weight on each length; force_base_x .. moment_base_z: on the base."""

@@ -1,5 +1,6 @@
 """A hexapod as a TOML file describes it: two rings of balls, the legs' range, the measured point."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -12,7 +13,7 @@ from joints.hexapod import Hexapod
 from joints.legs import OnLegs
 from joints.limits import positive
 from joints.passive_joint import vector
-from joints.settings import Settings, laid_over, load_settings, read_toml
+from joints.settings import Settings, laid_over, read_toml
 
 Machine = TypeVar("Machine", bound=OnLegs)
 
@@ -22,20 +23,21 @@ WEAKEST = 1e-3
 legs do not hold the platform: two similar hexagons have zero."""
 
 
-def hexapod() -> Hexapod:
-    """The built-in one."""
-    return _built(load_settings(KIND), f"{KIND}.toml")
-
-
-def read_hexapod(path: Path) -> Hexapod:
-    """The hexapod of a TOML file.
+def hexapod(path: Path | None = None) -> Hexapod:
+    """The hexapod of a TOML file, the built-in one without.
 
     Raises InputError: an unknown key, a missing unit, a ring or range without size, legs that cannot meet or that leave
     the platform loose.
     """
-    given = read_toml(path)
-    machine = _built(laid_over(KIND, given, path.name), path.name)
-    return machine if "name" in given else replace(machine, name=path.stem)
+    return described(KIND, path, _built)
+
+
+def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
+    """What `build` makes of the settings of a TOML file, called as the file where that has no name; the built-in one
+    without. build: also takes the file's name, for messages."""
+    given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
+    machine = build(laid_over(kind, given, file), file)
+    return replace(machine, name=path.stem) if path and "name" not in given else machine
 
 
 def _built(s: Settings, file: str) -> Hexapod:

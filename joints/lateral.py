@@ -10,14 +10,12 @@ gap: the film has no stiffness of tilt, and about a point at a distance L from t
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
+from gpmodel.arrays import Array
 from joints.film import FilmGeometry, film_gap
 from joints.orifice import Orifice
 from joints.reynolds import SphericalFilm, spherical_resistance
-
-Array = NDArray[np.float64]
 
 CELLS = 800
 """Of the arc from the pole to the edge; twice as many change the stiffness by 1e-5."""

@@ -13,13 +13,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.balls import Ball, Shift
-from gpmodel.mechanism.protocol import AXES, Joint, Mask
+from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
-from joints.closing import CLOSED, adjoint, axes_along, jacobian_of, newton, shift, unit
+from joints.closing import CLOSED, adjoint, axes_along, jacobian_of, newton, unit
 
 LEGS = 6
 
@@ -77,6 +77,14 @@ class OnLegs:
         balls = ((f"L{i}.{ball}", axis) for i in legs for ball in ("fixed", "platform") for axis in AXES[:3])
         return (*((f"L{i}.moving", "Tz") for i in legs), *balls)
 
+    def link_levers(self, lengths: Array) -> dict[str, Array]:
+        """Slot -> the vector (3,), m, that grows with temperature: the balls' places, and the links of some lengths."""
+        out = {}
+        for i, (base, platform, length) in enumerate(zip(self.base, self.platform, lengths, strict=True), 1):
+            out[f"L{i}.fixed"], out[f"L{i}.platform"] = base, platform
+            out[f"L{i}.moving"] = np.array([0.0, 0.0, length])
+        return out
+
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
         """The twelve, named by their slots; angles as of the thesis' joint whose axis stands along the link at home."""
@@ -133,14 +141,14 @@ class OnLegs:
         frames = own.copy()
         lengths, pose = self.feet(frames, own, q)
         lengths = lengths + own[at + 1 : -1 : 3, :, 2, 3]
-        balls = shift(self.platform)[:, None] @ own[at + 2 : -1 : 3]
+        balls = se3.shift(self.platform)[:, None] @ own[at + 2 : -1 : 3]
         lower = frames[at:-1:3, :, :3, 3]
         pose, miss = newton(pose, lower, balls[..., :3, 3], lengths)
         frames[at + 2 : -1 : 3] = pose @ balls
         upper = frames[at + 2 : -1 : 3, :, :3, 3]
         frames[at + 1 : -1 : 3, :, :3, 3] = upper
         frames[at + 1 : -1 : 3, :, :3, :3] = axes_along(unit(upper - lower)) @ own[at + 1 : -1 : 3, :, :3, :3]
-        frames[-1] = pose @ shift(np.array(self.tool)) @ own[-1]
+        frames[-1] = pose @ se3.shift(self.tool) @ own[-1]
         return frames, lengths, miss
 
     def carried(self, frames: Array, slot: int) -> Array:

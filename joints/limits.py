@@ -1,8 +1,9 @@
 """One-line refusals of impossible physical inputs."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 
 
@@ -13,21 +14,21 @@ def require(valid: ArrayLike, name: str, value: ArrayLike, expected: str) -> Non
         raise InputError(f"{name} = {values[~ok].flat[0]:.6g}, expected {expected}")
 
 
-def positive(name: str, value: ArrayLike, unit: str) -> NDArray[np.float64]:
+def positive(name: str, value: ArrayLike, unit: str) -> Array:
     """`value` as a float array, every entry finite and above zero."""
     array = np.asarray(value, float)
     require(np.isfinite(array) & (array > 0), name, array, f"above 0 {unit}".rstrip())
     return array
 
 
-def not_negative(name: str, value: ArrayLike, unit: str) -> NDArray[np.float64]:
+def not_negative(name: str, value: ArrayLike, unit: str) -> Array:
     """`value` as a float array, every entry finite and at least zero."""
     array = np.asarray(value, float)
     require(np.isfinite(array) & (array >= 0), name, array, f"at least 0 {unit}".rstrip())
     return array
 
 
-def angle_within(name: str, value: ArrayLike, upper: float, lower: float = 0.0) -> NDArray[np.float64]:
+def angle_within(name: str, value: ArrayLike, upper: float, lower: float = 0.0) -> Array:
     """`value` [rad] as a float array within lower < value <= upper; the message speaks degrees."""
     array = np.asarray(value, float)
     valid = np.isfinite(array) & (array > lower) & (array <= upper * (1 + 1e-12))

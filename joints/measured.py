@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.table.units import factor_like, split_header
 
 
-def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, NDArray[np.float64]]:
+def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
     """Columns {name: example unit} of the CSV at `path`, such as `displacement [um],force [N]`, in SI.
 
     Raises InputError that names the column and the row for a missing column, unit or number.

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from joints.limits import not_negative, positive, require
 
 ATMOSPHERE = 101325.0
 SCCM = 1e-6 / 60
-
-Array = NDArray[np.float64]
 
 
 class Orifice(Protocol):
@@ -22,15 +21,12 @@ class Orifice(Protocol):
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
         """Flow [m^3/s at atmospheric pressure]."""
-        ...
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
         """Inlet pressure [Pa] that drives `flow`: the inverse of `flow`."""
-        ...
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
         """d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure, never positive."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class PassiveJoint:
             )
         out = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
         for i, rotation in enumerate(self.rotations):
-            out[2 + 2 * i] = _rotation_about(rotation.index, q[:, i])
+            out[2 + 2 * i] = se3.along(3 + rotation.index, q[:, i])
         out[-1, :, :3, 3] = self.tooling_ball
         return out
 
@@ -136,14 +136,6 @@ def turn(points: Array, axis: int, angle: Array) -> Array:
     out = points.copy()
     out[..., i] = c * points[..., i] - s * points[..., j]
     out[..., j] = s * points[..., i] + c * points[..., j]
-    return out
-
-
-def _rotation_about(axis: int, angle: Array) -> Array:
-    out = np.zeros((len(angle), 4, 4))
-    out[:, 3, 3] = 1.0
-    for k, unit in enumerate(np.eye(3)):
-        out[:, :3, k] = turn(np.broadcast_to(unit, (len(angle), 3)), axis, angle)
     return out
 
 

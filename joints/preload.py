@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from joints.limits import angle_within, not_negative, positive, require
 
 THREE_AZIMUTHS = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
@@ -46,12 +47,12 @@ def total_preload(rings: Sequence[MagnetRing]) -> float:
     return sum(ring.axial_force for ring in rings)
 
 
-def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> Array:
     """Largest pull [N] with the ball fixed to the robot: the preload at every joint angle (Fig 3.8)."""
     return not_negative("preload", preload, "N") * np.ones_like(_pull_angle(angle))
 
 
-def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> NDArray[np.float64]:
+def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
     """Largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig 3.7).
 
     `reaction_angle` phi is where the resultant of the socket's reaction acts. Over all angles the limit falls
@@ -62,7 +63,7 @@ def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: flo
     return not_negative("preload", preload, "N") / (np.cos(theta) + np.sin(theta) / np.tan(phi))
 
 
-def contact_directions(contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS) -> NDArray[np.float64]:
+def contact_directions(contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS) -> Array:
     """(3, 3) unit vectors, one a row, from the ball's centre to its three supports."""
     angle_within("contact angle", contact_angle, np.pi / 2)
     psi = np.asarray(azimuths, float)
@@ -73,7 +74,7 @@ def contact_directions(contact_angle: float, azimuths: Sequence[float] = THREE_A
 
 def contact_forces(
     preload: float, pull: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
-) -> NDArray[np.float64]:
+) -> Array:
     """Normal forces (..., 3) [N] of three supports: sum N_i c_i = F u - P z; a negative one has separated."""
     at_rest, per_newton = _support_responses(angle, azimuth, directions)
     return preload * at_rest + np.asarray(pull, float)[..., None] * per_newton
@@ -85,7 +86,7 @@ def three_contact_limit(
     azimuth: ArrayLike,
     contact_angle: float,
     azimuths: Sequence[float] = THREE_AZIMUTHS,
-) -> NDArray[np.float64]:
+) -> Array:
     """Largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
 
     For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)).
@@ -98,34 +99,32 @@ def three_contact_limit(
     return not_negative("preload", preload, "N") * limits.min(axis=-1)
 
 
-def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
     """4 alpha r^2 [m^2], the thesis' socket area (Tables 3.1, 4.1); exact only for a hemisphere."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return 4 * alpha * positive("socket radius", radius, "m") ** 2
 
 
-def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
     """2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
 
 
-def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> NDArray[np.float64]:
+def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
     """pi (r sin alpha)^2 [m^2], the cap seen along its axis, on which a uniform pressure lifts (Fig 4.11)."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return np.pi * (positive("socket radius", radius, "m") * np.sin(alpha)) ** 2
 
 
-def _pull_angle(angle: ArrayLike) -> NDArray[np.float64]:
+def _pull_angle(angle: ArrayLike) -> Array:
     theta = np.asarray(angle, float)
     valid = np.isfinite(theta) & (theta >= 0) & (theta <= np.pi / 2 * (1 + 1e-12))
     require(valid, "pull angle [deg]", np.degrees(theta), "0 to 90 deg")
     return theta
 
 
-def _support_responses(
-    angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _support_responses(angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
     theta, psi = np.broadcast_arrays(_pull_angle(angle), np.asarray(azimuth, float))
     pull = np.stack([np.sin(theta) * np.cos(psi), np.sin(theta) * np.sin(psi), np.cos(theta)], axis=-1)
     inverse = np.linalg.inv(np.asarray(directions, float).T)

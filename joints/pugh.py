@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 
 
@@ -16,21 +16,21 @@ class PughChart:
     title: str
     concepts: tuple[str, ...]
     criteria: tuple[str, ...]
-    marks: NDArray[np.int64]
-    weights: NDArray[np.float64]
+    marks: IntArray
+    weights: Array
 
     @property
-    def scores(self) -> NDArray[np.float64]:
+    def scores(self) -> Array:
         """Weighted plus marks less minus marks, one a concept."""
         return self.weights @ self.marks
 
     @property
-    def pluses(self) -> NDArray[np.int64]:
+    def pluses(self) -> IntArray:
         """Number of plus marks of each concept, "++" counting two."""
         return np.maximum(self.marks, 0).sum(axis=0)
 
     @property
-    def minuses(self) -> NDArray[np.int64]:
+    def minuses(self) -> IntArray:
         """Number of minus marks of each concept."""
         return np.maximum(-self.marks, 0).sum(axis=0)
 

@@ -4,14 +4,13 @@ from dataclasses import dataclass, fields
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.limits import require
 from joints.stiffness import RegimeCurve, regime_basis
-
-Array = NDArray[np.float64]
 
 _LINEAR = ("peak_force", "film_stiffness", "transition_stiffness", "contact_stiffness")
 _BREAKS = ("contact_end", "transition_end", "film_end", "stand_off")

@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from gpmodel.arrays import Array
 from joints.film import FilmGeometry, feed_factor, film_gap, gap_along
 from joints.limits import not_negative, positive, require
 from joints.orifice import ATMOSPHERE, Orifice
-
-Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 

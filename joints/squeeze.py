@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_banded
 
+from gpmodel.arrays import Array
 from joints.film import FilmGeometry, film_gap
 from joints.limits import not_negative, positive
 from joints.orifice import ATMOSPHERE
-
-Array = NDArray[np.float64]
 
 
 def squeeze_damping(geometry: FilmGeometry, displacement: ArrayLike) -> Array:

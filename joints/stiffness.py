@@ -6,14 +6,13 @@ The tester pulls the ball out of the socket along x [m]; tension is positive [N]
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from gpmodel.arrays import Array
 from joints.film import FilmGeometry, edge_gap, film_resistance
 from joints.limits import not_negative, positive, require
 from joints.orifice import Orifice
-
-Array = NDArray[np.float64]
 
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:

@@ -12,8 +12,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES, Joint
-from gpmodel.numerics import se3
-from joints.closing import shift
+from gpmodel.numerics.se3 import along, shift
 from joints.legs import OnLegs
 
 ARMS = (0, 0, 0, 1, 1, 2)
@@ -32,9 +31,7 @@ class Actuator:
 
     def moved(self, q: Array) -> Array:
         """Transforms (N, 4, 4) of its coordinate (N,)."""
-        twist = np.zeros((len(q), 6))
-        twist[:, 5 if self.kind == "revolute" else 2] = q
-        return se3.exp(twist)
+        return along(5 if self.kind == "revolute" else 2, q)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,12 +75,9 @@ class Tau(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Slot -> the vector (3,), m, that grows with temperature: the places of the axes and balls, the links."""
-        out = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
-        for i, length in enumerate(self.lengths, 1):
-            out[f"L{i}.fixed"], out[f"L{i}.platform"] = self.base[i - 1], self.platform[i - 1]
-            out[f"L{i}.moving"] = np.array([0.0, 0.0, length])
-        return out
+        """As OnLegs.link_levers, and the places of the axes."""
+        axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
+        return axes | self.link_levers(self.lengths)
 
     @property
     def home(self) -> Array:
@@ -107,7 +101,7 @@ class Tau(OnLegs):
             frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
             frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]
         frames[7:-1:3] = frames[2:7:2][list(ARMS)] @ shift(self.base)[:, None] @ own[7:-1:3]
-        start = np.broadcast_to(shift(np.array(self.start)), (len(q), 4, 4))
+        start = np.broadcast_to(shift(self.start), (len(q), 4, 4))
         return np.broadcast_to(self.lengths[:, None], (len(ARMS), len(q))), start
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:

@@ -1,16 +1,15 @@
 """A Tau robot as a TOML file describes it: three actuators, six links between their balls, the measured point."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
-from joints.hexapod_description import held
+from joints.hexapod_description import described, held
 from joints.limits import require
 from joints.passive_joint import vector
-from joints.settings import Settings, laid_over, load_settings, read_toml
+from joints.settings import Settings
 from joints.tau import ARMS, Actuator, Tau
 
 KIND = "tau"
@@ -21,20 +20,13 @@ AXES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(
 """Frames whose z is that axis of the base."""
 
 
-def tau() -> Tau:
-    """The built-in one."""
-    return _built(load_settings(KIND), f"{KIND}.toml")
-
-
-def read_tau(path: Path) -> Tau:
-    """The Tau robot of a TOML file.
+def tau(path: Path | None = None) -> Tau:
+    """The Tau robot of a TOML file, the built-in one without.
 
     Raises InputError: an unknown key, a missing unit, another number of actuators or links than three and six, a range
     without zero inside, links that leave the platform loose.
     """
-    given = read_toml(path)
-    machine = _built(laid_over(KIND, given, path.name), path.name)
-    return machine if "name" in given else replace(machine, name=path.stem)
+    return described(KIND, path, _built)
 
 
 def _built(s: Settings, file: str) -> Tau:
@@ -64,6 +56,5 @@ def _actuator(entry: Settings, where: str) -> Actuator:
             f"{where}.{key}: {len(entry[key])} values from {lower:g} to {upper:g}, expected the lowest and the highest "
             "coordinate, zero between them"
         )
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = AXES[entry["axis"]], vector(entry["at"])
-    return Actuator(kind, frame @ se3.exp(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, entry["stands"]]]))[0], lower, upper)
+    frame = se3.frame(AXES[entry["axis"]], vector(entry["at"]))
+    return Actuator(kind, frame @ se3.along(5, np.array([entry["stands"]]))[0], lower, upper)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from joints.limits import not_negative, positive
 
 
@@ -24,12 +25,12 @@ class LoopPart:
         return self.expansion * self.length
 
 
-def growth(length: ArrayLike, expansion: ArrayLike, temperature_change: ArrayLike) -> NDArray[np.float64]:
+def growth(length: ArrayLike, expansion: ArrayLike, temperature_change: ArrayLike) -> Array:
     """alpha_T L dT [m]: 1.17 um/K for the 50.8 mm aluminium socket (the thesis prints "approximately 1")."""
     return np.asarray(expansion, float) * np.asarray(length, float) * np.asarray(temperature_change, float)
 
 
-def loop_growth(parts: Sequence[LoopPart], temperature_change: ArrayLike) -> NDArray[np.float64]:
+def loop_growth(parts: Sequence[LoopPart], temperature_change: ArrayLike) -> Array:
     """Growth [m] of the chain of `parts` when all warm by `temperature_change` [K]."""
     total = sum(part.growth_per_kelvin for part in parts)
     return total * np.asarray(temperature_change, float)
@@ -42,14 +43,14 @@ def gap_growth(
     layer_expansion: float,
     socket_expansion: float,
     temperature_change: ArrayLike,
-) -> NDArray[np.float64]:
+) -> Array:
     """Growth [m] of the radial gap: the socket bore (radius r + t) and the layer t on it, less the ball."""
     bore = socket_expansion * (positive("ball radius", ball_radius, "m") + not_negative("layer", layer, "m"))
     per_kelvin = bore - layer_expansion * layer - ball_expansion * ball_radius
     return per_kelvin * np.asarray(temperature_change, float)
 
 
-def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLike) -> NDArray[np.float64]:
+def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLike) -> Array:
     """Temperature change [K] that uses up `tolerance` [m]; inf for a loop that does not grow."""
     rate = np.abs(np.asarray(growth_per_kelvin, float))
     with np.errstate(divide="ignore"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Joint
 from gpmodel.table.units import identifier
-from robots.links import Link, zero_vector
-from robots.motion import axis_motion
-from robots.statics import DOWN, gravity_loads, unit_loads
+from robots.links import Chain
+from robots.statics import gravity_loads, unit_loads
 from robots.urdf_export import write_calibrated_urdf
 from robots.urdf_file import has_geometry
 from robots.urdf_tree import read_tree
@@ -27,33 +25,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class SerialChain:
-    """A chain of links driven by table coordinates: a Mechanism.
-
-        motion of the links  s = coupling @ q
-
-    coupling: (len(links), len(joints)); the identity for an arm with one motor per joint, with other entries
-    for a reversed axis, a parallel bar or a mimic joint. tool: (4, 4) from the frame after the last motion to
-    the measured frame `tool_frame`, m. gravity: (3,) m/s^2 in the root frame. payload_com: (3,) m, centre of
-    mass of the payload in the measured frame. source: the URDF file the chain was read from, if any.
-    limits: (len(joints), 2), rad or m, in table coordinates. Source: the Mechanism protocol.
-    """
-
-    name: str
-    links: tuple[Link, ...]
-    tool: Array
-    joint_names: tuple[str, ...]
-    coupling: Array
-    limits: Array
-    tool_frame: str = "tool"
-    gravity: Array = field(default_factory=lambda: np.array(DOWN))
-    payload_com: Array = field(default_factory=zero_vector)
-    source: Path | None = None
-
-    @cached_property
-    def slots(self) -> tuple[str, ...]:
-        sides = (f"{link.name}.{side}" for link in self.links for side in ("fixed", "moving"))
-        return ("base", *sides, "tool")
+class SerialChain(Chain):
+    """A chain of links driven by table coordinates: a Mechanism."""
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -87,27 +60,6 @@ class SerialChain:
         kind = "revolute" if drive[0][1].startswith("R") else "prismatic"
         lower, upper = (float(limit) for limit in self.limits[column])
         return Joint(self.joint_names[column], kind, lower, upper, drive)
-
-    def motions(self, q: Array) -> Array:
-        """Motions (N, len(links)) of the links, rad and m, at table coordinates q (N, n)."""
-        q = np.asarray(q, dtype=np.float64)
-        if q.ndim != 2 or q.shape[1] != len(self.joint_names):
-            raise InputError(
-                f"{self.name}: joint values have shape {q.shape}, "
-                f"expected (poses, {len(self.joint_names)}) for {', '.join(self.joint_names)}"
-            )
-        return q @ self.coupling.T
-
-    def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol states."""
-        motions = self.motions(q)
-        transforms = np.empty((len(self.slots), len(motions), 4, 4))
-        transforms[0] = np.eye(4)
-        for i, link in enumerate(self.links):
-            transforms[1 + 2 * i] = link.placement
-            transforms[2 + 2 * i] = axis_motion(link.axis, motions[:, i])
-        transforms[-1] = self.tool
-        return transforms
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """What gravity does to the arm at rest, each (N,); the gravity load, not the reaction that holds it.

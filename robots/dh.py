@@ -53,9 +53,8 @@ from gpmodel.table.toml_table import TomlTable
 from gpmodel.texts import read_toml
 from robots.branches import Branches, check_arms
 from robots.chain import SerialChain
-from robots.links import Link
+from robots.links import DOWN, Link
 from robots.motion import along, placement
-from robots.statics import DOWN
 
 
 def of_another_kind(path: Path) -> bool:

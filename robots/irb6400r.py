@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from gpmodel.numerics.se3 import shift
 from robots.chain import SerialChain
 from robots.links import Link
-from robots.motion import translation
 
 DIMENSIONS = {
     "irb6400r": {"d1": 0.800, "a1": 0.240, "a2": 1.050, "a3": 0.225, "d4": 1.175, "d6": 0.200},
@@ -37,7 +37,7 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
         ]
     )
     links = tuple(
-        Link(f"J{i + 1}", translation(origins[i]), axis, mass, origins[i + 1] / 2)
+        Link(f"J{i + 1}", shift(origins[i]), axis, mass, origins[i + 1] / 2)
         for i, (axis, mass) in enumerate(zip(AXES, SURROGATE_MASSES, strict=True))
     )
     coupling = np.eye(6)
@@ -45,7 +45,7 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
     return SerialChain(
         name=name,
         links=links,
-        tool=translation(origins[6]),
+        tool=shift(origins[6]),
         joint_names=tuple(link.name for link in links),
         coupling=coupling,
         limits=np.radians(LIMITS_DEG),

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.mechanism.quantities import GRAVITY
+from gpmodel.numerics import se3
+
+DOWN = (0.0, 0.0, -GRAVITY)
 
 
 def zero_vector() -> Array:
@@ -36,68 +42,53 @@ class Link:
     offset: float = 0.0
 
 
-class Chain(Protocol):
-    """Links driven by table coordinates, as SerialChain states them."""
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Links driven by table coordinates.
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
+        motion of the links  s = coupling @ q
 
-    @property
-    def links(self) -> tuple[Link, ...]:
-        """From the root to the tool."""
-        ...
+    coupling: (len(links), len(joints)); the identity for an arm with one motor per joint, with other entries
+    for a reversed axis, a parallel bar or a mimic joint. tool: (4, 4) from the frame after the last motion to
+    the measured frame `tool_frame`, m. gravity: (3,) m/s^2 in the root frame. payload_com: (3,) m, centre of
+    mass of the payload in the measured frame. source: the URDF file the chain was read from, if any.
+    limits: (len(joints), 2), rad or m, in table coordinates.
+    """
 
-    @property
-    def tool(self) -> Array:
-        """(4, 4) from the frame after the last motion to the measured frame, m."""
-        ...
+    name: str
+    links: tuple[Link, ...]
+    tool: Array
+    joint_names: tuple[str, ...]
+    coupling: Array
+    limits: Array
+    tool_frame: str = "tool"
+    gravity: Array = field(default_factory=lambda: np.array(DOWN))
+    payload_com: Array = field(default_factory=zero_vector)
+    source: Path | None = None
 
-    @property
-    def tool_frame(self) -> str:
-        """Name of the measured frame."""
-        ...
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The table's coordinates."""
-        ...
-
-    @property
-    def coupling(self) -> Array:
-        """(links, joints): motions per coordinate."""
-        ...
-
-    @property
-    def limits(self) -> Array:
-        """(joints, 2), rad or m, in table coordinates."""
-        ...
-
-    @property
-    def gravity(self) -> Array:
-        """(3,) m/s^2 in the root frame."""
-        ...
-
-    @property
-    def payload_com(self) -> Array:
-        """(3,) m in the measured frame."""
-        ...
-
-    @property
-    def source(self) -> Path | None:
-        """The URDF file it was read from."""
-        ...
-
-    @property
+    @cached_property
     def slots(self) -> tuple[str, ...]:
         """Frames at which errors act."""
-        ...
+        sides = (f"{link.name}.{side}" for link in self.links for side in ("fixed", "moving"))
+        return ("base", *sides, "tool")
 
     def motions(self, q: Array) -> Array:
-        """Motions (N, links), rad and m, at table coordinates q (N, n)."""
-        ...
+        """Motions (N, len(links)) of the links, rad and m, at table coordinates q (N, n)."""
+        q = np.asarray(q, dtype=np.float64)
+        if q.ndim != 2 or q.shape[1] != len(self.joint_names):
+            raise InputError(
+                f"{self.name}: joint values have shape {q.shape}, "
+                f"expected (poses, {len(self.joint_names)}) for {', '.join(self.joint_names)}"
+            )
+        return q @ self.coupling.T
 
     def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) between successive slots."""
-        ...
+        """Nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol states."""
+        motions = self.motions(q)
+        transforms = np.empty((len(self.slots), len(motions), 4, 4))
+        transforms[0] = np.eye(4)
+        for i, link in enumerate(self.links):
+            transforms[1 + 2 * i] = link.placement
+            transforms[2 + 2 * i] = se3.along(AXES.index(link.axis), motions[:, i])
+        transforms[-1] = self.tool
+        return transforms

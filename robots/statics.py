@@ -8,11 +8,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import AXES
-from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
 from robots.links import Chain
 
-DOWN = (0.0, 0.0, -GRAVITY)
 ROUNDING = 1e-9
 """N·m; less than this at every pose is zero."""
 

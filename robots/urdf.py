@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
 from robots.chain import SerialChain
 from robots.links import Link
@@ -162,6 +163,4 @@ def _aligned(joint: UrdfJoint) -> tuple[str, float, Array]:
         return AXES[first + largest], float(np.sign(z[largest])), np.eye(4)
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= np.linalg.norm(x)
-    turn = np.eye(4)
-    turn[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    return AXES[first + 2], 1.0, turn
+    return AXES[first + 2], 1.0, se3.frame(np.column_stack([x, np.cross(z, x), z]), np.zeros(3))

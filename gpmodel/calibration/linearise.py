@@ -227,9 +227,7 @@ def placement_after(observed: Observed, placement: Placement, step: Array) -> Pl
     centre = observed.tip[:, :3, 3].mean(axis=0)
     if any(kind.absolute for kind in observed.kinds):
         for name, frame in registration.items():
-            about, back = np.eye(4), np.eye(4)
-            about[:3, 3], back[:3, 3] = centre, -centre
-            registration[name] = about @ se3.exp(step[i : i + 6]) @ back @ frame
+            registration[name] = se3.shift(centre) @ se3.exp(step[i : i + 6]) @ se3.shift(-centre) @ frame
             i += 6
     axes = _tool_axes(observed)
     for name, frame in tool.items():

@@ -7,6 +7,7 @@ from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, prepare
+from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
@@ -20,9 +21,7 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 
     Of what was measured only its kind matters (finite or NaN); each distance has an anchor two metres away.
     """
-    tool = np.eye(4)
-    tool[:3, 3] = TOOL_POINT
     anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(data.distances)}
-    model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": tool}, anchors)
+    model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
     use = np.ones(len(data), dtype=bool)
     return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, ROTATION_WEIGHT, use)

@@ -47,8 +47,8 @@ def start_placement(poses: Poses) -> Placement:
         for i, name in enumerate(setups):
             chosen = measured & (setup == i)
             turn, shift = se3.fit_rotation(tips[chosen], data.position[chosen])
-            registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
-    tool_frames = {name: _shifted(point) for name, point in zip(tools, points, strict=True)}
+            registration[name] = se3.frame(turn, shift)
+    tool_frames = {name: se3.shift(point) for name, point in zip(tools, points, strict=True)}
     if data.has_rotation:
         tool_frames = _turn_tools(poses, frames, registration, tool_frames)
     root = frames @ np.stack([tool_frames[name] for name in data.label("tool").tolist()])
@@ -56,12 +56,6 @@ def start_placement(poses: Poses) -> Placement:
     predicted = Tips(root, register @ root, slots)
     own = {key: value for kind in observations(data) for key, value in kind.start(predicted).items()}
     return Placement(registration, tool_frames, own)
-
-
-def _shifted(point: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, 3] = point
-    return frame
 
 
 def _tips(frames: Array, points: Array, tool: IntArray) -> Array:
@@ -103,8 +97,5 @@ def _turn_tools(
         flange = register[:, :3, :3] @ frames[chosen, :3, :3]
         twists = np.hstack([np.zeros((int(chosen.sum()), 3)), data.rotation[chosen]])
         mean = (np.swapaxes(flange, 1, 2) @ se3.exp(twists)[:, :3, :3]).mean(axis=0)
-        u, _, vt = np.linalg.svd(mean)
-        frame = frame.copy()
-        frame[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-        out[name] = frame
+        out[name] = se3.frame(se3.nearest_rotation(mean), frame[:3, 3])
     return out

@@ -9,9 +9,8 @@ Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Rober
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
@@ -68,7 +67,7 @@ class Complement:
     """
 
     turn: Array
-    keep: NDArray[np.bool_]
+    keep: Mask
 
     def rows(self, values: Array) -> Array:
         """Weighted observations (N, m, ...) as the kept rows (M, ...)."""
@@ -77,7 +76,7 @@ class Complement:
         return (self.turn @ values)[self.keep]
 
 
-def complement(columns: Array, measured: NDArray[np.bool_]) -> Complement:
+def complement(columns: Array, measured: Mask) -> Complement:
     """The complement of weighted joint columns (N, m, n); what is not `measured` (N, m) is left out as well."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
@@ -157,7 +156,7 @@ def solve_joints(
     return current if shapes_move else prepare(model.mechanism, current.dataset, current.states)
 
 
-def what_is_left(mechanism: Mechanism, observed: Observed, measured: NDArray[np.bool_], values: Array) -> Array:
+def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
     """Observations (N, m), in metres, or columns (N, m, K), less what each pose's own free joints explain.
 
     Unchanged without any. m: all components that are observed, or the first few of them.

@@ -6,9 +6,8 @@ cross-validatory choice and assessment.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -24,13 +23,8 @@ from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles
 from gpmodel.table.split import JUDGED, folds
 
-
-class Loop(Protocol):
-    """The whole loop with all its settings, for poses of which some rows train and others are held out."""
-
-    def __call__(self, poses: Poses, train: IntArray, heldout: IntArray, /) -> Discovery:
-        """As `discover`."""
-        ...
+Loop = Callable[[Poses, IntArray, IntArray], Discovery]
+"""The whole loop with all its settings, for poses of which some rows train and others are held out."""
 
 
 def discover_by_folds(whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria) -> Discovery:

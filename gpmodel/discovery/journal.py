@@ -12,11 +12,9 @@ class Journal(KeptRuns, Protocol):
 
     def begin(self) -> tuple[list[Finding], list[Round]]:
         """What is finished already. Called once, before the first line of progress."""
-        ...
 
     def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
         """Called after every round with all that is finished. Raises WriteError where it cannot be written."""
-        ...
 
 
 class NullJournal(NothingKept):

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.kinds import ANGLE, ANY, NONE, SHORT, Typing
 from gpmodel.evolution.problems import Inputs, SlotProblem
@@ -14,7 +15,6 @@ from gpmodel.evolution.projection import unit_rows
 from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Node, Program
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 TURNS = (2.0, 3.0)

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from gpmodel.arrays import Array
 
 FEWEST = 3
 """Shuffled scores below which no law can be fitted to them, and nothing is claimed."""
@@ -23,7 +24,7 @@ class Chance:
     of: str = "shuffles"
 
 
-def chance(value: float, null: NDArray[np.float64]) -> Chance:
+def chance(value: float, null: Array) -> Chance:
     """Chance of reaching `value` where nothing is, from null maxima (T,).
 
     Where a shuffled score reaches the value: the larger of rank (1 + count) / (1 + T) and fitted law. Beyond all of
@@ -45,7 +46,7 @@ def larger(first: Chance, *others: Chance) -> Chance:
     return max((first, *others), key=lambda found: found.p)
 
 
-def _tail(value: float, null: NDArray[np.float64]) -> float:
+def _tail(value: float, null: Array) -> float:
     """Tail of Gumbel's law of maxima (Gumbel 1958), β = s √6 / π and μ = mean - 0.5772 β, for one further draw.
 
     The law is known as well as T draws tell it: s is averaged over its log-normal uncertainty √((κ - 1) / 4T), freed

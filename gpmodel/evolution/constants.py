@@ -3,13 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, Mask
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Program
-
-Array = NDArray[np.float64]
 
 LARGEST = 1e100
 """A value whose square is still a number."""
@@ -99,7 +97,7 @@ def own_constants_polished(
 
 
 def _step(
-    program: Program, place: Targets, inputs: Mapping[str, Array], coefficients: Array, free: NDArray[np.bool_]
+    program: Program, place: Targets, inputs: Mapping[str, Array], coefficients: Array, free: Mask
 ) -> tuple[Array, Array] | None:
     """Normal equations of one Gauss-Newton step in coefficients and free constants, scaled; None if singular."""
     values, tangents = derivatives(program, inputs)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from gpmodel.arrays import Array, IntArray
 
 BLOCK = 128
 """Poses run at a time where a program may be dropped after any block: its rows then stay in the first cache."""
@@ -23,10 +23,10 @@ class Code:
     and references to leaves), a hash of the whole, and own constants (P, C).
     """
 
-    words: NDArray[np.int64]
+    words: IntArray
     outputs: NDArray[np.uint16]
-    count: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    count: IntArray
+    nodes: IntArray
     hashes: NDArray[np.uint64]
     constants: Array
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
-
-Array = NDArray[np.float64]
 
 OPERATOR_CODES = 32
 """Prefix codes from here name a row of fixed values."""

@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.building_blocks import Pieces, Rows, Vocabulary
 from gpmodel.evolution.problems import Inputs
 from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Program
 
-Array = NDArray[np.float64]
 Kinds = NDArray[np.uint8]
 
 MOST_STEPS = 8
@@ -28,22 +28,18 @@ class Hill(Protocol):
     @property
     def inputs(self) -> Inputs:
         """The columns that a program may read."""
-        ...
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved by a gain at the price of nodes and coefficients."""
-        ...
 
     def set_gain(self, values: Array, site: int) -> float:
         """Gain of a program's outputs (m, N) at a site."""
-        ...
 
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
         """Gains (P,) of many programs at a site, about as ``set_gain`` does.
 
         values: (P, N) of each of their outputs, (1, N) of one that all of them share.
         """
-        ...
 
 
 def climbed(program: Program, problem: Hill, site: int, words: Vocabulary, most_outputs: int = 3) -> Program:

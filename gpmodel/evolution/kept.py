@@ -13,11 +13,9 @@ class KeptRuns(Protocol):
 
     def run(self, number: Number) -> Evolution | None:
         """The run of that number, None where it has yet to be done."""
-        ...
 
     def keep_run(self, number: Number, found: Evolution) -> None:
         """Keep it. Raises WriteError where it cannot be written."""
-        ...
 
 
 class NothingKept:

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
@@ -19,8 +20,6 @@ from gpmodel.evolution.representation import Population, check_ranges
 from gpmodel.evolution.threads import over_slices
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
 from gpmodel.formula.program import Builder, Program
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import Code, values
 from gpmodel.evolution.linked_solution import solved
@@ -16,8 +16,7 @@ from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
 from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.formula.program import Builder, Program
 
-Array = NDArray[np.float64]
-Chosen = NDArray[np.int64]
+Chosen = IntArray
 
 PRICE = 3.0
 """Nats of a node or coefficient (description length; a node is one of some twenty operators and inputs)."""

@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.links import BROKEN_POWER, FITS, Link, LinkTerm, assembled
 from gpmodel.formula.program import Program
-
-Array = NDArray[np.float64]
 
 
 def solved(

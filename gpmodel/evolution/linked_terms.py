@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.building_blocks import Vocabulary
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.hill_climb import climbed
@@ -14,8 +14,6 @@ from gpmodel.evolution.links import LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import unit_rows
 from gpmodel.formula.program import Builder
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from functools import partial, reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
-
-Array = NDArray[np.float64]
 
 POWER, BROKEN_POWER = 2, 5
 """Nodes that an input adds to a product; nodes and constants more of a power that is no multiple of a half:

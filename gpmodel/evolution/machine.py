@@ -6,11 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
-
-Array = NDArray[np.float64]
 
 ACCUMULATOR = np.uint32(1 << 31)
 """Bit of the accumulator in a set of registers."""

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
@@ -13,8 +13,6 @@ from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,13 @@ from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import BLOCK, Code, compensator_fitness
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.scoring import Scores, slot_scores
-
-Array = NDArray[np.float64]
 
 COORDINATES = ("x", "y", "z")
 
@@ -196,26 +194,21 @@ class Scored(Protocol):
     @property
     def inputs(self) -> Inputs:
         """The columns that a program may read."""
-        ...
 
     @property
     def start(self) -> tuple[str, ...]:
         """Inputs that the registers start from, where it matters."""
-        ...
 
     @property
     def slice(self) -> int:
         """Programs that are scored at a time."""
-        ...
 
     @property
     def can_drop_the_hopeless(self) -> bool:
         """Whether a score that passes a limit need not be computed to its end."""
-        ...
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Scores of decoded programs on rows ``fixed`` (base, N); those above ``hopeless`` may be infinite."""
-        ...
 
 
 Problem = CartesianProblem | SlotProblem

@@ -16,9 +16,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-
-Array = NDArray[np.float64]
 
 UNIQUE_SHARE = 1e-4
 """A column of which less than this share lies outside the enabled columns scores nothing (default)."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.island import EXACT, Island
@@ -20,8 +20,6 @@ from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Program
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-9
 """Relative difference from a whole number that is rounding of a solved coefficient."""

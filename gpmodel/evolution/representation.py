@@ -6,13 +6,13 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.engine import Code
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
 from gpmodel.formula.program import Program
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
@@ -23,27 +23,21 @@ class Population(Protocol):
 
     def take(self, rows: Rows) -> Self:
         """The programs at some rows."""
-        ...
 
     def join(self, other: Self) -> Self:
         """These programs followed by others."""
-        ...
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
         """A function from a slice of rows to their effective code; threads call it side by side."""
-        ...
 
     def program(self, row: int, layout: Layout) -> Program:
         """One of them as a program of ``layout.outputs`` outputs."""
-        ...
 
     def constants_of(self, row: int) -> Array:
         """Own constants of one program."""
-        ...
 
     def with_constants(self, row: int, values: Array) -> Self:
         """The one program at ``row`` with other own constants."""
-        ...
 
 
 class Breeding(Protocol):
@@ -52,15 +46,12 @@ class Breeding(Protocol):
     @property
     def layout(self) -> Layout:
         """Registers and instructions that the kernels decode its programs by."""
-        ...
 
     def initial(self, population: int, rng: np.random.Generator) -> Population:
         """A random population."""
-        ...
 
     def offspring(self, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Population:
         """One child a pair of rows of ``parents``, which are of its own representation."""
-        ...
 
 
 @runtime_checkable
@@ -70,11 +61,9 @@ class Representation(Protocol):
     @property
     def constants(self) -> tuple[float, ...]:
         """Constants that every program may read and that are never fitted."""
-        ...
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
         """Ready for these inputs; ``start`` are those that outputs begin from (a compensator's x, y, z)."""
-        ...
 
 
 def label(representation: Representation) -> str:

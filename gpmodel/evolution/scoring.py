@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.description_length import ranked
 from gpmodel.evolution.engine import Code, sizes, values, workspace
 from gpmodel.evolution.projection import Targets
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -21,9 +20,9 @@ class Scores:
 
     score: Array
     gain: Array
-    complexity: NDArray[np.int64]
-    site: NDArray[np.int64]
-    chosen: NDArray[np.int64]
+    complexity: IntArray
+    site: IntArray
+    chosen: IntArray
     hashes: NDArray[np.uint64]
 
     @staticmethod

@@ -4,8 +4,8 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.generations import Generations, distinct
@@ -14,8 +14,6 @@ from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.pareto import Archive, Solution, description_length, pareto, scored
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,12 @@ class SelectionScheme(Protocol):
 
         Raises InputError where the population is too small.
         """
-        ...
 
     def parents(self, scores: Scores, rng: np.random.Generator) -> NDArray[np.intp]:
         """Rows (2, population) of the mothers and fathers of the next generation."""
-        ...
 
     def survivors(self, scores: Scores, population: int) -> Rows | None:
         """Rows that live on, of parents followed by children; None where the children replace their parents."""
-        ...
 
 
 @dataclass(frozen=True)

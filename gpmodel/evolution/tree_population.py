@@ -9,13 +9,12 @@ import numpy as np
 from deap import gp
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.engine import Code
 from gpmodel.evolution.forest import OPERATOR_CODES, OWN_BYTE, OWN_CONSTANT, Forest
 from gpmodel.evolution.machine import Layout
 from gpmodel.formula.operators import BY_CODE
 from gpmodel.formula.program import Builder, Program
-
-Array = NDArray[np.float64]
 
 
 class OperatorNode(gp.Primitive):

@@ -140,23 +140,15 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Tilt about each axis across a revolute joint's own: a sin q + b cos q, rad."""
     for j in revolute(mechanism):
         for a in across(j):
-            name = f"axis wobble, {j.name} R{a}"
-            effects = tuple(
-                effect_at(
-                    f"{name}, {f}", f"{j.name}.moving", f"R{a}", Expression(f"{f}({j.name})"), family="axis_wobble"
-                )
-                for f in ("sin", "cos")
-            )
-            yield Candidate(name, effects, "axis_wobble", 5.0)
+            site = Site(((f"{j.name}.moving", f"R{a}", 1.0),))
+            yield _phases(f"axis wobble, {j.name} R{a}", site, 1, j.name, "axis_wobble", 5.0)
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Shift of a revolute joint along each axis, once per turn, of an unmeasured one twice as well, m; of every ball of
     a machine along its leg, once per turn of each of its angles."""
     for angle, said, site, balls in _machine_balls(mechanism):
-        name = f"axis run-out, 1 per turn of {angle}, {said}"
-        effects = tuple(site.effect(f"{name}, {f}", wave(f, 1, angle), "m", "axis_run_out") for f in ("sin", "cos"))
-        yield Candidate(name, effects, "axis_run_out", 5.5 + balls)
+        yield _phases(f"axis run-out, 1 per turn of {angle}, {said}", site, 1, angle, "axis_run_out", 5.5 + balls)
     for j in revolute(mechanism):
         for a in "xyz":
             for f in ("sin", "cos"):
@@ -164,18 +156,8 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                 basis = Expression(f"{f}({j.name})")
                 yield one(name, effect_at(name, f"{j.name}.moving", f"T{a}", basis, family="axis_run_out"), 5.5)
             if not j.measured:
-                name = f"axis run-out, 2 per turn, {j.name} T{a}"
-                effects = tuple(
-                    effect_at(
-                        f"{name}, {f}",
-                        f"{j.name}.moving",
-                        f"T{a}",
-                        Expression(f"{f}(2*{j.name})"),
-                        family="axis_run_out",
-                    )
-                    for f in ("sin", "cos")
-                )
-                yield Candidate(name, effects, "axis_run_out", 5.5)
+                site = Site(((f"{j.name}.moving", f"T{a}", 1.0),))
+                yield _phases(f"axis run-out, 2 per turn, {j.name} T{a}", site, 2, j.name, "axis_run_out", 5.5)
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -184,10 +166,15 @@ def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for ball in balls:
         for angle, lobes, (said, shift) in product(ball.angles, LOBES, ball.shifts.items()):
             name = f"out-of-round ball, {lobes} lobes over {angle}, lift {said}"
-            effects = tuple(
-                Site(shift).effect(f"{name}, {f}", wave(f, lobes, angle), "m", "ball_lobes") for f in ("sin", "cos")
-            )
-            yield Candidate(name, effects, "ball_lobes", 5.0 + float(np.log(len(balls))))
+            yield _phases(name, Site(shift), lobes, angle, "ball_lobes", 5.0 + float(np.log(len(balls))))
+
+
+def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: float) -> Candidate:
+    """Sine and cosine of a number times an angle at a place."""
+    effects = tuple(
+        site.effect(f"{name}, {f}", wave(f, number, angle), axis_unit(site.axis), family) for f in ("sin", "cos")
+    )
+    return Candidate(name, effects, family, cost)
 
 
 def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:

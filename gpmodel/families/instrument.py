@@ -18,8 +18,8 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
-from gpmodel.model.effect import Effect, Term
+from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism
+from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.instrument import Seen
 from gpmodel.model.states import States
 
@@ -143,13 +143,10 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
     name, size = "smooth error of the instrument over the volume", _sizes(states.seen)
     scaled = [_centred(f"instrument_{axis}", states.seen.columns[f"instrument_{axis}"]) for axis in "xyz"]
     powers = [p for p in product(range(DEGREE + 1), repeat=3) if 2 <= sum(p) <= DEGREE]
-    effects = []
+    effects: list[Effect] = []
     for power in powers:
         shape = "*".join(f"{text}**{k}" if k > 1 else text for text, k in zip(scaled, power, strict=True) if k)
-        for axis in ("Tx", "Ty", "Tz"):
-            term = Term(INSTRUMENT, axis, Expression(shape))
-            label = "".join(f"{c}{k}" for c, k in zip("xyz", power, strict=True) if k)
-            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", size.length / 2))
+        effects += _shifts(name, power, shape, size.length / 2)
     yield Candidate(name, tuple(effects), "instrument_field", 5.0, believed=size.believed)
     if len(states) >= FINE_POSES:
         yield _waves(scaled, size)
@@ -158,17 +155,20 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
 def _waves(scaled: list[str], size: _Sizes) -> Candidate:
     """Products of cosines of up to FINE half waves in all, deviations as 1/(1 + k²): what polynomials cannot follow."""
     name = "detailed smooth error of the instrument over the volume"
-    effects = []
+    effects: list[Effect] = []
     for orders in product(range(FINE + 1), repeat=3):
         if not 1 <= sum(orders) <= FINE:
             continue
         shape = "*".join(f"cos({0.5 * np.pi * k:.6f}*({u} + 1))" for u, k in zip(scaled, orders, strict=True) if k)
-        label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
-        prior = size.length / (1.0 + sum(k * k for k in orders))
-        for axis in ("Tx", "Ty", "Tz"):
-            term = Term(INSTRUMENT, axis, Expression(shape))
-            effects.append(Effect(f"{name}, {label} {axis}", (term,), "m", "instrument_field", prior))
+        effects += _shifts(name, orders, shape, size.length / (1.0 + sum(k * k for k in orders)))
     return Candidate(name, tuple(effects), "instrument_field", 6.0, believed=size.believed)
+
+
+def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Iterator[Effect]:
+    """A shape over the volume along each axis, called by its orders along x, y and z."""
+    label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
+    for axis in AXES[:3]:
+        yield effect_at(f"{name}, {label} {axis}", INSTRUMENT, axis, Expression(shape), "m", "instrument_field", prior)
 
 
 def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -27,25 +27,15 @@ def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         if moments:
             name = f"compliance with unknown masses, {j.name}"
             prior = _share(states, moments)
-            effects = tuple(
-                drive_effect(
-                    f"{name}, moment of {m.removeprefix(prefix)}",
-                    j,
-                    Expression(m),
-                    "rad·kg·m/Nm",
-                    "unknown_masses",
-                    prior,
-                )
-                for m in moments
-            )
-            yield Candidate(name, effects, "unknown_masses", 5.0)
+            said = ((f"{name}, moment of {m.removeprefix(prefix)}", Expression(m)) for m in moments)
+            effects = (drive_effect(n, j, basis, "rad·kg·m/Nm", "unknown_masses", prior) for n, basis in said)
+            yield Candidate(name, tuple(effects), "unknown_masses", 5.0)
 
 
 def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """The base tilts about x and y under unit moments of every link: one unknown for both axes, as it is round."""
-    along_x = [n for n in _unit_loads(states) if n.startswith("moment_base_x_of_")]
-    along_y = {n.replace("moment_base_x", "moment_base_y") for n in along_x} & set(_unit_loads(states))
-    moments = [n for n in along_x if n.replace("moment_base_x", "moment_base_y") in along_y]
+    loads, prefix = _unit_loads(states), "moment_base_x_of_"
+    moments = [n for n in loads if n.startswith(prefix) and n.replace("moment_base_x", "moment_base_y") in loads]
     if moments:
         name = "base compliance with unknown masses"
         effects = tuple(

@@ -28,11 +28,9 @@ class Basis(Protocol):
     @property
     def inputs(self) -> tuple[str, ...]:
         """The state columns that it reads, in the order of their first mention."""
-        ...
 
     def __call__(self, states: Columns) -> Array:
         """Values (N,) at the poses of `states`."""
-        ...
 
 
 @dataclass(frozen=True)

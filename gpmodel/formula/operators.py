@@ -18,11 +18,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
-
-Array = NDArray[np.float64]
 
 TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 """Input elements 9 to 15 of Table 5.1."""
@@ -57,7 +55,7 @@ def _ones(a: Array) -> Array:
     return np.ones_like(a)
 
 
-def _between(chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _between(chosen: Mask) -> tuple[Array, Array]:
     first = chosen.astype(float)
     return first, 1.0 - first
 

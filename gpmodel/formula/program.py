@@ -1,19 +1,17 @@
 """An evolved expression as an object: a small directed graph of operators over named inputs."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.operators import BY_NAME
-
-Array = NDArray[np.float64]
 
 _INFIX = {"add": ("+", 1), "subtract": ("-", 1), "multiply": ("*", 2), "divide": ("/", 2), "modulo": ("%", 2)}
 _ATOM = 9
@@ -118,25 +116,26 @@ class Program:
         Raises InputError for one that is not finite.
         """
         remaining = iter(values)
-        builder = Builder()
-        copies: list[int] = []
-        for node in self.nodes:
-            if node.operator == "constant":
-                copies.append(builder.constant(next(remaining)))
-            else:
-                copies.append(builder.add(node, copies))
-        return builder.program(copies[k] for k in self.outputs)
+
+        def build(builder: Builder, node: Node, copies: list[int]) -> int:
+            return builder.constant(next(remaining)) if node.operator == "constant" else builder.add(node, copies)
+
+        return self.rebuilt(build)
 
     def with_inputs(self, programs: Mapping[str, "Program"]) -> "Program":
         """The same program with one-output programs in the place of the inputs of these names."""
-        builder = Builder()
-        copies: list[int] = []
+
+        def build(builder: Builder, node: Node, copies: list[int]) -> int:
+            other = programs.get(str(node.value)) if node.operator == "input" else None
+            return builder.copy(other)[other.outputs[0]] if other else builder.add(node, copies)
+
+        return self.rebuilt(build)
+
+    def rebuilt(self, build: "Build") -> "Program":
+        """The program of what is built for each node in turn, beside the numbers of those built before it."""
+        builder, copies = Builder(), list[int]()
         for node in self.nodes:
-            if node.operator == "input" and str(node.value) in programs:
-                other = programs[str(node.value)]
-                copies.append(builder.copy(other)[other.outputs[0]])
-            else:
-                copies.append(builder.add(node, copies))
+            copies.append(build(builder, node, copies))
         return builder.program(copies[k] for k in self.outputs)
 
     def __str__(self) -> str:
@@ -244,3 +243,7 @@ class Builder:
             for node in (self.nodes[index] for index in place)
         )
         return Program(nodes, tuple(place[k] for k in chosen))
+
+
+Build = Callable[[Builder, Node, list[int]], int]
+"""Builds the node that stands for another in a copy of its program, and says its number."""

@@ -7,15 +7,13 @@ _OTHER = {"add": "subtract", "subtract": "add"}
 
 def with_plain_signs(program: Program) -> Program:
     """The same program, of the same size and values, with x - (-c) as x + c, -c + x as x - c, and c·y alike for c."""
-    builder = Builder()
-    copies: list[int] = []
-    for node in program.nodes:
-        copies.append(_plain(builder, node, copies) if node.operator in _OTHER else builder.add(node, copies))
-    return builder.program(copies[k] for k in program.outputs)
+    return program.rebuilt(_plain)
 
 
 def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
     """A sum or difference with its second argument positive where that is a number or begins with one."""
+    if node.operator not in _OTHER:
+        return builder.add(node, copies)
     first, second = (copies[k] for k in node.arguments)
     if node.operator == "add" and _turned(builder, second) is None:
         first, second = (second, first) if _turned(builder, first) is not None else (first, second)

@@ -12,11 +12,9 @@ class KeptMachines(Protocol):
 
     def machine(self, place: int) -> tuple[Candidate, ...] | None:
         """What was found on the machine at that place, None where it has yet to be searched."""
-        ...
 
     def keep_machine(self, place: int, found: tuple[Candidate, ...]) -> None:
         """Keep it. Raises WriteError where it cannot be written."""
-        ...
 
 
 class NoMachinesKept:

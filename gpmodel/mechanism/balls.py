@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import Mechanism, Wrapping
+from gpmodel.mechanism.protocol import Mechanism, bare_of
 
 Shift = tuple[tuple[str, str, float], ...]
 """(slot, axis, weight) terms of a shift of a ball's centre by one metre."""
@@ -43,16 +43,14 @@ class BallJointed(Protocol):
     @property
     def balls(self) -> tuple[Ball, ...]:
         """Its balls, from the base on."""
-        ...
 
     def turned(self, q: Array) -> dict[str, Array]:
         """Angles (N,) of its balls, rad, that are no joint coordinates of the table, at nominal geometry; q: (N, n)."""
-        ...
 
 
 def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
     """The mechanism, or what it was loaded from, where it has ball joints."""
-    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
+    bare = bare_of(mechanism)
     return bare if isinstance(bare, BallJointed) else None
 
 

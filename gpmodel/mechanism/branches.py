@@ -5,7 +5,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from gpmodel.mechanism.protocol import Array, Mask, Mechanism, Wrapping
+from gpmodel.arrays import Array, Mask
+from gpmodel.mechanism.protocol import Mechanism, bare_of
 from gpmodel.numerics import se3
 
 
@@ -17,22 +18,19 @@ class Branched(Protocol):
     @property
     def slots(self) -> tuple[str, ...]:
         """See Mechanism."""
-        ...
 
     @property
     def parents(self) -> tuple[int, ...]:
         """The slot before each on its own chain, by index; -1 for the first, which all share."""
-        ...
 
     @property
     def tips(self) -> Mapping[str, str]:
         """Measured link -> the slot that carries it; the first is the one a row reads that names none."""
-        ...
 
 
 def branched(mechanism: Mechanism) -> Branched | None:
     """The mechanism, or what it was loaded from, where it has several chains; None of a single one."""
-    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
+    bare = bare_of(mechanism)
     return bare if isinstance(bare, Branched) else None
 
 

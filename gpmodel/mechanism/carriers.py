@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Mechanism, Wrapping, closed
+from gpmodel.mechanism.protocol import Mechanism, bare_of, closed
 
 WORLD = ("world", "base")
 """What stands still."""
@@ -18,7 +18,6 @@ class Linked(Protocol):
     @property
     def link_slots(self) -> Mapping[str, str]:
         """Link -> the slot whose frame it is fixed to; the empty text where it stands still."""
-        ...
 
 
 def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
@@ -27,7 +26,7 @@ def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
     link: "world", "tool", a joint's name for the part beyond it, the name of a link or of an arm. Raises InputError,
     saying `where` it is written, for another; and for a link of a mechanism with closed loops other than these two.
     """
-    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
+    bare = bare_of(mechanism)
     known = {**dict.fromkeys(WORLD, ""), "tool": "tool"}
     if not closed(mechanism):
         own = dict(bare.link_slots) if isinstance(bare, Linked) else {}

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpmodel.mechanism.protocol import Array, Mechanism, closed
+from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.mechanism.workspace import joint_range
 from gpmodel.numerics.se3 import chain
 

@@ -5,12 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from gpmodel.arrays import Array, Mask
 
 AXES = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 
@@ -45,22 +40,18 @@ class Mechanism(Protocol):
     @property
     def name(self) -> str:
         """What it is called."""
-        ...
 
     @property
     def joints(self) -> tuple[Joint, ...]:
         """Its joints, in the order of the table's columns."""
-        ...
 
     @property
     def slots(self) -> tuple[str, ...]:
         """The frames at which error twists act, from the base to the tool."""
-        ...
 
     def transforms(self, q: Array) -> Array:
         """Nominal transforms (S, N, 4, 4) of each slot's frame in the frame of the slot before it (metres);
         the first is given in the mechanism's root frame. q: (N, n), rad and m, table coordinates."""
-        ...
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """What gravity does to the mechanism at rest, by name, each (N,): the load itself, not what holds it.
@@ -73,7 +64,6 @@ class Mechanism(Protocol):
         J2.moving, in its axes; force_base_x .. moment_base_z likewise of the whole, in the frame of the base. A
         weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool.
         Empty where no masses are known and payload is zero."""
-        ...
 
 
 @runtime_checkable
@@ -87,7 +77,6 @@ class ClosedLoops(Protocol):
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
         """(slot, axis) of every constant of its complete geometry."""
-        ...
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, m, each after its own error twist, with all loops closed.
@@ -95,23 +84,20 @@ class ClosedLoops(Protocol):
         q: (N, n) table coordinates. twists: a slot's index -> (N, 6), m and rad. Raises InputError where they do not
         close.
         """
-        ...
 
     def closes(self, q: Array) -> Mask:
         """Whether its loops close (N,) at nominal geometry; q: (N, n) table coordinates."""
-        ...
 
     def carried(self, frames: Array, slot: int) -> Array:
         """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.
 
         frames: (S, N, 4, 4) of a closed mechanism in any common frame. A twist acts in a slot's frame as it is there.
         """
-        ...
 
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
     """The mechanism, or what it was loaded from, where it has closed loops; None of a chain."""
-    bare = mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
+    bare = bare_of(mechanism)
     return bare if isinstance(bare, ClosedLoops) else None
 
 
@@ -137,7 +123,6 @@ class Weighed(Protocol):
         a turning joint is a combination of these whatever its masses. torque_J2_of_J4: torque of the weight that the
         description gives the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
         """
-        ...
 
 
 @runtime_checkable
@@ -147,7 +132,11 @@ class Wrapping(Protocol):
     @property
     def bare(self) -> Mechanism:
         """The mechanism inside."""
-        ...
+
+
+def bare_of(mechanism: Mechanism) -> Mechanism:
+    """What the provider of a mechanism built."""
+    return mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
 
 
 @runtime_checkable
@@ -157,7 +146,6 @@ class Levered(Protocol):
     @property
     def levers(self) -> dict[str, Array]:
         """Slot -> the vector (3,), m, from the slot before to it, in its own frame."""
-        ...
 
 
 @runtime_checkable
@@ -166,7 +154,6 @@ class Reaching(Protocol):
 
     def reaching(self, point: Iterable[float]) -> Mechanism:
         """The same with the tool at `point` (3,), m, in the measured frame."""
-        ...
 
 
 @runtime_checkable
@@ -176,17 +163,14 @@ class Massive(Protocol):
     @property
     def bodies(self) -> Mapping[str, tuple[float, Array]]:
         """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m; those without mass are left out."""
-        ...
 
     @property
     def gravity(self) -> Array:
         """(3,) m/s² in the root frame."""
-        ...
 
     @property
     def payload_com(self) -> Array:
         """(3,) m in the measured frame."""
-        ...
 
 
 @runtime_checkable
@@ -196,15 +180,12 @@ class Collides(Protocol):
     @property
     def has_shape(self) -> bool:
         """Whether it does; otherwise it never meets or hides anything."""
-        ...
 
     def collides(self, q: Array) -> Mask:
         """Whether it meets itself (N,) at q (N, n), rad and m."""
-        ...
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
         """Whether a part of it stands (N,) between points (N, 3) and the instrument (3,), m, in the root frame."""
-        ...
 
 
 @runtime_checkable
@@ -214,4 +195,3 @@ class ExportsUrdf(Protocol):
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Write the chain with a constant error twist (6,), m and rad, at some slots; returns the link to measure at.
         Raises InputError for a slot the mechanism does not have, or a file that cannot be written."""
-        ...

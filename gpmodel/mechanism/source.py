@@ -127,11 +127,6 @@ class LoadedMechanism:
         return f"<mechanism {self.name}: joints {', '.join(j.name for j in self.joints)}{carried}>"
 
 
-def bare_of(mechanism: Mechanism) -> Mechanism:
-    """What the provider of a mechanism built."""
-    return mechanism.bare if isinstance(mechanism, LoadedMechanism) else mechanism
-
-
 def choice_of(mechanism: Mechanism) -> MechanismChoice:
     """What `mechanism` can be loaded from again; its name alone where it was built in Python."""
     return mechanism.choice if isinstance(mechanism, LoadedMechanism) else MechanismChoice(mechanism.name)

@@ -8,6 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.numerics import se3
 
 REWEIGHTED = 10
 """Fits of a homography, a body's pose or hand and eye, each with less weight on what stands far out of the one
@@ -65,9 +66,7 @@ def flattened(board: Array) -> tuple[Array, Array]:
     """A frame (4, 4) in which the points (P, 3) of a board lie in z = 0, and how far off it they are (P,)."""
     middle = board.mean(axis=0)
     axes = np.linalg.svd(board - middle, full_matrices=False)[2]
-    out = np.eye(4)
-    out[:3, :3] = np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
-    out[:3, 3] = middle
+    out = se3.frame(np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])]), middle)
     return out, np.abs((board - middle) @ out[:3, 2])
 
 
@@ -82,11 +81,8 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
     h = homography(flat, seen)
     h = h / np.linalg.norm(h[:, 0]) * (np.sign(h[2, 2]) or 1.0)
     rough = np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1])])
-    u, _, vt = np.linalg.svd(rough)
-    out = np.eye(4)
-    out[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    out[:3, 3] = h[:, 2] / np.mean(np.linalg.norm(h[:, :2], axis=0))
-    return out @ np.linalg.inv(plane)
+    place = h[:, 2] / np.mean(np.linalg.norm(h[:, :2], axis=0))
+    return se3.frame(se3.nearest_rotation(rough), place) @ np.linalg.inv(plane)
 
 
 def _body_pose(body: Array, seen: Array) -> Array:
@@ -94,11 +90,11 @@ def _body_pose(body: Array, seen: Array) -> Array:
     points nearest on them, in turn, reweighted against wrong points."""
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
-    weight, out = np.ones(len(body)), np.eye(4)
+    weight = np.ones(len(body))
 
     def turned_onto(target: Array) -> Array:
         middle, there = weight @ body / weight.sum(), weight @ target / weight.sum()
-        return _rotation((weight[:, None] * (target - there)).T @ (body - middle))
+        return se3.nearest_rotation((weight[:, None] * (target - there)).T @ (body - middle))
 
     turn = turned_onto(sight)
     for _ in range(REWEIGHTED):
@@ -111,8 +107,7 @@ def _body_pose(body: Array, seen: Array) -> Array:
         placed = body @ turn.T + shift
         off = np.linalg.norm(placed[:, :2] / placed[:, 2:] - seen, axis=1)
         weight = _trusted(off)
-    out[:3, :3], out[:3, 3] = turn, shift
-    return out
+    return se3.frame(turn, shift)
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
@@ -132,30 +127,20 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
         if size[-2] < TURNING * size[0]:
             raise InputError("the board turns about one axis only; expected poses that turn it about two more")
         sign = np.sign(np.linalg.det(vt[-1][:9].reshape(3, 3)))
-        found = [_rotation(sign * vt[-1][k : k + 9].reshape(3, 3)) for k in (0, 9)]
-        off = np.linalg.norm(moved[:, :3, :3] @ found[0] - found[1] @ seen[:, :3, :3], axis=(1, 2))
+        turn, eye_turn = [se3.nearest_rotation(sign * vt[-1][k : k + 9].reshape(3, 3)) for k in (0, 9)]
+        off = np.linalg.norm(moved[:, :3, :3] @ turn - eye_turn @ seen[:, :3, :3], axis=(1, 2))
         weight = _trusted(off)
-    board, camera = np.eye(4), np.eye(4)
-    board[:3, :3], camera[:3, :3] = found
     system = np.concatenate([w * np.hstack([a[:3, :3], -eye]) for w, a in zip(weight, moved, strict=True)])
-    right = weight[:, None] * (seen[:, :3, 3] @ camera[:3, :3].T - moved[:, :3, 3])
+    right = weight[:, None] * (seen[:, :3, 3] @ eye_turn.T - moved[:, :3, 3])
     places = np.linalg.lstsq(system, right.ravel(), rcond=None)[0]
-    board[:3, 3], camera[:3, 3] = places[:3], places[3:]
-    return board, camera
+    return se3.frame(turn, places[:3]), se3.frame(eye_turn, places[3:])
 
 
 def middle_of(frames: Array) -> Array:
     """The frame (4, 4) nearest to all of some (V, 4, 4): medians of their places, the mean of their turns."""
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = _rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0)
-    return out
+    return se3.frame(se3.nearest_rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0))
 
 
 def _trusted(off: Array) -> Array:
     """Weights (C,) of what is off by so much, little of what is far beyond most."""
     return np.asarray(1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2))
-
-
-def _rotation(rough: Array) -> Array:
-    u, _, vt = np.linalg.svd(rough)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt

@@ -9,6 +9,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.pixel import Board, Camera
 from gpmodel.model.surfaces import aligned
 from gpmodel.model.touches import Feature
+from gpmodel.numerics import se3
 from gpmodel.table.toml_table import TomlTable
 
 KINDS = ("cameras", "board", "surfaces")
@@ -81,8 +82,7 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
     for name, table in _tables(whole, "sphere"):
         radius = 0.5 * table.quantity("diameter", "length", np.nan) + probe
         centre = table.quantity("centre", "length", None, 3)
-        frame = np.eye(4)
-        frame[:3, 3] = 0.0 if centre is None else centre
+        frame = se3.shift(np.zeros(3) if centre is None else centre)
         if centre is not None and np.isnan(radius):
             raise InputError(f"{table.where}: expected diameter_mm beside centre_mm")
         (free if centre is None else fixed).append(Feature("on_sphere", name, frame, radius))

@@ -97,8 +97,8 @@ class Inclination:
             if rows.sum() < FEWEST:
                 raise InputError(f"inclinometer '{name}': {int(rows.sum())} readings; expected at least {FEWEST}")
             x, y = np.linalg.lstsq(tips.slots[slot, rows, 2, :3], np.sin(self.values[rows]), rcond=None)[0].T
-            u, _, vt = np.linalg.svd(np.column_stack([x, y, np.cross(x, y)]))
-            out[f"inclinometer {name}"] = se3.rotation_vector(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)
+            turn = se3.nearest_rotation(np.column_stack([x, y, np.cross(x, y)]))
+            out[f"inclinometer {name}"] = se3.rotation_vector(turn)
         return out
 
     def _axes(self, tips: Tips, own: Own) -> Array:

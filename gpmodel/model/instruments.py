@@ -15,6 +15,7 @@ from gpmodel.model.observation import Observation
 from gpmodel.model.pixel import FEWEST_CORNERS, Pixels
 from gpmodel.model.surfaces import SURFACES
 from gpmodel.model.touches import Artefact, Feature, Touches
+from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 KNOWN = "surfaces"
@@ -96,8 +97,7 @@ def _bars(dataset: Dataset) -> Iterator[Touches]:
         given = given[np.isfinite(given)]
         if not len(given) or np.ptp(given) > 0 or given[0] <= 0:
             raise InputError(f"{where} has no length of its own; expected one in 'length [mm]'")
-        far = np.eye(4)
-        far[2, 3] = given[0]
+        far = se3.shift([0.0, 0.0, given[0]])
         bodies.append(Artefact(f"pair {name}", (0, 1, 2, 3, 4), (Feature("point", "1"), Feature("point", "2", far))))
         end[rows] = 0, 1
     if bodies:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
 """Of the spread of touches along a line, that across it: less says nothing of how a plane turns about that line."""
@@ -35,9 +36,7 @@ def aligned(centre: Array, z: Array) -> Array:
     """A frame (4, 4) at a point, with a direction as its z axis."""
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= np.linalg.norm(x)
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = np.column_stack([x, np.cross(z, x), z]), centre
-    return out
+    return se3.frame(np.column_stack([x, np.cross(z, x), z]), centre)
 
 
 def _place_plane(points: Array, radius: float) -> tuple[Array, float]:
@@ -61,16 +60,12 @@ def _place_sphere(points: Array, radius: float) -> tuple[Array, float]:
     if spread[2] < ALONG_A_LINE * spread[0]:
         raise InputError("touched along one circle; expected touches spread over the sphere")
     found = np.linalg.lstsq(np.column_stack([2 * p, np.ones(len(p))]), np.sum(p**2, axis=1), rcond=None)[0]
-    frame = np.eye(4)
-    frame[:3, 3] = middle + found[:3]
     size = float(np.sqrt(max(found[3] + found[:3] @ found[:3], 0.0)))
-    return frame, size if np.isnan(radius) else radius
+    return se3.shift(middle + found[:3]), size if np.isnan(radius) else radius
 
 
 def _place_point(points: Array, radius: float) -> tuple[Array, float]:
-    frame = np.eye(4)
-    frame[:3, 3] = points.mean(axis=0)
-    return frame, radius
+    return se3.shift(points.mean(axis=0)), radius
 
 
 def _off_sphere(points: Array) -> Array:

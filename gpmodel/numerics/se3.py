@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
@@ -85,6 +86,41 @@ def vector_change(vectors: Array) -> Array:
     return np.asarray(np.eye(3) - 0.5 * cross + factor[..., None, None] * (cross @ cross))
 
 
+def frame(turn: Array, place: ArrayLike) -> Array:
+    """Transform (4, 4) of a rotation (3, 3) and a place (3,), m."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn, place
+    return out
+
+
+def shift(points: ArrayLike) -> Array:
+    """Transforms (..., 4, 4) that move by points (..., 3), m."""
+    points = np.asarray(points, dtype=float)
+    out = np.broadcast_to(np.eye(4), (*points.shape[:-1], 4, 4)).copy()
+    out[..., :3, 3] = points
+    return out
+
+
+def along(axis: int, values: Array) -> Array:
+    """Transforms (N, 4, 4) by values (N,), m along or rad about a coordinate axis, by its number among those of a
+    twist."""
+    out = shift(np.zeros((len(values), 3)))
+    if axis < 3:
+        out[:, axis, 3] = values
+    else:
+        i, j = (axis - 2) % 3, (axis - 1) % 3
+        out[:, i, i] = out[:, j, j] = np.cos(values)
+        out[:, j, i] = np.sin(values)
+        out[:, i, j] = -out[:, j, i]
+    return out
+
+
+def nearest_rotation(rough: Array) -> Array:
+    """The rotation (3, 3) nearest to a matrix in the least-squares sense. Source: Kabsch (1976)."""
+    u, _, vt = np.linalg.svd(rough)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt)
+
+
 def chain(transforms: Array) -> Array:
     """Running products (S, N, 4, 4) of relative transforms: each frame in the root."""
     out = np.empty_like(transforms)
@@ -97,11 +133,10 @@ def chain(transforms: Array) -> Array:
 def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
     """Rotation R and translation t with target ≈ R source + t in the least-squares sense.
 
-    source, target: (N, 3) metres. Source: Kabsch (1976).
+    source, target: (N, 3) metres.
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
+    turn = nearest_rotation((target - b).T @ (source - a))
     return turn, b - turn @ a
 
 

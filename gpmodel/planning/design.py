@@ -38,11 +38,9 @@ class Goal(Protocol):
 
     def value(self, information: Array) -> float:
         """The logarithm of what is to be small, of M (K, K)."""
-        ...
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
         """What is gained (N,) by adding (sign 1) each of N poses with columns (N, 3, K), or removing (-1)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Collides, Mechanism
-from gpmodel.mechanism.source import bare_of
+from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of
 from gpmodel.mechanism.workspace import joint_range, random_poses
 from gpmodel.numerics.se3 import chain
 

@@ -91,8 +91,7 @@ def simulate(
     empty = replace(bare, extras=inputs or {}, extra_units=input_units or {}, labels=arms, source="simulation")
     poses = prepare(mechanism, empty)
     registration = se3.exp(np.concatenate([rng.normal(0.0, INSTRUMENT_DISTANCE, 3), rng.uniform(-1.5, 1.5, 3)]))
-    tool = np.eye(4)
-    tool[:3, 3] = random_tool_point(rng) if tool_point is None else tool_point
+    tool = se3.shift(random_tool_point(rng) if tool_point is None else tool_point)
     placement = Placement({"": registration}, dict.fromkeys(tips, tool), {})
     geometry = geometric_effects(mechanism) if geometry_sigma else ()
     scale = np.array([1.0 if e.unit == "m" else 1.0 / LEVER for e in geometry])

@@ -31,7 +31,6 @@ class Readings(Protocol):
 
     def subset(self, rows: IntArray) -> "Readings":
         """The same at some poses only."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -37,9 +37,8 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     for joint in robot.findall("joint"):
         name = joint.get("name", "")
         keys = [f"{name}_{axis}" for axis in "xyzabc"]
-        frame = np.eye(4)
-        frame[:3, 3] = [offsets.get(key, 0.0) for key in keys[:3]]
-        frame[:3, :3] = Rotation.from_rotvec([offsets.get(key, 0.0) for key in keys[3:]]).as_matrix()
+        turn = Rotation.from_rotvec([offsets.get(key, 0.0) for key in keys[3:]]).as_matrix()
+        frame = se3.frame(turn, [offsets.get(key, 0.0) for key in keys[:3]])
         if found := {name, *keys} & offsets.keys():
             _set_origin(
                 joint, origin_of(joint, nominal.name) @ frame @ _motion(joint, offsets.get(name, 0.0), nominal.name)
@@ -83,10 +82,8 @@ def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> li
 
 def origin_of(joint: ET.Element, file: str) -> Array:
     """Where a joint of a URDF sits on its parent link, (4, 4), m. Raises InputError naming the file."""
-    out = np.eye(4)
-    out[:3, 3] = _given(joint, "origin", "xyz", "0 0 0", file)
-    out[:3, :3] = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
-    return out
+    turn = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
+    return se3.frame(turn, _given(joint, "origin", "xyz", "0 0 0", file))
 
 
 def axis_of(joint: ET.Element, file: str) -> list[float]:

@@ -16,6 +16,7 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.states import States
+from gpmodel.numerics import se3
 from gpmodel.table.dataset import unmeasured
 from gpmodel.table.units import known_unit, split_header
 
@@ -113,10 +114,6 @@ def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: 
         extra_units={name: str(unit) for name, unit in headers.values()},
         in_order=True,
     )
-    tool = np.eye(4)
-    tool[:3, 3] = 0.1, -0.05, 0.15
-    away = np.eye(4)
-    away[:3, 3] = INSTRUMENT_AT
-    placement = Placement({"": away}, {"": tool}, {})
+    placement = Placement({"": se3.shift(INSTRUMENT_AT)}, {"": se3.shift((0.1, -0.05, 0.15))}, {})
     read = observe(ErrorModel(mechanism, ()), prepare(mechanism, dataset), np.zeros(0), placement).tip[:, :3, 3]
     return prepare(mechanism, replace(dataset, position=read)), placement

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from joints import figures
-from joints.contact import Body, HertzContact, PublishedContact, first_yield_pressure, hertz, published_hertz
+from joints.contact import Body, HertzContact, first_yield_pressure, hertz, published_hertz
 from joints.settings import load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
@@ -32,7 +32,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     exact = hertz(force, ball, support, angle)
     onset = float(first_yield_pressure(s["yield_stress"], min(ball.poisson, support.poisson)))
 
-    cases: dict[str, PublishedContact | HertzContact] = {
+    cases: dict[str, HertzContact] = {
         "as printed": printed,
         "printed formulas, true radii": fitted,
         "exact": exact,
@@ -75,7 +75,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     )
 
 
-def _numbers(case: PublishedContact | HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
+def _numbers(case: HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
     """A row of the table: what _KEYS say."""
     secant = force / float(case.approach) * N_PER_UM
     peak = float(case.pressure)

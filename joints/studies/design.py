@@ -1,8 +1,8 @@
 """`gpmodel joint design`: one page for a joint, with the limit that governs."""
 
 import base64
-import io
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,8 @@ from joints.film_design import design_film, displacement_at_inlet
 from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.preload import MagnetRing, socket_fixed_limit, total_preload
-from joints.studies.study import MICRO, N_PER_UM, Study, Table
+from joints.studies.study import MICRO, N_PER_UM, Study, Table, png
 from joints.thermal import LoopPart, allowed_temperature_change
-
-DPI = 110
 
 
 def design_study(path: Path | None = None, seed: int = 0) -> Study:
@@ -38,17 +36,7 @@ def design_study(path: Path | None = None, seed: int = 0) -> Study:
         "contact": design.settings["demand"]["contact"],
         "verdict": design.verdict,
         "governing": design.governing.topic,
-        "limits": [
-            {
-                "topic": x.topic,
-                "quantity": x.quantity,
-                "used": x.used,
-                "there": x.there,
-                "unit": x.unit,
-                "share": x.share,
-            }
-            for x in design.limits
-        ],
+        "limits": [{**asdict(x), "share": x.share} for x in design.limits],
     }
     return Study((limits, *parts), data, drawn, {"joint_design.html": _page(design, parts, drawn)})
 
@@ -134,7 +122,7 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
             }
             for t in parts
         ],
-        figures=[{"name": name, "data": _png(figure)} for name, figure in drawn.items()],
+        figures=[{"name": name, "data": base64.b64encode(png(figure)).decode()} for name, figure in drawn.items()],
         version=__version__,
     )
 
@@ -146,9 +134,3 @@ def _micro(text: str) -> str:
 
 def _text(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _png(figure: Figure) -> str:
-    image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=DPI, metadata={"Software": None})
-    return base64.b64encode(image.getvalue()).decode()

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from joints import figures
 from joints.dynamics import (
     BallOnFilm,
@@ -90,9 +91,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
     )
 
 
-def _lossy(
-    s: Settings, load: float, system: BallOnFilm, frequency: NDArray[np.float64]
-) -> tuple[Table, dict[str, dict[str, float]]]:
+def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tuple[Table, dict[str, dict[str, float]]]:
     """What friction of the sliding joint and hysteresis of the magnets change, at one amplitude of force."""
     pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
     grip = float(not_negative("losses.friction_coefficient", s["friction_coefficient"], "")) * load
@@ -118,7 +117,7 @@ def _lossy(
     return Table(title, heads, [(name, *row.values()) for name, row in numbers.items()], note), numbers
 
 
-def _frequencies(s: Settings) -> NDArray[np.float64]:
+def _frequencies(s: Settings) -> Array:
     lowest, highest = positive("response.lowest", s["lowest"], "Hz"), s["highest"]
     require(highest > lowest, "response.highest", highest, f"above {float(lowest):g} Hz")
     require(s["points"] >= 3, "response.points", s["points"], "at least 3")
@@ -126,8 +125,8 @@ def _frequencies(s: Settings) -> NDArray[np.float64]:
 
 
 def _measured(
-    s: Settings, path: Path | None, seed: int, system: BallOnFilm, frequency: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.complex128], str]:
+    s: Settings, path: Path | None, seed: int, system: BallOnFilm, frequency: Array
+) -> tuple[Array, NDArray[np.complex128], str]:
     if s["file"] != "none":
         folder = path.parent if path else Path()
         curve = read_curve(folder / s["file"], {"frequency": "Hz", "real": "um/N", "imaginary": "um/N"})

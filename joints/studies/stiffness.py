@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from joints import figures
 from joints.film_settings import film_geometry, orifice_law
 from joints.limits import not_negative, require
@@ -45,7 +45,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
     rest = rest_displacement(geometry, orifice, s["inlet_pressure"], s["preload"], s["stand_off"])
     x = np.linspace(-1e-6, max(3 * rest, 100e-6), 400)
 
-    def tension(inlet: float, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tension(inlet: float, x: Array) -> Array:
         lifted = lifted_tension(geometry, orifice, inlet, s["preload"], s["stand_off"], np.maximum(x, 0.0))
         return lifted + contact_tension(tube, x)
 
@@ -96,7 +96,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
     )
 
 
-def _measured(s: Settings, path: Path | None, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+def _measured(s: Settings, path: Path | None, seed: int) -> tuple[Array, Array, str]:
     if s["file"] != "none":
         folder = path.parent if path else Path()
         curve = read_curve(folder / s["file"], {"displacement": "um", "force": "N"})

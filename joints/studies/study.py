@@ -1,5 +1,6 @@
 """What a study hands back, before anything is printed or written."""
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -7,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 MICRO = 1e6
+DPI = 110
 N_PER_UM = 1e-6
 
 
@@ -28,6 +30,13 @@ class Study:
     data: Mapping[str, object]
     figures: Mapping[str, Figure] = field(default_factory=dict)
     pages: Mapping[str, str] = field(default_factory=dict)
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as a PNG file."""
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=DPI, metadata={"Software": None})
+    return image.getvalue()
 
 
 def plain(value: object) -> object:

@@ -23,7 +23,7 @@ from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
 from joints import load_mechanism, spherical_joint
 from joints.hexapod import Hexapod
-from joints.hexapod_description import hexapod, read_hexapod
+from joints.hexapod_description import hexapod
 
 HEAVY = """
 kind = "hexapod"
@@ -44,7 +44,7 @@ centre = ["20 mm", "-30 mm", "100 mm"]
 
 def machine(folder: Path, text: str = HEAVY) -> Hexapod:
     (folder / "press.toml").write_text(text)
-    return read_hexapod(folder / "press.toml")
+    return hexapod(folder / "press.toml")
 
 
 @pytest.mark.parametrize("which", ["built-in", "heavy"])

@@ -28,7 +28,7 @@ from gpmodel.testing import check_mechanism
 from joints import spherical_joint
 from joints.hexapod_description import hexapod
 from joints.settings import DATA
-from joints.tau_description import read_tau, tau
+from joints.tau_description import tau
 
 PUSHED = {"turned": "pushed", '["0 mm", "0 mm"]': '["-20 mm", "20 mm"]'}
 
@@ -44,7 +44,7 @@ def described(folder: Path, changes: dict[str, str]) -> Path:
 
 @pytest.mark.parametrize("changes", [{}, PUSHED], ids=["turned", "pushed"])
 def test_a_tau_robot_holds_to_the_contract_of_mechanisms_loops_included(tmp_path: Path, changes: dict) -> None:
-    check_mechanism(read_tau(described(tmp_path, changes)), poses=6)
+    check_mechanism(tau(described(tmp_path, changes)), poses=6)
 
 
 def test_its_coordinates_close_to_the_poses_that_scipy_finds() -> None:
@@ -59,7 +59,7 @@ def test_its_coordinates_close_to_the_poses_that_scipy_finds() -> None:
 
 def test_links_keep_their_lengths_and_weights_balance(tmp_path: Path) -> None:
     """The torques are the slopes of the potential energy of platform and payload."""
-    arm = read_tau(described(tmp_path, {'mass = "0 kg"': 'mass = "3 kg"'}))
+    arm = tau(described(tmp_path, {'mass = "0 kg"': 'mass = "3 kg"'}))
     q, payload = random_poses(arm, 5, np.random.default_rng(1)), np.full(5, 2.0)
 
     def energy(q: np.ndarray) -> np.ndarray:
@@ -172,7 +172,7 @@ def test_bad_descriptions_and_poses_are_refused_in_one_line(tmp_path: Path) -> N
         ({'[[link]]\nbase = ["350 mm", "0 mm", "0 mm"]\nplatform = ["0 mm", "-50 mm", "-90 mm"]': ""}, "expected 6"),
     ]:
         with pytest.raises(InputError, match=said):
-            read_tau(described(tmp_path, changes))
+            tau(described(tmp_path, changes))
     with pytest.raises(InputError, match=r"do not meet in one platform \(pose 2\)"):
         tau().transforms(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]]))
     frame = pd.read_csv(io.StringIO(table("tau", 0, False, 5)[0]), dtype=str)

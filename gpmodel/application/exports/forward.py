@@ -12,8 +12,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import Clamped, Ended, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis, Expression
-from gpmodel.mechanism.protocol import AXES, Massive
-from gpmodel.mechanism.source import bare_of
+from gpmodel.mechanism.protocol import AXES, Massive, bare_of
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import read_by
 from gpmodel.model.naming import translate

@@ -10,8 +10,7 @@ import numpy as np
 from gpmodel.application.exports.rigid import Rigid
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import ExportsUrdf, Mechanism
-from gpmodel.mechanism.source import bare_of
+from gpmodel.mechanism.protocol import ExportsUrdf, Mechanism, bare_of
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.wording import length
 

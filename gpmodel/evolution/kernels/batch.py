@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined, reduction
 from gpmodel.evolution.kernels.execute import execute
 from gpmodel.evolution.kernels.live_code import count_by_outputs, keep_live, nodes_and_hash
@@ -13,8 +14,6 @@ from gpmodel.evolution.kernels.machine import (
     reaching_instructions,
     split_instructions,
 )
-
-Array = NDArray[np.float64]
 
 
 @inlined
@@ -31,10 +30,10 @@ def decode_every(
     done_for: NDArray[np.uint16],
     kind_of_cells: NDArray[np.uint8],
     base: int,
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    count: NDArray[np.int64],
-    nodes: NDArray[np.int64],
+    count: IntArray,
+    nodes: IntArray,
     hashes: NDArray[np.uint64],
     cells: NDArray[np.uint16],
     pairs: NDArray[np.uint16],
@@ -72,10 +71,10 @@ def decode_sequences(
     done_for: NDArray[np.uint16],
     kind_of_cells: NDArray[np.uint8],
     base: int,
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    count: NDArray[np.int64],
-    nodes: NDArray[np.int64],
+    count: IntArray,
+    nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
     """Effective code of each sequence of genes (P, L): words (P, longest) of which ``count``, outputs (P, m)."""
@@ -96,10 +95,10 @@ def decode_forest(
     base: int,
     done_for: NDArray[np.uint16],
     kind_of_rows: NDArray[np.uint8],
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    count: NDArray[np.int64],
-    nodes: NDArray[np.int64],
+    count: IntArray,
+    nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
     """Effective code of programs of several trees; bounds (P, roots + 1) index the flat prefix codes."""
@@ -117,9 +116,7 @@ def decode_forest(
 
 
 @compiled
-def sizes_by_outputs(
-    words: NDArray[np.int64], count: NDArray[np.int64], base: int, outputs: NDArray[np.uint16]
-) -> NDArray[np.uint16]:
+def sizes_by_outputs(words: IntArray, count: IntArray, base: int, outputs: NDArray[np.uint16]) -> NDArray[np.uint16]:
     """Nodes (P, 2^m) of each program that reach exactly the outputs of a set of bits."""
     sizes = np.zeros((len(words), 1 << outputs.shape[1]), np.uint16)
     reach = np.empty(base + words.shape[1], np.uint8)
@@ -130,9 +127,9 @@ def sizes_by_outputs(
 
 @compiled
 def output_values(
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    count: NDArray[np.int64],
+    count: IntArray,
     constants: Array,
     fixed: Array,
     rows: Array,
@@ -180,9 +177,9 @@ def squared_distance(dx: float, dy: float, dz: float) -> float:
 
 @compiled
 def compensator_fitness(
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    count: NDArray[np.int64],
+    count: IntArray,
     constants: Array,
     fixed: Array,
     rows: Array,

@@ -5,9 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import compiled
-
-Array = NDArray[np.float64]
 
 
 @compiled
@@ -44,8 +43,8 @@ def _copy(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> None:
 def breed_sequences(
     genes: NDArray[np.uint8],
     constants: Array,
-    mothers: NDArray[np.int64],
-    fathers: NDArray[np.int64],
+    mothers: IntArray,
+    fathers: IntArray,
     seed: np.uint64,
     begin: int,
     crossover: float,

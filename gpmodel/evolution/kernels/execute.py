@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import inlined
 from gpmodel.evolution.kernels.elementary import (
     ANGLE_LIMIT,
@@ -19,8 +17,6 @@ from gpmodel.evolution.kernels.elementary import (
 )
 from gpmodel.evolution.kernels.machine import CONSTANT
 
-Array = NDArray[np.float64]
-
 
 @inlined
 def _within(row: Array, limit: float, width: int) -> bool:
@@ -32,7 +28,7 @@ def _within(row: Array, limit: float, width: int) -> bool:
 
 @inlined
 def execute(
-    words: NDArray[np.int64],
+    words: IntArray,
     count: int,
     constants: Array,
     rows: Array,

@@ -3,13 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 from gpmodel.evolution.kernels.machine import CONSTANT, LAST_BINARY, ROW
 
 
 @compiled
 def keep_live(
-    words: NDArray[np.int64], count: int, base: int, outputs: NDArray[np.uint16],
+    words: IntArray, count: int, base: int, outputs: NDArray[np.uint16],
     live: NDArray[np.uint8], place: NDArray[np.uint16],
 ) -> int:  # fmt: skip
     """Move the instructions that reach an output to the front of ``words``, rows renamed; returns their number.
@@ -41,7 +42,7 @@ def keep_live(
 
 
 @inlined
-def _leaves(words: NDArray[np.int64], count: int, base: int) -> int:
+def _leaves(words: IntArray, count: int, base: int) -> int:
     """Rows below this are leaves: the fixed ones and the own constants that come before all operators."""
     leaves = base
     while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
@@ -57,7 +58,7 @@ def _mixed(value: np.uint64, place: int) -> np.uint64:
 
 @inlined
 def nodes_and_hash(
-    words: NDArray[np.int64], count: int, base: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]
+    words: IntArray, count: int, base: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]
 ) -> tuple[int, np.uint64]:
     """Operators plus references to leaves of live code, and its hash: a sum of instructions mixed with their places.
 
@@ -85,7 +86,7 @@ def nodes_and_hash(
 
 @inlined
 def count_by_outputs(
-    words: NDArray[np.int64],
+    words: IntArray,
     count: int,
     base: int,
     outputs: NDArray[np.uint16],

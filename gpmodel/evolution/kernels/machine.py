@@ -8,6 +8,7 @@ accumulator and registers are renamed away, and only instructions that reach an 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
@@ -115,7 +116,7 @@ def decode_sequence(
     start: NDArray[np.uint16],
     base: int,
     constants: int,
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
     cells: NDArray[np.uint16],
 ) -> int:
@@ -164,10 +165,10 @@ def decode_trees(
     base: int,
     done_for: NDArray[np.uint16],
     kind_of_rows: NDArray[np.uint8],
-    words: NDArray[np.int64],
+    words: IntArray,
     outputs: NDArray[np.uint16],
-    stack: NDArray[np.int64],
-    kinds: NDArray[np.int64],
+    stack: IntArray,
+    kinds: IntArray,
 ) -> int:
     """Instructions of the trees ``codes[bounds[k]:bounds[k + 1]]``, each in depth-first (prefix) order.
 

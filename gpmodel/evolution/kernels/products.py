@@ -1,12 +1,10 @@
 """What products of powers, solved as sums of logarithms, leave of a response itself, and how many powers are simple."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import compiled
 from gpmodel.evolution.kernels.quotients import multiply, solve
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 _SMALLEST = 1e-300
@@ -15,14 +13,14 @@ _SMALLEST = 1e-300
 @compiled
 def share_left_by_products(
     terms: Array,
-    chosen: NDArray[np.int64],
+    chosen: IntArray,
     always: Array,
     response: Array,
     passes: int,
     worth: float,
     largest: float,
     left: Array,
-    written: NDArray[np.int64],
+    written: IntArray,
 ) -> None:
     """Share (P,) of the variance of a response (N,), nowhere 0, left by exp of solved sums, its sign given.
 

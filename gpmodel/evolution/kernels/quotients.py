@@ -1,19 +1,15 @@
 """What quotients of solved sums leave of a response: their own errors, not those times the denominator."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import compiled, reduction
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-13
 
 
 @compiled
-def share_left_by_quotients(
-    values: Array, chosen: NDArray[np.int64], response: Array, passes: int, left: Array
-) -> None:
+def share_left_by_quotients(values: Array, chosen: IntArray, response: Array, passes: int, left: Array) -> None:
     """Share (P,) of the variance of a response (N,) left by quotients; programs without a denominator keep theirs.
 
     values (P, m, N): outputs phi of each program; bit i of ``chosen`` puts phi_i above the bar, bit i + m below it:

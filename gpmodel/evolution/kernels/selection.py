@@ -5,10 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evolution.description_length import RESOLUTION
 from gpmodel.evolution.kernels.compiler import compiled, reduction
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 4e-15
 _MORE = 1.0 + 1e-9
@@ -25,7 +24,7 @@ def largest_magnitude(row: Array) -> float:
 
 
 @compiled
-def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array) -> None:
+def scale_and_multiply(values: Array, usable: Mask, products: Array) -> None:
     """Divide each row of values (P, m, N) by its largest magnitude; products (P, pairs, N) of rows i <= j.
 
     A row that is zero or not finite is set to zero and marked as not usable. Without room for products (N of 0) there
@@ -55,9 +54,9 @@ def scale_and_multiply(values: Array, usable: NDArray[np.bool_], products: Array
 def choose_outputs(
     products: Array,
     seen: Array,
-    number: NDArray[np.int64],
+    number: IntArray,
     pull: Array,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     sizes: NDArray[np.uint16],
     energy: float,
     half_components: float,
@@ -65,9 +64,9 @@ def choose_outputs(
     unique_share: float,
     score: Array,
     gain: Array,
-    complexity: NDArray[np.int64],
-    site: NDArray[np.int64],
-    chosen: NDArray[np.int64],
+    complexity: IntArray,
+    site: IntArray,
+    chosen: IntArray,
 ) -> None:
     """Forward selection of outputs at each site by description length.
 
