@@ -23,13 +23,6 @@ class ContactType:
     calibrated_max: float | None
     figure: str
 
-    @property
-    def gain(self) -> float | None:
-        """Share by which calibration lowers the largest residual, None without both figures."""
-        if self.sphere_fit_max is None or self.calibrated_max is None:
-            return None
-        return 1.0 - self.calibrated_max / self.sphere_fit_max
-
 
 def contact_types(path: Path | None = None) -> tuple[ContactType, ...]:
     """The contact types of a TOML table ([[type]] entries), the thesis' four without one.

@@ -28,10 +28,10 @@ def not_negative(name: str, value: ArrayLike, unit: str) -> Array:
     return array
 
 
-def angle_within(name: str, value: ArrayLike, upper: float, lower: float = 0.0) -> Array:
-    """`value` [rad] as a float array within lower < value <= upper; the message speaks degrees."""
+def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
+    """`value` [rad] as a float array within 0 < value <= upper; the message speaks degrees."""
     array = np.asarray(value, float)
-    valid = np.isfinite(array) & (array > lower) & (array <= upper * (1 + 1e-12))
-    bounds = f"above {np.degrees(lower):.6g} and at most {np.degrees(upper):.6g} deg"
+    valid = np.isfinite(array) & (array > 0) & (array <= upper * (1 + 1e-12))
+    bounds = f"above 0 and at most {np.degrees(upper):.6g} deg"
     require(valid, f"{name} [deg]", np.degrees(array), bounds)
     return array

@@ -14,6 +14,9 @@ from joints.film import FilmGeometry, edge_gap, film_resistance
 from joints.limits import not_negative, positive, require
 from joints.orifice import Orifice
 
+HIGHEST = 1e-3
+"""m: a ball that a film lifts further is lost."""
+
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:
     """E pi r^2 / t [N/m]: replica layer 2702 N/um (Fig 4.18 prints 2700), brass tube 138 (Fig 4.19 prints 140)."""
@@ -113,7 +116,6 @@ def rest_displacement(
     inlet: float,
     preload: float,
     stand_off: float,
-    highest: float = 1e-3,
 ) -> float:
     """Displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
 
@@ -125,5 +127,5 @@ def rest_displacement(
 
     if tension(0.0) >= 0:
         return 0.0
-    require(tension(highest) > 0, "inlet pressure", inlet, f"one that holds the ball below {highest * 1e6:.4g} um")
-    return float(brentq(tension, 0.0, highest, xtol=1e-12))
+    require(tension(HIGHEST) > 0, "inlet pressure", inlet, f"one that holds the ball below {HIGHEST * 1e6:.4g} um")
+    return float(brentq(tension, 0.0, HIGHEST, xtol=1e-12))

@@ -26,7 +26,7 @@ from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_names
 from gpmodel.hierarchy.found import Rows, Searched, found_on_most
 from gpmodel.hierarchy.further import PRIOR
-from gpmodel.hierarchy.kept import KeptMachines, NoMachinesKept
+from gpmodel.hierarchy.kept import KeptMachines
 from gpmodel.hierarchy.parts import block_parts, in_table_names, shared_parts
 from gpmodel.hierarchy.record import (
     KIND,
@@ -152,7 +152,7 @@ def fleet(
     machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    side_by_side, kept = executor or Threads(whole(workers, "workers")), journal or NoMachinesKept()
+    side_by_side, kept = executor or Threads(whole(workers, "workers")), journal or KeptMachines()
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
     named, own, chosen = _effects(given, list(machines), tasks, side_by_side, kept, say)
     geometry = geometric_effects(arms[0][0])

@@ -23,7 +23,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import scheduled
 from gpmodel.hierarchy.folder import folder_of_tables
-from gpmodel.hierarchy.kept import MachineFiles
+from gpmodel.hierarchy.kept import KeptMachines
 from gpmodel.hierarchy.record import MACHINES, NAME
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE
@@ -66,7 +66,7 @@ def fleet(
     with (
         progress_line(quiet or named is not None) as say,
         scheduled(scheduler, workers or 0) as executor,
-        request.kept_in(folder, say, MachineFiles) as journal,
+        request.kept_in(folder, say, KeptMachines) as journal,
     ):
         found = calibrate_fleet(
             request.choice.load(), request.table, named, **options, executor=executor,

@@ -18,12 +18,10 @@ from gpmodel.model.error_model import Poses
 
 @dataclass(frozen=True)
 class Finding:
-    """An accepted hypothesis and the round that found it. pointed: whether that round's histogram of referenced inputs
-    had an input of it stand out beforehand."""
+    """An accepted hypothesis and the round that found it."""
 
     hypothesis: Hypothesis
     round: int
-    pointed: bool = False
 
     @property
     def candidate(self) -> Candidate:

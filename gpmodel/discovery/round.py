@@ -42,20 +42,18 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     found = additive(choice, (*state.evolved, *new))
     searched = [*judged, *(h for r in state.rounds for h in r.hypotheses)]
     accepted = [as_searched(h, searched) for h in found.hypotheses if h.accepted]
-    dropped = _taken(state, accepted, number, exploration)
+    dropped = _taken(state, accepted, number)
     state.rounds.append(
         Round(number, (*found.hypotheses, *judged), exploration, (*new, *found.laws), found.null_nats, dropped)
     )
     return found.calibration
 
 
-def _taken(state: State, accepted: Sequence[Hypothesis], number: int, exploration: Exploration) -> tuple[str, ...]:
+def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[str, ...]:
     """Make the accepted hypotheses the findings; the names of those before that are none any more."""
     before = {f.candidate.name: f for f in state.findings}
     state.findings = [
-        replace(before[h.candidate.name], hypothesis=h)
-        if h.candidate.name in before
-        else _new_finding(h, number, exploration)
+        replace(before[h.candidate.name], hypothesis=h) if h.candidate.name in before else Finding(h, number)
         for h in accepted
     ]
     for finding in state.findings:
@@ -77,12 +75,6 @@ def _pointed(state: State, exploration: Exploration) -> frozenset[str] | None:
     if not state.search.runs:
         return state.pointed
     return (state.pointed or frozenset()) | set(exploration.histogram.significant)
-
-
-def _new_finding(hypothesis: Hypothesis, number: int, exploration: Exploration) -> Finding:
-    """A finding of this round, and whether its histogram pointed at it."""
-    pointed = set(exploration.histogram.significant) & set(hypothesis.candidate.inputs)
-    return Finding(hypothesis, number, bool(pointed))
 
 
 def _explored(

@@ -33,11 +33,6 @@ class Shared:
     low: float
     high: float
 
-    @property
-    def prior(self) -> float:
-        """Standard deviation of what is believed of a machine before it is measured: √(τ² + stderr²)."""
-        return float(np.hypot(self.spread, self.stderr))
-
 
 Judge = Callable[[Mask], tuple[Array, Array]]
 """z (m,) of each machine by those inside (m,) but itself, and their chances (m,)."""

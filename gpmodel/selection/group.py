@@ -9,7 +9,6 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import GEOMETRY_REACH
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -48,35 +47,21 @@ class Shapes:
 
 
 @dataclass(frozen=True)
-class Group:
-    """Effects with unknowns u_k ~ N(0, a spread_k²), one variance a for all of them.
+class Group(Candidate):
+    """A candidate with unknowns u_k ~ N(0, a spread_k²), one variance a for all of them.
 
     spreads: (E,) standard deviations of the unknowns for a = 1, scaled so that Σ spread_k² var(φ_k) = 1: √a is how
-    far the whole group moves its place over the poses, rad or m. cost: nats of description, the log of how many
-    alternatives it was chosen from. cap: largest √a. always_included: in the model whatever it is worth.
-    parts: the groups of one kind at several places that it is made of, empty for a plain group. inner: the constants
-    inside its bases, None where it has none or not all of its effects are left. believed: the cap is what somebody
-    stated.
+    far the whole group moves its place over the poses, rad or m. where: slot and axis. cap: largest √a; where the
+    priors are believed, what somebody stated. always_included: in the model whatever it is worth. parts: the groups of
+    one kind at several places that it is made of, empty for a plain group. inner: None also where not all of its
+    effects are left.
     """
 
-    name: str
-    place: str
-    family: str
-    effects: tuple[Effect, ...]
-    spreads: tuple[float, ...]
-    cost: float
+    spreads: tuple[float, ...] = ()
+    where: str = "all"
     cap: float = CAP
     always_included: bool = False
     parts: tuple["Group", ...] = ()
-    found_by: str = "catalogue"
-    explanation: str = ""
-    inner: NonlinearParameters | None = None
-    believed: bool = False
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """State columns any of its effects reads."""
-        return tuple(dict.fromkeys(i for e in self.effects for i in e.inputs))
 
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
         """Its effects with the standard deviations √a spread_k as their priors."""
@@ -99,36 +84,22 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
     return math.sqrt(total) if total > FLAT**2 * size else 0.0 if np.isfinite(total) else math.nan
 
 
-def group_of(
-    name: str, effects: Sequence[Effect], cost: float, shapes: Shapes, *, family: str = "", found_by: str = "catalogue"
-) -> Group | None:
-    """Effects as a group; finite priors say how large they are to each other, the others get equal shares.
+def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
+    """A candidate as a group; finite priors say how large its effects are to each other, the others get equal shares.
 
     Those that do not vary over the poses are left out; None where nothing is left.
     """
-    sizes = [spread_of(e, shapes) for e in effects]
-    alive = [(e, s) for e, s in zip(effects, sizes, strict=True) if np.isfinite(s) and s > 0]
+    sizes = [spread_of(e, shapes) for e in candidate.effects]
+    alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
     if not alive:
         return None
     relative = np.array([e.prior if np.isfinite(e.prior) else 1.0 / s for e, s in alive])
     total = math.sqrt(sum((r * s) ** 2 for r, (_, s) in zip(relative, alive, strict=True)))
-    kept = tuple(e for e, _ in alive)
-    spreads = tuple(float(r / total) for r in relative)
-    return Group(name, place_of(kept[0]), family or kept[0].family, kept, spreads, cost, found_by=found_by)
-
-
-def from_candidate(candidate: Candidate, shapes: Shapes) -> Group | None:
-    """A candidate of the catalogue, or an evolved one, as a group."""
-    group = group_of(
-        candidate.name, candidate.effects, candidate.cost, shapes, family=candidate.family, found_by=candidate.found_by
-    )
-    if group is None:
-        return None
-    if candidate.believed:
-        stated = group.effects[0].prior / group.spreads[0]
-        group = replace(group, cap=min(CAP, stated), believed=True)
-    whole = len(group.effects) == len(candidate.effects)
-    return replace(group, explanation=candidate.explanation, inner=candidate.inner if whole else None)
+    effects, spreads = tuple(e for e, _ in alive), tuple(float(r / total) for r in relative)
+    cap = min(CAP, effects[0].prior / spreads[0]) if candidate.believed else CAP
+    whole = {**vars(candidate), "effects": effects, "family": candidate.family or effects[0].family}
+    whole["inner"] = candidate.inner if len(effects) == len(candidate.effects) else None
+    return Group(**whole, spreads=spreads, where=place_of(effects[0]), cap=cap)
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
@@ -144,13 +115,11 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
         chosen = tuple(e for e in constant if (e.unit == "m") == (unit == "m"))
         if chosen:
             spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
-            out.append(Group(name, "all", "geometric", chosen, spread, 0.0, cap=GEOMETRY_REACH, always_included=True))
+            group = Group(name, chosen, "geometric", 0.0, spreads=spread, cap=GEOMETRY_REACH, always_included=True)
+            out.append(group)
     for e in declared:
-        out.append(
-            Group(
-                e.name, place_of(e), e.family, (e,), (1.0,), 0.0, cap=min(DECLARED_CAP, e.prior), always_included=True
-            )
-        )
+        cap = min(DECLARED_CAP, e.prior)
+        out.append(Group(e.name, (e,), e.family, 0.0, spreads=(1.0,), cap=cap, always_included=True))
     return tuple(out)
 
 
@@ -159,4 +128,4 @@ def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
     share = 1.0 / math.sqrt(len(parts))
     effects = tuple(e for p in parts for e in p.effects)
     spreads = tuple(share * s for p in parts for s in p.spreads)
-    return Group(name, "all", parts[0].family, effects, spreads, cost, parts=tuple(parts))
+    return Group(name, effects, parts[0].family, cost, spreads=spreads, parts=tuple(parts))

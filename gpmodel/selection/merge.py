@@ -46,7 +46,7 @@ def _by_one(active: Active, place: str, several: Sequence[int]) -> Iterator[Acti
     fewer = active
     for g in several:
         fewer = fewer.without(g)
-    others = [h for h, group in enumerate(active.pool.groups) if group.place == place and h not in active.variances]
+    others = [h for h, group in enumerate(active.pool.groups) if group.where == place and h not in active.variances]
     if not others:
         return
     gains, variances, _ = scan(fewer, np.array(others))
@@ -124,7 +124,7 @@ def _laws_in(active: Active, curve: Group) -> list[int]:
     def may_stand(group: Group) -> bool:
         free = group.found_by == "surface"
         return set(group.inputs) <= inputs and not (
-            free and (group.place != curve.place or set(group.inputs) == inputs)
+            free and (group.where != curve.where or set(group.inputs) == inputs)
         )
 
     groups = active.pool.groups
@@ -143,5 +143,5 @@ def _together(active: Active) -> dict[str, list[int]]:
 def _place(active: Active, g: int) -> str:
     """Where a group acts; of one of several places, of which but one is left, that one."""
     group = active.pool.groups[g]
-    left = {group.parts[part].place for part in parts_left(active, g)} if group.parts else {group.place}
-    return left.pop() if len(left) == 1 else group.place
+    left = {group.parts[part].where for part in parts_left(active, g)} if group.parts else {group.where}
+    return left.pop() if len(left) == 1 else group.where

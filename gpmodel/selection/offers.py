@@ -11,7 +11,7 @@ from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Term
 from gpmodel.model.sites import Site
-from gpmodel.selection.group import Group, Shapes, from_candidate, joined
+from gpmodel.selection.group import Group, Shapes, group_of, joined
 from gpmodel.selection.programs import laws, terms
 
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
@@ -29,7 +29,7 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for offer in offers:
-            yield from (from_candidate(c, shapes) for c in instances(offer, mechanism, shapes.states, search=True))
+            yield from (group_of(c, shapes) for c in instances(offer, mechanism, shapes.states, search=True))
 
     return build
 
@@ -42,8 +42,8 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for law in chain.from_iterable(laws(candidate, cost) for candidate in candidates):
-            whole = from_candidate(law, shapes)
-            parts = tuple(from_candidate(term, shapes) for term in terms(law, cost))
+            whole = group_of(law, shapes)
+            parts = tuple(group_of(term, shapes) for term in terms(law, cost))
             yield whole and replace(whole, parts=tuple(p for p in parts if p is not None))
 
     return build

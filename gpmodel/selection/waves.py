@@ -19,7 +19,7 @@ from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import CAP, Group, Shapes, from_candidate
+from gpmodel.selection.group import CAP, Group, Shapes, group_of
 from gpmodel.selection.moves import with_optimal_variances
 from gpmodel.selection.pool import GroupPool
 
@@ -163,8 +163,8 @@ def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group
         value = float(f"{grid.value(rate):.{digits}g}")
         near = grid.value(value)
         if abs(near - rate) < grid.step and there.gain(near) > gain - ROUNDING:
-            return from_candidate(grid.at(rate, digits), shapes)
-    return from_candidate(grid.at(rate), shapes)
+            return group_of(grid.at(rate, digits), shapes)
+    return group_of(grid.at(rate), shapes)
 
 
 def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:

@@ -22,7 +22,7 @@ from gpmodel.families.curves import continued, curves
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
-from gpmodel.selection.group import Shapes, from_candidate
+from gpmodel.selection.group import Shapes, group_of
 
 ARM, COUNT = "irb6400r", 240
 LINE = 70
@@ -33,7 +33,7 @@ LINE = 70
 def fine_curves() -> dict[str, Candidate]:
     arm = mechanism(ARM)
     shapes = Shapes(prepare(arm, bare(ARM, COUNT, 3)).states)
-    groups = (from_candidate(c, shapes) for c in curves(arm, shapes.states))
+    groups = (group_of(c, shapes) for c in curves(arm, shapes.states))
     fine = [g for g in groups if g is not None and g.name.startswith("fine") and g.name.endswith(("J2", "J3"))]
     return {g.name: Candidate(g.name, g.with_prior(2e-4**2), g.family, g.cost) for g in fine}
 

@@ -21,7 +21,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instrument import seen_columns
-from gpmodel.selection.group import CAP, Shapes, from_candidate
+from gpmodel.selection.group import CAP, Shapes, group_of
 from gpmodel.table.specification import Specification
 
 ARM = mechanism("ur5")
@@ -143,7 +143,7 @@ def test_a_group_within_the_specification_goes_no_further() -> None:
     poses = specified()
     shapes = Shapes(poses.states)
     for candidate in instances_now(poses).values():
-        group = from_candidate(candidate, shapes)
+        group = group_of(candidate, shapes)
         assert group is not None
         if candidate.believed:
             told = [e.prior for e in group.with_prior(group.cap**2)]

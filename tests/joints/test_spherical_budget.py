@@ -98,8 +98,6 @@ def test_contact_types_hold_the_figures_the_text_prints() -> None:
     assert list(types) == ["point", "rolling", "sliding", "fluid"]
     assert [types[n].sphere_fit_max for n in types] == pytest.approx([22e-6, 12e-6, 16e-6, 16e-6])
     assert types["rolling"].calibrated_max == pytest.approx(8e-6)
-    assert types["rolling"].gain == pytest.approx(1 / 3)
-    assert types["sliding"].gain is None
 
 
 def test_a_contact_type_without_a_key_is_refused(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection import merge
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Group, Shapes, from_candidate, geometry_groups, group_of, joined
+from gpmodel.selection.group import Group, Shapes, geometry_groups, group_of, joined
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
 from gpmodel.selection.offers import Offering, of_evolved, offered
@@ -50,10 +50,10 @@ def at_one_place() -> tuple[Active, dict[str, int]]:
     arm = mechanism(ARM)
     truth = measure(ARM, [drive_effect("true", arm.joints[2], Expression("tanh(torque_J3/400)"))], [1e-3], 5)
     shapes = Shapes(truth.poses.states)
-    true = group_of("true", truth.model.effects[-1:], 3.0, shapes, family="windup")
+    true = group_of(Candidate("true", truth.model.effects[-1:], "windup", 3.0), shapes)
     assert true is not None
-    assert true.place == "J3.moving Ry"
-    there = [g for g in offered(Offering(STANDING), arm, shapes) if g.place == true.place]
+    assert true.where == "J3.moving Ry"
+    there = [g for g in offered(Offering(STANDING), arm, shapes) if g.where == true.where]
     curve = next(g for g in there if g.name == "error curve of the angle, J3")
     return started(truth, [*there, true, joined("error curve of the angle, several joints", [curve], 5.0)])
 
@@ -86,7 +86,7 @@ def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() ->
     ratio = Candidate("gear ratio, J3", (replace(hinge(1.0).effects[1], family="gear_ratio"),), "gear_ratio", 4.0)
 
     def catalogue(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
-        yield from_candidate(ratio, shapes)
+        yield group_of(ratio, shapes)
 
     evolved = of_evolved([hinge(20.0)], lambda nodes: 2.0 * nodes)
     together = offered(Offering([evolved]), arm, shapes)
@@ -119,7 +119,7 @@ def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("max(J3, 0.5) - 0.7*J3"))], [2e-3], 5)
     shapes = Shapes(truth.poses.states)
     line, law = (
-        group_of(name, [effect_at(name, "J3.moving", "Ry", Expression(basis))], 3.0, shapes, family=family)
+        group_of(Candidate(name, (effect_at(name, "J3.moving", "Ry", Expression(basis)),), family, 3.0), shapes)
         for name, basis, family in (("line", "J3", "gear_ratio"), ("law", "max(J3, 0.5)", ""))
     )
     (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
@@ -138,7 +138,7 @@ def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curv
     arm = mechanism(ARM)
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("sin(2*J3)"))], [2e-3], 5)
     shapes = Shapes(truth.poses.states)
-    law = group_of("law", [effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)"))], 3.0, shapes)
+    law = group_of(Candidate("law", (effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)")),), "", 3.0), shapes)
     (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (law, curve) if group is not None])
     curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
@@ -164,7 +164,7 @@ def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_ea
 
     def group(name: str, cost: float, *bases: str) -> Group:
         effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
-        made = group_of(name, effects, cost, shapes, family="known")
+        made = group_of(Candidate(name, tuple(effects), "known", cost), shapes)
         assert made is not None
         return made
 

@@ -78,7 +78,7 @@ def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
     standard, poses, offered = planted(law, place)
     kept = select(standard, poses, offered, criteria=Criteria(shuffles=9)).kept
     assert set(kept[0].group.inputs) == inputs
-    assert kept[0].group.place == " ".join(place)
+    assert kept[0].group.where == " ".join(place)
     assert sum(set(k.group.inputs) != inputs for k in kept) == 0
 
 

@@ -15,7 +15,7 @@ from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import from_candidate
+from gpmodel.selection.group import group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.scan import scan
@@ -35,7 +35,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
     for grid in grids(ARM)[1:4] + grids(ARM, "mesh_compliance")[1:3]:
         there = spectrum(active, grid, rows.target[:, None])
         for rate in (7.0, 101.37, 250.5):
-            group = from_candidate(grid.at(rate), rows.shapes)
+            group = group_of(grid.at(rate), rows.shapes)
             assert group is not None
             pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
