@@ -12,6 +12,7 @@ from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
+from gpmodel.checks.judge import evenly
 from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
@@ -96,10 +97,11 @@ def verify_saved(
     """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
     InputError as `gpmodel.verify`."""
     dataset, targets = _driven(saved, table, described(**sights))
-    found = verified(saved, replace(dataset, in_order=in_order or dataset.in_order))
+    rows = evenly(len(dataset))
+    found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order))
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
-    missed = None if targets is None else misses_of(found.session, targets)
-    return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed)))
+    missed = None if targets is None else misses_of(found.session, targets.subset(rows))
+    return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed, rows=len(dataset))))
 
 
 def _driven(

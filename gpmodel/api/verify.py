@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
-from gpmodel.api.arguments import shown
+from gpmodel.api.arguments import called, shown
 from gpmodel.api.model import Model, load_model
-from gpmodel.api.table import Described, TableLike
+from gpmodel.api.table import Described, TableLike, told_of_reading
 from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.errors import InputError
+from gpmodel.progress import Say, silent
 from gpmodel.report.verification import VerifyRequest
 
 COMMAND = "gpmodel.verify"
@@ -14,7 +15,8 @@ COMMAND = "gpmodel.verify"
 
 def verify(
     model: Model | str | Path, table: TableLike, *, tolerance: str | None = None, in_order: bool = False,
-    cameras: Described = None, board: Described = None, surfaces: Described = None, command: str = COMMAND,
+    cameras: Described = None, board: Described = None, surfaces: Described = None, progress: Say = silent,
+    command: str = COMMAND,
 ) -> VerifyResult:  # fmt: skip
     """Judge a model by poses measured afterwards: does it hold, has the machine drifted, or is it another one?
 
@@ -28,8 +30,8 @@ def verify(
     model: of a fit, or its model.json. table: as of `read_table`; where it has the columns corrected_J1, ... that
     `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
     tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as of `predict`. cameras, board,
-    surfaces: as of `read_table`, where they are others than in the table of the fit. command: what verify.json says
-    made it.
+    surfaces: as of `read_table`, where they are others than in the table of the fit. progress: called with what is
+    being done. command: what verify.json says made it. Of more than 2000 rows as many are judged, in even stretches.
     Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
     four poses.
     """
@@ -38,6 +40,8 @@ def verify(
         name, model = Path(model).name, load_model(model)
     if not isinstance(model, Model):
         raise InputError(f"{shown(model)}, expected a gpmodel.Model or its model.json", "model")
+    called(progress, "progress")
+    told_of_reading(table, progress)
     asked = VerifyRequest(command, name, model.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
     return verify_saved(model.saved, table, asked, tolerance, in_order, sights)

@@ -18,6 +18,7 @@ from gpmodel.application.recheck import Recheck, recheck
 from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement
@@ -66,11 +67,13 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     """The model against the poses of `dataset`, measured afterwards.
 
     It holds while neither what it leaves nor any one thing that could have changed is beyond chance; see
-    `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, or are too
-    few.
+    `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
+    few, or their columns are mixed up.
     """
     if saved.measured is not None and dataset.sha256 and dataset.sha256 == saved.measured.dataset.sha256:
         raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
+    if mixed := mixed_up(saved.mechanism, dataset):
+        raise InputError(f"{dataset.source}: {mixed}")
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     other_tool = _another_tool(found, alone.placement)

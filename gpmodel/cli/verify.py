@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.verify import verify as judge
-from gpmodel.cli.console import command_line
+from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.options import in_order_option, out_folder_option, quiet_option, sights_options
 
 CHANGED = 3
@@ -33,7 +33,10 @@ def verify(
     Ends with status 0 where the model holds, 3 where it does not or a pose is beyond the tolerance.
     With --out: verify.html, verify.pdf, verify.csv, and verify.json, of which `certificate` makes a certificate.
     """
-    found = judge(model, table, tolerance=tolerance, in_order=in_order, command=command_line(), **sights)
+    with progress_line(quiet) as say:
+        found = judge(
+            model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights
+        )
     if not quiet:
         click.echo(found.summary())
     if folder is not None:

@@ -90,7 +90,7 @@ class Verification:
     verdict: holds, drifted or another machine. sigma_mm: of one coordinate, by the model. chi_square, degrees, chance:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
-    kinds: of readings that are no points; their rows count in mm.
+    kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged.
     """
 
     command: str
@@ -115,6 +115,7 @@ class Verification:
     repeatability: Repeatability | None = None
     tolerance_mm: NotNegative | None = None
     kinds: tuple[KindRecord, ...] = ()
+    rows: int = 0
     schema: int = SCHEMA
     kind: str = KIND
     versions: dict[str, str] = field(default_factory=dict)
@@ -145,13 +146,14 @@ class Verification:
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """What was asked. missed: (N,) m by which compensated targets were missed."""
+    """What was asked. missed: (N,) m by which compensated targets were missed. rows: of the table."""
 
     command: str
     model_file: str
     model_sha256: str
     tolerance: float | None = None
     missed: Array | None = None
+    rows: int = 0
 
 
 def verification(found: Verified, asked: VerifyRequest) -> Verification:
@@ -198,6 +200,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         repeatability=repeatability(data),
         tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
         kinds=tuple(_kinds(found, promised)),
+        rows=asked.rows,
         versions=versions(),
     )  # fmt: skip
 

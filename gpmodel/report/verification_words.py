@@ -93,6 +93,8 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
         f"chance {wording.chance(record.chance)} while the model holds",
     )  # fmt: skip
+    if record.rows > len(record.poses):
+        yield "judged on", f"{len(record.poses)} of {record.rows} rows, in even stretches"
     for kind in record.kinds:
         with_model, promised, without = (
             wording.UNKNOWN if v is None else wording.significant(v, 3)

@@ -231,3 +231,20 @@ def test_targets_that_were_compensated_are_judged_where_the_machine_went(
     assert len(found.record.poses) == kept.sum()
     assert found.record.missed.rms_mm < 0.1
     assert sent["correction [mm]"].median() > 0.5
+
+
+def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: tuple[gp.Model, Simulation]) -> None:
+    model, made = fitted
+    found = model.verify(later(made, 9, 5000))
+    assert (found.holds, len(found.record.poses), found.record.rows) == (True, 2000, 5000)
+    assert "judged on: 2000 of 5000 rows" in " ".join(found.summary().split())
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1e3, "1000 times too large"), (1e-3, "1000 times too small")])
+def test_columns_in_another_unit_are_refused_and_no_verdict(
+    fitted: tuple[gp.Model, Simulation], factor: float, said: str
+) -> None:
+    """A scale of the instrument that is a thousandth would explain them."""
+    data = later(fitted[1], 1)
+    with pytest.raises(gp.InputError, match=said):
+        fitted[0].verify(replace(data, position=factor * data.position))
