@@ -109,7 +109,9 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
     joint, s = read_design(path)
     demand = s["demand"]
     bare = demand["contact"] in ("point", "rolling")
-    limits = [*(_supports(s) if bare else _surface(s)), *_growth(s)]
+    growth = _loop_growth(s["thermal"])
+    limits = [*(_supports(s) if bare else _surface(s))]
+    limits.append(_length("thermal", "growth of the loop", growth, s["thermal"]["tolerance"]))
     if demand["contact"] == "fluid":
         limits += _film(s)
     limits.append(_workspace(joint, demand))
@@ -118,17 +120,17 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
         Limit("stiffness", "stiffness that is asked for", 1e-6 * demand["stiffness"], 1e-6 * stiffness, "N/um")
     )
     deflection = demand["load_change"] / stiffness
-    limits.append(
-        Limit("stiffness", "deflection by the load's change", 1e6 * deflection, 1e6 * demand["deflection"], "um")
-    )
+    limits.append(_length("stiffness", "deflection by the load's change", deflection, demand["deflection"]))
     error = sum(_budget(joint, s["budget"], kind, seed) ** 2 for kind in KINDS) ** 0.5
-    limits.append(Limit("budget", "geometric error, mean + 3 SD", 1e6 * error, 1e6 * demand["accuracy"], "um"))
-    growth = _loop_growth(s["thermal"])
+    limits.append(_length("budget", "geometric error, mean + 3 SD", error, demand["accuracy"]))
     total = float(np.sqrt(error**2 + growth**2 + deflection**2))
-    limits.append(
-        Limit("accuracy", "budget, growth and deflection together", 1e6 * total, 1e6 * demand["accuracy"], "um")
-    )
+    limits.append(_length("accuracy", "budget, growth and deflection together", total, demand["accuracy"]))
     return JointDesign(joint, s, tuple(limits))
+
+
+def _length(topic: str, quantity: str, used: float, there: float) -> Limit:
+    """A limit of lengths, m, in um."""
+    return Limit(topic, quantity, 1e6 * used, 1e6 * there, "um")
 
 
 def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
@@ -157,31 +159,14 @@ def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
     )
 
 
-def _growth(s: dict[str, Settings]) -> Iterator[Limit]:
-    yield Limit(
-        "thermal", "growth of the loop", 1e6 * _loop_growth(s["thermal"]), 1e6 * s["thermal"]["tolerance"], "um"
-    )
-
-
 def _film(s: dict[str, Settings]) -> Iterator[Limit]:
     """The air that the lift takes, and what growth leaves of the gap."""
     demand, geometry = s["demand"], film_geometry(s["film"])
     guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
-    yield Limit(
-        "film",
-        "inlet pressure for the lift",
-        float(guide.inlet_pressure) / ATMOSPHERE,
-        demand["supply"] / ATMOSPHERE,
-        "atm",
-    )
+    inlet, supply = float(guide.inlet_pressure) / ATMOSPHERE, demand["supply"] / ATMOSPHERE
+    yield Limit("film", "inlet pressure for the lift", inlet, supply, "atm")
     change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
-    yield Limit(
-        "film",
-        "gap that growth takes or adds",
-        1e6 * abs(change),
-        1e6 * float(edge_gap(geometry, demand["lift"])),
-        "um",
-    )
+    yield _length("film", "gap that growth takes or adds", abs(change), float(edge_gap(geometry, demand["lift"])))
 
 
 def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:

@@ -1,6 +1,6 @@
 """Figures of the joint's studies, drawn without a display."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,10 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from joints import sphere_charts
-from joints.budget import Budget
 from joints.contact import HertzContact, PublishedContact
-from joints.contact_types import ContactType
 from joints.film import FilmGeometry, supporting_pressure
 from joints.film import film_pressure as flat_pressure
 from joints.film_design import FilmDesign
@@ -233,15 +230,8 @@ def pugh(chart: PughChart) -> Figure:
     return figure
 
 
-def budget(found: Budget, published: float) -> Figure:
-    """Distribution of the position error and the share of every source (Figs 3.18 and 3.19)."""
-    figure = Figure(figsize=(12.0, 4.0), layout="constrained")
-    sphere_charts.budget_chart(figure, found, published)
-    return figure
-
-
-def contact_types(types: Sequence[ContactType]) -> Figure:
-    """Largest residual of every prototype (Figs 3.29 and 4.30)."""
-    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-    sphere_charts.contact_chart(figure, types)
+def drawn(width: float, chart: Callable[..., None], *content: object) -> Figure:
+    """A chart that is drawn on a given figure, so many inches wide."""
+    figure = Figure(figsize=(width, 4.0), layout="constrained")
+    chart(figure, *content)
     return figure

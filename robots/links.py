@@ -17,11 +17,6 @@ from gpmodel.numerics import se3
 DOWN = (0.0, 0.0, -GRAVITY)
 
 
-def zero_vector() -> Array:
-    """(0, 0, 0)."""
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, eq=False)
 class Link:
     """One motion of the chain and the rigid part it carries.
@@ -37,7 +32,7 @@ class Link:
     placement: Array
     axis: str
     mass: float = 0.0
-    com: Array = field(default_factory=zero_vector)
+    com: Array = field(default_factory=lambda: np.zeros(3))
     alignment: Array = field(default_factory=lambda: np.eye(4))
     offset: float = 0.0
 
@@ -63,7 +58,7 @@ class Chain:
     limits: Array
     tool_frame: str = "tool"
     gravity: Array = field(default_factory=lambda: np.array(DOWN))
-    payload_com: Array = field(default_factory=zero_vector)
+    payload_com: Array = field(default_factory=lambda: np.zeros(3))
     source: Path | None = None
 
     @cached_property

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.size import size_hidden
 from gpmodel.model.error_model import ErrorModel, Placement
@@ -26,9 +26,14 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
     sigma = noise_sigma(model, problem)
-    rows = np.zeros((len(at), problem.columns.shape[1]))
-    rows[np.arange(len(at)), problem.placement + at] = sigma / prior[at]
-    return rows, -off_mean(model, theta)[at] * sigma / prior[at]
+    return _one_each(problem, at, sigma / prior[at]), -off_mean(model, theta)[at] * sigma / prior[at]
+
+
+def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
+    """Rows (B, K) with the weight (B,) of each of some effects, by number, in its column."""
+    rows = np.zeros((len(effects), problem.columns.shape[1]))
+    rows[np.arange(len(effects)), problem.placement + effects] = weights
+    return rows
 
 
 def off_mean(model: ErrorModel, theta: Array) -> Array:
@@ -52,9 +57,7 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Ma
     """The same for the geometry, θ σ / reach = 0."""
     weight = residual_sigma(problem) / geometry_reach(model, problem)
     at = np.flatnonzero(kept & (weight > 0))
-    rows = np.zeros((len(at), problem.columns.shape[1]))
-    rows[np.arange(len(at)), problem.placement + at] = weight[at]
-    return rows, -weight[at] * theta[at]
+    return _one_each(problem, at, weight[at]), -weight[at] * theta[at]
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 from joints import figures, spherical_joint
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.kinematics import parameter
+from joints.sphere_charts import budget_chart
 from joints.studies.study import MICRO, Study, Table
 
 PUBLISHED = {"systematic": 10e-6, "stochastic": 0.1e-6}
@@ -42,5 +43,7 @@ def budget_study(path: Path | None = None, seed: int = 0) -> Study:
             }
             for kind, b in found.items()
         },
-        figures={f"budget_{kind}.png": figures.budget(b, PUBLISHED[kind]) for kind, b in found.items()},
+        figures={
+            f"budget_{kind}.png": figures.drawn(12.0, budget_chart, b, PUBLISHED[kind]) for kind, b in found.items()
+        },
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from joints import figures
 from joints.contact_types import contact_types
+from joints.sphere_charts import contact_chart
 from joints.studies.study import MICRO, Study, Table
 
 
@@ -25,7 +26,7 @@ def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
     return Study(
         tables=(Table("Largest residual by contact type", columns, rows, "empty: not printed in the text"),),
         data={"types_m": [asdict(t) for t in types]},
-        figures={"contact_types.png": figures.contact_types(types)},
+        figures={"contact_types.png": figures.drawn(7.0, contact_chart, types)},
     )
 
 
