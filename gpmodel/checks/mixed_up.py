@@ -6,6 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
@@ -36,12 +37,13 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 
     Only where registration and tool alone leave far more than any real mechanism's errors, at most of the poses,
     other readings are tried: joint values in the other angle unit, lengths in another unit, a mirrored x y z, a
-    joint's sign, two joints swapped. One that leaves FAR_BETTER times less is what the table must have meant.
+    joint's sign, two joints swapped. One that leaves FAR_BETTER times less is what the table must have meant. Of
+    several arms only degrees read as radians are looked for.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
     rows = _comparable_rows(data)
-    if len(rows) < FEWEST_ROWS:
+    if len(rows) < FEWEST_ROWS or branched(mechanism):
         return _degrees_read_as_radians(largest) if largest > TURNS else None
     q, p, now = _typical(mechanism, data.q[rows], data.position[rows])
     spread, reach = _spread(p), _spread(se3.chain(mechanism.transforms(q))[-1][:, :3, 3])

@@ -1,5 +1,7 @@
 """An innocent table is not taken for one with columns mixed up."""
 
+from pathlib import Path
+
 import pytest
 
 import gpmodel as gp
@@ -22,3 +24,21 @@ def test_a_torque_of_no_joint_is_said_to_be_an_input() -> None:
     (said,) = [f.text for f in gp.check(arm, frame).findings if "torque_J9" in f.text]
     assert "names no joint of ur5 and is an input like any other; expected torque_" in said
     assert not [f for f in gp.check(arm, frame).findings if "effort_index" in f.text]
+
+
+def test_two_arms_before_one_tracker_are_no_mix_up(tmp_path: Path) -> None:
+    """The frames of both are no chain, one after the other."""
+    links = ((136, 0, 90), (0, 425, 0), (0, 392, 0), (110, 0, 90), (95, 0, -90), (82, 0, 0))
+    text = 'convention = "standard"'
+    for arm, tilt in (("left", -15), ("right", 15)):
+        rows = [("torso", 900, 0, tilt), *((f"{arm}_{i}", *link) for i, link in enumerate(links, 1))]
+        text += f'\n[[arm]]\nname = "{arm}"\n' + "\n".join(
+            f'[[arm.joint]]\nname = "{name}"\nd_mm = {d}\na_mm = {a}\nalpha_deg = {alpha}' for name, d, a, alpha in rows
+        )
+    (tmp_path / "arms.toml").write_text(text)
+    made = gp.simulate(tmp_path / "arms.toml", poses=100, geometry_sigma="0.3 mm", seed=1)
+    assert gp.check(made.truth.mechanism, made.table).valid
+    fit = gp.calibrate(made.truth.mechanism, made.table, holdout=0.0)
+    assert fit.record.ladder[-1].train.rms_mm < 0.1
+    refused = fit.model.export().summary()
+    assert "several arms, which only a URDF holds" in " ".join(refused.split())

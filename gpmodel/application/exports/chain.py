@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.numerics import se3
@@ -51,7 +52,10 @@ class Chain:
 
 
 def chain_of(mechanism: Mechanism) -> Chain:
-    """The chain. Raises InputError for a mechanism that is none: a motion about more than one axis of a slot."""
+    """The chain. Raises InputError for a mechanism that is none: several arms, or a motion about more than one axis of
+    a slot."""
+    if branched(mechanism):
+        raise InputError(f"{mechanism.name} has several arms, which only a URDF holds; expected a serial chain")
     slots, joints = mechanism.slots, mechanism.joints
     axes, weights = [""] * len(slots), np.zeros((len(slots), len(joints)))
     for column, joint in enumerate(joints):
