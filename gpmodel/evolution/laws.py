@@ -9,6 +9,7 @@ fitted to the residual of the whole model, seen from the place.
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from gpmodel.evolution.shapes import shapes
 from gpmodel.evolution.smooth import distance, factors, summands, through, weighted_sum, without
 from gpmodel.formula.operators import operator_set
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Builder, Program
+from gpmodel.formula.program import Builder, Node, Program
 
 STARTED, FITTED, STEPS = 200, 40, 4
 """Shapes whose constants are fitted in a few steps; the best of these, which are fitted to the end; and those steps."""
@@ -62,11 +63,12 @@ def _of_one(problem: SlotProblem) -> list[Solution]:
 
 def _shorter(program: Program) -> Iterator[Program]:
     """The program with one of its nodes given way to one of that node's arguments."""
-    for node, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
-        builder, copies = Builder(), list[int]()
-        for index, old in enumerate(program.nodes):
-            copies.append(copies[argument] if index == node else builder.add(old, copies))
-        yield builder.program([copies[output] for output in program.outputs])
+    for index, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
+        yield program.rebuilt(partial(_given_way, index, argument))
+
+
+def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:
+    return copies[argument] if len(copies) == index else builder.add(node, copies)
 
 
 def _shapes(problem: SlotProblem) -> list[Program]:
