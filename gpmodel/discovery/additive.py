@@ -137,12 +137,14 @@ def _chosen(
     builders = of_offers(choice.offers), of_evolved(evolved, cost)
     still = still_joints(mechanism, choice.train.dataset)
 
+    def repeats(group: Group) -> bool:
+        inputs = set(group.inputs)
+        return is_curve(group) and group.name not in before and bool(inputs & said) and inputs <= read
+
     def wanted(group: Group) -> bool:
         return (
             group.name not in laws
-            and not (
-                is_curve(group) and group.name not in before and said & set(group.inputs) and read >= set(group.inputs)
-            )
+            and not repeats(group)
             and choice.asks_for(group)
             and not all(stands_still(e.slots, still) for e in group.effects)
         )

@@ -88,12 +88,13 @@ def through(targets: Targets, factor: Array) -> Targets:
 
 def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
     """Functions (N,) of each of two columns (2, N) whose sum is most likely."""
-    bases, noise = [Sines.of("", column, LENGTH).values for column in columns], targets.energy / targets.components
+    first, second = (Sines.of("", column, LENGTH).values for column in columns)
+    both, noise = np.hstack([first, second]), targets.energy / targets.components
     for _ in range(TURNS):
-        found = smooth(targets, np.hstack(bases), noise)
+        found = smooth(targets, both, noise)
         noise = found.noise
-    first, second = np.split(found.coefficients, [bases[0].shape[1]])
-    return bases[0] @ first, bases[1] @ second
+    one, other = np.split(found.coefficients, [first.shape[1]])
+    return first @ one, second @ other
 
 
 def without(targets: Targets, values: Array) -> Targets:
