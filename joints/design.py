@@ -10,6 +10,8 @@ from gpmodel.errors import InputError
 from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, first_yield_pressure, hertz
 from joints.description import SECTIONS, read_joint, spherical_joint
+from joints.dynamics import ball_mass
+from joints.fed_film import fed_film
 from joints.film import edge_gap
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
@@ -160,11 +162,17 @@ def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _film(s: dict[str, Settings]) -> Iterator[Limit]:
-    """The air that the lift takes, and what growth leaves of the gap."""
+    """The air that the lift takes, whether it hammers, and what growth leaves of the gap."""
     demand, geometry = s["demand"], film_geometry(s["film"])
     guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
     inlet, supply = float(guide.inlet_pressure) / ATMOSPHERE, demand["supply"] / ATMOSPHERE
     yield Limit("film", "inlet pressure for the lift", inlet, supply, "atm")
+    moved = fed_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
+    mass = ball_mass(s["film"]["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]
+    magnets = magnet_stiffness(_preload(s), s["stiffness"]["stand_off"])
+    least = moved.least_damped(mass, magnets, geometry.orifices * s["film"]["orifice"]["pocket"])
+    left = float(np.exp(2 * np.pi * least.real / abs(least)))
+    yield Limit("hammer", "share of a vibration that is left a cycle later", left, 1.0, "of it")
     change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
     yield _length("film", "gap that growth takes or adds", abs(change), float(edge_gap(geometry, demand["lift"])))
 

@@ -1,5 +1,6 @@
 """The ball on its air film: frequency response, its peak and bandwidth, and its identification (thesis chapter 6)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy import optimize
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from joints.fed_film import FedFilm
 from joints.film import FilmGeometry
 from joints.limits import not_negative, positive, require
 from joints.squeeze import squeeze_impedance
@@ -20,31 +22,42 @@ STEPS = 400
 
 @dataclass(frozen=True)
 class BallOnFilm:
-    """m x'' + k x + Z(w) x = F: a fed film of static `stiffness` [N/m] whose gap squeezes the air in it.
+    """m x'' + k x + Z(w) x = F: a film of static `stiffness` [N/m] and air that is squeezed as it moves.
 
-    Z: the complex stiffness of that compressible air at a `displacement` [m] of the ball, `air` times as computed;
-    the feed is taken as constant. mass: kg.
+    air: Z [N/m], the complex stiffness beside the static one at frequencies [Hz]. mass: kg.
     """
 
     mass: float
     stiffness: float
-    geometry: FilmGeometry
-    displacement: float
-    air: float = 1.0
+    air: Callable[[Array], NDArray[np.complex128]]
 
     def __post_init__(self) -> None:
         positive("mass", self.mass, "kg")
         positive("stiffness", self.stiffness, "N/m")
-        not_negative("share of the squeezed air", self.air, "")
 
     def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0."""
-        omega = 2 * np.pi * positive("frequency", frequency, "Hz")
-        return (
-            self.stiffness
-            - self.mass * omega**2
-            + self.air * squeeze_impedance(self.geometry, self.displacement, frequency)
-        )
+        f = positive("frequency", frequency, "Hz")
+        return self.stiffness - self.mass * (2 * np.pi * f) ** 2 + self.air(f)
+
+
+def ball_on_constant_feed(
+    mass: float, stiffness: float, geometry: FilmGeometry, displacement: float, share: float = 1.0
+) -> BallOnFilm:
+    """A film whose feed stays constant while the air in its gap is squeezed, `share` times as computed."""
+    factor = float(not_negative("share of the squeezed air", share, ""))
+    return BallOnFilm(mass, stiffness, lambda f: factor * squeeze_impedance(geometry, displacement, f))
+
+
+def ball_on_fed_film(mass: float, film: FedFilm, pocket: float = 0.0) -> BallOnFilm:
+    """A film whose feed answers to its pressure, with air pockets [m^3] behind its orifices."""
+    static = float(film.impedance(0.0).real)
+    return BallOnFilm(mass, static, lambda f: film.impedance(f, pocket) - static)
+
+
+def slow_damping(system: BallOnFilm, frequency: float = 0.1) -> float:
+    """Im Z / w [N s/m] of slow motion, at `frequency` [Hz]."""
+    return float(system.air(np.asarray(frequency)).imag / (2 * np.pi * frequency))
 
 
 def receptance(system: BallOnFilm, frequency: ArrayLike) -> NDArray[np.complex128]:

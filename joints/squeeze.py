@@ -2,9 +2,9 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_banded
 
 from gpmodel.arrays import Array
+from joints.fed_film import linearised_film
 from joints.film import FilmGeometry, film_gap
 from joints.limits import not_negative, positive
 from joints.orifice import ATMOSPHERE
@@ -36,25 +36,6 @@ def squeeze_impedance(
 ) -> NDArray[np.complex128]:
     """Complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure.
 
-    Linearised Reynolds: (1/sin t) d/dt(sin t h^3 dp/dt) = (12 mu r^2 / p_a) i omega (h p + p_a x cos t), p = 0 at
-    the edge, by finite volumes of equal angle. Im / omega tends to `squeeze_damping` for slow motion; the real
-    part is the trapped air's spring.
+    Im / omega tends to `squeeze_damping` for slow motion; the real part is the trapped air's spring.
     """
-    omega = 2 * np.pi * np.atleast_1d(positive("frequency", frequency, "Hz"))
-    r, step = geometry.ball_radius, geometry.socket_angle / cells
-    faces = step * np.arange(1, cells + 1)
-    centres = faces - step / 2
-    volume = np.cos(centres - step / 2) - np.cos(centres + step / 2)
-    conduct = np.sin(faces) * film_gap(geometry, displacement, faces) ** 3 / step
-    conduct[-1] *= 2
-    gap = film_gap(geometry, displacement, centres)
-    bands = np.zeros((3, cells), complex)
-    bands[0, 1:] = bands[2, :-1] = conduct[:-1]
-    flux = -(conduct + np.concatenate([[0.0], conduct[:-1]]))
-    weight = 2 * np.pi * r**2 * volume * np.cos(centres)
-    result = np.empty(omega.shape, complex)
-    for index, rate in enumerate(omega):
-        source = 12j * geometry.viscosity * r**2 * rate * volume
-        bands[1] = flux - source * gap / ATMOSPHERE
-        result[index] = -weight @ solve_banded((1, 1), bands, source * np.cos(centres))
-    return result.reshape(np.shape(frequency))
+    return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

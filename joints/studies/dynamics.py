@@ -10,12 +10,16 @@ from joints import figures
 from joints.dynamics import (
     BallOnFilm,
     ball_mass,
+    ball_on_constant_feed,
+    ball_on_fed_film,
     bandwidth,
     fit_response,
     natural_frequency,
     receptance,
     resonance,
+    slow_damping,
 )
+from joints.fed_film import FedFilm, fed_film
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
@@ -23,13 +27,16 @@ from joints.limits import not_negative, positive, require
 from joints.measured import read_curve
 from joints.reynolds import spherical_film
 from joints.settings import Settings, load_settings
-from joints.squeeze import squeeze_damping, squeeze_impedance, squeeze_number
+from joints.squeeze import squeeze_impedance, squeeze_number
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _HEADS = (
     "System", "Mass [kg]", "Stiffness [N/um]", "Slow damping [N s/m]", "Natural [Hz]", "Peak [Hz]",
     "Peak over static", "Bandwidth [Hz]",
 )  # fmt: skip
+
+RATIO_DIGITS = 5
+"""Of a damping ratio: where hammer begins it is 0 but for rounding."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
@@ -38,48 +45,43 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
     geometry = film_geometry(s["film"], s["ball_radius"])
     orifice, lift = orifice_law(s["orifice"]), positive("displacement", s["displacement"], "m")
     mass = ball_mass(s["ball_radius"], s["ball_density"]) + float(not_negative("added mass", s["added_mass"], "kg"))
-    damping = float(squeeze_damping(geometry, lift))
     flat = float(design_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
     sphere = float(spherical_film(geometry, s["load"], orifice, lift).stiffness_constant_inlet)
+    fed, pocket = fed_film(geometry, s["load"], orifice, float(lift)), geometry.orifices * s["orifice"]["pocket"]
     systems = {
-        "flat film": BallOnFilm(mass, flat, geometry, float(lift)),
-        "spherical film": BallOnFilm(mass, sphere, geometry, float(lift)),
+        "flat film": ball_on_constant_feed(mass, flat, geometry, float(lift)),
+        "spherical film": ball_on_constant_feed(mass, sphere, geometry, float(lift)),
+        "spherical film, feed in motion": ball_on_fed_film(mass, fed, pocket),
     }
     frequency = _frequencies(s["response"])
     responses = {name: receptance(system, frequency) for name, system in systems.items()}
     measured_frequency, measured, source = _measured(s["measured"], path, seed, systems["spherical film"], frequency)
     fit = fit_response(measured_frequency, measured, squeeze_impedance(geometry, float(lift), measured_frequency))
-    fitted = BallOnFilm(fit.mass, fit.stiffness, geometry, float(lift), fit.resistance)
+    fitted = ball_on_constant_feed(fit.mass, fit.stiffness, geometry, float(lift), fit.resistance)
     limit = 1.0 / float(squeeze_number(geometry, lift, 1.0))
-    rows = [
-        (
-            name,
-            system.mass,
-            system.stiffness * N_PER_UM,
-            damping * system.air,
-            natural_frequency(system),
-            *resonance(system),
-            bandwidth(system),
-        )
-        for name, system in (*systems.items(), (f"fit of {source}", fitted))
-    ]
+    rows = [_row(name, system) for name, system in (*systems.items(), (f"fit of {source}", fitted))]
     heads: tuple[str, ...] = ("mass_kg", "stiffness_N_per_um", "slow_damping_Ns_per_m", "natural_Hz", "resonance_Hz")
     heads += ("peak_over_static", "bandwidth_Hz")
     losses, held = _lossy(s["losses"], s["load"], systems["spherical film"], frequency)
+    hammer, begins = _hammer(
+        fed, mass, magnet_stiffness(s["load"], s["losses"]["stand_off"]), pocket, geometry.orifices
+    )
     return Study(
         (
             Table(
                 "Ball on its film",
                 _HEADS,
                 rows,
-                f"air compressed in the gap, feed constant; it damps as if incompressible up to {limit:.3g} Hz alone,"
-                " where the squeeze number passes 1",
+                f"air compressed in the gap; it damps as if incompressible up to {limit:.3g} Hz alone, where the"
+                " squeeze number passes 1; feed constant but for the last",
             ),
+            hammer,
             losses,
         ),
         {
             "systems": {row[0]: dict(zip(heads, row[1:], strict=True)) for row in rows},
             "fit_stderr": fit.stderr,
+            "hammer": begins,
             "losses": held,
             "squeeze_number_below_1_up_to_Hz": limit,
             "response": {
@@ -89,6 +91,30 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
         },
         {"dynamics.png": figures.dynamics(frequency, responses, (measured_frequency, measured, source))},
     )
+
+
+def _row(name: str, system: BallOnFilm) -> tuple[str | float, ...]:
+    """A line of the table of systems."""
+    slow, natural = slow_damping(system), natural_frequency(system)
+    return name, system.mass, system.stiffness * N_PER_UM, slow, natural, *resonance(system), bandwidth(system)
+
+
+def _hammer(
+    film: FedFilm, mass: float, magnets: float, pocket: float, orifices: int
+) -> tuple[Table, dict[str, dict[str, float]]]:
+    """The least damped vibration of ball, magnets and fed film, as described and where it begins to grow."""
+    numbers = {}
+    for name, air in (("as described", pocket), ("where hammer begins", film.hammering_pocket(mass, magnets))):
+        least = film.least_damped(mass, magnets, air)
+        numbers[name] = {
+            "pocket_mm3": 1e9 * air / orifices,
+            "Hz": least.imag / (2 * np.pi),
+            "damping_ratio": round(-least.real / abs(least), RATIO_DIGITS),
+        }
+    heads = ("Fed film", "Air pocket at each orifice [mm^3]", "Vibration [Hz]", "Damping ratio")
+    said = "hammers" if numbers["as described"]["damping_ratio"] < 0 else "does not hammer"
+    note = f"the joint {said}; air that is trapped between orifice and film follows the gap late"
+    return Table("Pneumatic hammer", heads, [(name, *row.values()) for name, row in numbers.items()], note), numbers
 
 
 def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tuple[Table, dict[str, dict[str, float]]]:

@@ -6,7 +6,15 @@ from damper_cases import SpringMassDamper
 from scipy.special import eval_legendre, roots_legendre
 
 from gpmodel.errors import InputError
-from joints.dynamics import BallOnFilm, ball_mass, bandwidth, fit_response, natural_frequency, receptance, resonance
+from joints.dynamics import (
+    ball_mass,
+    ball_on_constant_feed,
+    bandwidth,
+    fit_response,
+    natural_frequency,
+    receptance,
+    resonance,
+)
 from joints.film import FilmGeometry
 from joints.orifice import ATMOSPHERE
 
@@ -71,7 +79,7 @@ def galerkin(frequency: float, order: int = 60) -> complex:
     ids=["flat", "sphere"],
 )
 def test_compressed_air_leaves_the_ball_a_resonance(stiffness: float, peak: float, times: float, band: float) -> None:
-    ball = BallOnFilm(ball_mass(25.4e-3, 7850.0), stiffness, JOINT, LIFT)
+    ball = ball_on_constant_feed(ball_mass(25.4e-3, 7850.0), stiffness, JOINT, LIFT)
     found, larger = resonance(ball)
     assert found == pytest.approx(peak, rel=0.03)
     assert larger == pytest.approx(times, rel=0.03)
@@ -99,13 +107,16 @@ def test_planted_systems_come_back_within_their_errors(system: SpringMassDamper,
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: BallOnFilm(0.0, 1.0, JOINT, LIFT), "mass = 0, expected above 0 kg"),
-        (lambda: BallOnFilm(1.0, 1.0, JOINT, LIFT, -1.0), "share of the squeezed air = -1, expected at least 0"),
+        (lambda: ball_on_constant_feed(0.0, 1.0, JOINT, LIFT), "mass = 0, expected above 0 kg"),
+        (
+            lambda: ball_on_constant_feed(1.0, 1.0, JOINT, LIFT, -1.0),
+            "share of the squeezed air = -1, expected at least 0",
+        ),
         (lambda: fit_response([1.0, 2.0], [1e-6, 1e-6], [1j, 2j]), "2 frequencies and 2 values, expected 3 or more"),
         (lambda: fit_response([1.0, 2.0, 0.0], [1e-6] * 3, [1j] * 3), "frequency = 0, expected above 0 Hz"),
         (lambda: fit_response([1.0, 2.0, 3.0], [1e-6, 0.0, 1e-6], [1j] * 3), "receptance = 0"),
         (lambda: fit_response([100.0, 200.0, 300.0], [-1e-6, -2e-6, -3e-6], [1j] * 3), "expected above 0"),
-        (lambda: BallOnFilm(1.0, 1.0, JOINT, LIFT).dynamic_stiffness(-1.0), "frequency = -1"),
+        (lambda: ball_on_constant_feed(1.0, 1.0, JOINT, LIFT).dynamic_stiffness(-1.0), "frequency = -1"),
     ],
 )
 def test_impossible_input_is_refused(call: object, words: str) -> None:

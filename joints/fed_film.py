@@ -1,0 +1,133 @@
+"""The fed film in motion: compressible air in the gap and behind the orifices, linearised; does the joint hammer?
+
+Isothermal air of absolute pressure P in the gap h(t) = h0 + (d - h0) cos t, flows as volumes at atmospheric pressure:
+
+    2 pi r^2 sin t d(P h)/dtau / p_a + dQ/dt = feed at the orifices' ring,   Q = -(pi sin t h^3 / (12 mu p_a)) dP^2/dt
+
+About the steady film that carries the load, with p of n nodes, x of the ball along the axis and k of the magnets:
+
+    S dp/dtau = L p + g x - (P w / p_a) dx/dtau,    m d^2x/dtau^2 = w.p - k x
+
+S holds the air of the gap and of a pocket between orifices and film. Air that is trapped gives way late: its pressure
+follows the gap with a delay. Where that feeds more energy into the motion than the film takes out, an eigenvalue has a
+positive real part: pneumatic hammer. Source: Licht, Fuller and Sternlicht, Trans. ASME 80 (1958), for one pocket.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_banded
+from scipy.optimize import brentq
+
+from gpmodel.arrays import Array
+from joints.film import FilmGeometry, film_gap
+from joints.limits import not_negative, positive
+from joints.orifice import ATMOSPHERE, Orifice
+from joints.reynolds import compressible_film
+
+NODES = 120
+"""Of equal angle within and beyond the ring: eigenvalues to three digits."""
+POCKETS = np.geomspace(0.01, 100.0, 25)
+"""Pockets among which the smallest that hammers is sought, in volumes of the gap."""
+
+
+@dataclass(frozen=True)
+class FedFilm:
+    """The linearised film.
+
+    volume: (n,) m^3 of air at each node; pressure: (n,) P, Pa; conduct: (3, n) bands of L, m^3/(s Pa), the orifices
+    among them; gap: (n,) g, m^2/s; swept: (n,) w, m^2; ring: the node of the orifices.
+    """
+
+    volume: Array
+    pressure: Array
+    conduct: Array
+    gap: Array
+    swept: Array
+    ring: int
+
+    def impedance(self, frequency: ArrayLike, pocket: float = 0.0) -> NDArray[np.complex128]:
+        """Complex stiffness -F/x [N/m] at `frequency` [Hz]; at 0 the static one. pocket: m^3 of all orifices."""
+        omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
+        stored, result = self._stored(pocket), np.empty(omega.shape, complex)
+        for at, rate in np.ndenumerate(omega):
+            bands = -self.conduct.astype(complex)
+            bands[1] += 1j * rate * stored
+            result[at] = -self.swept @ solve_banded((1, 1), bands, self.gap - 1j * rate * self._pushed)
+        return result
+
+    def least_damped(self, mass: float, stiffness: float = 0.0, pocket: float = 0.0) -> complex:
+        """The eigenvalue s [1/s] of the smallest damping ratio, -Re s / |s|, its imaginary part not negative.
+
+        mass: kg. stiffness: of the magnets, N/m. Below 0 the ball hammers, where s is real it is sucked in or blown
+        out. Of a vibration exp(2 pi Re s / |s|) is left a cycle later.
+        """
+        n, stored, m = len(self.volume), self._stored(pocket), positive("mass", mass, "kg")
+        above, within, below = self.conduct
+        state = np.zeros((n + 2, n + 2))
+        state[:n, :n] = (np.diag(above[1:], 1) + np.diag(within) + np.diag(below[:-1], -1)) / stored[:, None]
+        state[:n, n], state[:n, n + 1] = self.gap / stored, -self._pushed / stored
+        state[n, n + 1] = 1.0
+        state[n + 1, :n], state[n + 1, n] = self.swept / m, -stiffness / m
+        found = np.linalg.eigvals(state)
+        least = found[np.argmax(found.real / np.abs(found))]
+        return complex(least.real, abs(least.imag))
+
+    def hammering_pocket(self, mass: float, stiffness: float = 0.0) -> float:
+        """The smallest pocket [m^3], of all orifices together, with which the ball hammers; 0 where it does without
+        any, and the largest of POCKETS where it does with none."""
+
+        def grows(pocket: float) -> float:
+            least = self.least_damped(mass, stiffness, pocket)
+            return least.real / abs(least)
+
+        tried = np.append(0.0, POCKETS * float(self.volume.sum())).tolist()
+        first = next((k for k, pocket in enumerate(tried) if grows(pocket) > 0), None)
+        if first is None:
+            return float(tried[-1])
+        return float(brentq(grows, tried[first - 1], tried[first], xtol=1e-6 * tried[first])) if first else 0.0
+
+    @property
+    def _pushed(self) -> Array:
+        """What the ball's speed pushes out (n,), m^2 at atmospheric pressure."""
+        return self.swept * self.pressure / ATMOSPHERE
+
+    def _stored(self, pocket: float) -> Array:
+        """Diagonal of S (n,), m^3/Pa."""
+        added = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
+        return (self.volume + added) / ATMOSPHERE
+
+
+def fed_film(geometry: FilmGeometry, load: float, orifice: Orifice, displacement: float) -> FedFilm:
+    """The film that carries `load` [N] at `displacement` [m], its orifices at constant inlet pressure."""
+    flow, socket = compressible_film(geometry, load, displacement)
+    slope = orifice.flow_slope(orifice.inlet_pressure(flow, socket), socket)
+    return linearised_film(geometry, displacement, geometry.orifices * flow, geometry.orifices * float(slope))
+
+
+def linearised_film(
+    geometry: FilmGeometry, displacement: float, flow: float = 0.0, slope: float = 0.0, nodes: int = NODES
+) -> FedFilm:
+    """The film through which `flow` [m^3/s] runs from the ring to the edge; slope: d(flow)/dp [m^3/(s Pa)] there.
+
+    Finite volumes between the nodes' midpoints: air pushed out and load are of the same areas, so that at rest nothing
+    is gained or lost.
+    """
+    phi, alpha, r = geometry.orifice_angle, geometry.socket_angle, geometry.ball_radius
+    ring = max(round(nodes * phi / alpha), 1)
+    angle = np.append(np.linspace(0.0, phi, ring + 1), np.linspace(phi, alpha, nodes - ring + 1)[1:])
+    face = (angle[1:] + angle[:-1]) / 2
+    gap, start = film_gap(geometry, displacement, face), np.append(0.0, face[:-1])
+    conductance = np.pi * np.sin(face) * gap**3 / (12 * geometry.viscosity * ATMOSPHERE * np.diff(angle))
+    through = np.where(np.arange(nodes) >= ring, flow, 0.0)
+    pressure = np.sqrt(ATMOSPHERE**2 + np.cumsum((through / conductance)[::-1])[::-1])
+    swept = np.pi * r**2 * (np.sin(face) ** 2 - np.sin(start) ** 2)
+    concentric = 2 * np.pi * r**2 * (np.cos(start) - np.cos(face))
+    out, back = 2 * conductance * pressure, 2 * conductance[:-1] * pressure[1:]
+    conduct = np.zeros((3, nodes))
+    conduct[0, 1:], conduct[1], conduct[2, :-1] = back, -out - np.append(0.0, back), out[:-1]
+    conduct[1, ring] += slope
+    wider = 3 * np.cos(face) * through / gap
+    volume = geometry.clearance * concentric + (displacement - geometry.clearance) * swept
+    return FedFilm(volume, pressure, conduct, np.append(0.0, wider[:-1]) - wider, swept, ring)
