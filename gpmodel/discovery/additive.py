@@ -180,12 +180,12 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     found = {}
     searched = () if choice.late() else compact_laws(first.left, curves, choice.search)
     for curve, residual, laws in searched:
-        own, *nats = (score.nats for score in scores(residual, (curve, *laws)))
-        best = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
+        own, *nats = (score.nats for score in scores(residual, (curve, *(law.candidate for law in laws))))
+        most, law = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
         margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * is_curve(curve)
-        worse = better_by(residual, curve.effects, best[1].effects) / criteria.standard_errors
-        if worse < 1.0 and (best[0] >= own + margin or worse < -CLEARLY):
-            found[curve.name] = best[1]
+        worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
+        if worse < 1.0 and (most >= own + margin or worse < -CLEARLY):
+            found[curve.name] = law.simplified()
     return found
 
 

@@ -15,6 +15,7 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family
+from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group
@@ -39,9 +40,23 @@ def run_law_task(task: LawTask) -> tuple[Solution, ...]:
     return laws_at(task.problem, 0, task.inputs)
 
 
+@dataclass(frozen=True)
+class Law:
+    """A law at a curve's place: its program over the task's inputs, and that as an effect."""
+
+    program: Program
+    task: LawTask
+    candidate: Candidate
+
+    def simplified(self) -> Candidate:
+        """The effect as computer algebra writes it; it takes longer than all that is asked of a law before."""
+        program, task = simplify(self.program), self.task
+        return as_candidate(program, task.site, task.written, self.candidate.cost) or self.candidate
+
+
 def compact_laws(
     left: Residual, curves: Sequence[Candidate], search: Search
-) -> Iterator[tuple[Candidate, Residual, tuple[Candidate, ...]]]:
+) -> Iterator[tuple[Candidate, Residual, tuple[Law, ...]]]:
     """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
 
@@ -83,13 +98,13 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 def _candidates(
     residual: Residual, curve: Candidate, task: LawTask, laws: Sequence[Solution], search: Search
-) -> Iterator[Candidate]:
+) -> Iterator[Law]:
     """The laws as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
     for law in laws:
         cost = curve.cost + search.cost(law.complexity, 1) if curve.family else search.cost(law.complexity, places)
-        candidate = as_candidate(simplify(law.program), task.site, task.written, cost)
+        candidate = as_candidate(law.program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
-            yield candidate
+            yield Law(law.program, task, candidate)
