@@ -19,8 +19,8 @@ from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}
-LARGEST = 1e6
-"""Metres or kilograms: of no machine."""
+LARGEST = {"length": 1e3, "mass": 1e6}
+"""Metres and kilograms: of no machine, so that the unit is wrong."""
 SHOWN = 60
 """Characters of a value that a message shows; of a longer one it says the type."""
 
@@ -145,8 +145,8 @@ def quantity(value: str | float, dimension: str, argument: str, *, least: float 
         raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
-    if number > LARGEST:
-        raise InputError(f"{value}, expected at most {LARGEST:g} {_SI[dimension]}, the unit may be wrong", argument)
+    if number > (largest := LARGEST[dimension]):
+        raise InputError(f"{value}, expected at most {largest:g} {_SI[dimension]}, the unit may be wrong", argument)
     return float(number)
 
 
@@ -165,8 +165,9 @@ def point(value: object, argument: str) -> tuple[float, ...]:
     if len(parts) != 3:
         raise InputError(f"{shown(value)}, expected three lengths with a unit, as in 0,0,120mm", argument)
     out = [parse_quantity(p, "length", argument) if isinstance(p, str) else p for p in parts]
-    if not all(isinstance(p, numbers.Real) and math.isfinite(p) for p in out):
-        raise InputError(f"{shown(value)}, expected three finite lengths in m", argument)
+    largest = LARGEST["length"]
+    if not all(isinstance(p, numbers.Real) and abs(float(p)) <= largest for p in out):
+        raise InputError(f"{shown(value)}, expected three lengths of at most {largest:g} m", argument)
     return tuple(float(p) for p in out if isinstance(p, numbers.Real))
 
 

@@ -32,6 +32,9 @@ Values = str | Sequence[float] | Array
 MOST = 1_000_000
 """Poses: what a measured table may hold."""
 
+NOISIEST = 1.0
+"""Metres, of a reading of a tracker."""
+
 
 @dataclass(frozen=True, repr=False)
 class SimulationResult(Shown):
@@ -129,7 +132,9 @@ def _noise(noise: str | float | None, instrument: str) -> float:
     unit, usual = NOISE.get(instrument, ("mm", 0.03))
     given = noise if noise is not None else f"{usual} {unit}"
     if unit == "mm":
-        return quantity(given, "length", "noise")
+        if (spread := quantity(given, "length", "noise")) > NOISIEST:
+            raise InputError(f"{given}, expected at most {NOISIEST:g} m, the unit may be wrong", "noise")
+        return spread
     value = convert(given, unit, "noise") * TO_SI[unit] if isinstance(given, str) else given
     return number(value, "noise", 0.0)
 

@@ -41,7 +41,7 @@ def run_law_task(task: LawTask) -> tuple[Solution, ...]:
 
 
 @dataclass(frozen=True)
-class Law:
+class ShortLaw:
     """A law at a curve's place: its program over the task's inputs, and that as an effect."""
 
     program: Program
@@ -56,7 +56,7 @@ class Law:
 
 def compact_laws(
     left: Residual, curves: Sequence[Candidate], search: Search
-) -> Iterator[tuple[Candidate, Residual, tuple[Law, ...]]]:
+) -> Iterator[tuple[Candidate, Residual, tuple[ShortLaw, ...]]]:
     """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
 
@@ -98,7 +98,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 def _candidates(
     residual: Residual, curve: Candidate, task: LawTask, laws: Sequence[Solution], search: Search
-) -> Iterator[Law]:
+) -> Iterator[ShortLaw]:
     """The laws as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
@@ -107,4 +107,4 @@ def _candidates(
         cost = curve.cost + search.cost(law.complexity, 1) if curve.family else search.cost(law.complexity, places)
         candidate = as_candidate(law.program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
-            yield Law(law.program, task, candidate)
+            yield ShortLaw(law.program, task, candidate)

@@ -188,6 +188,12 @@ def test_chosen_poses_are_a_table_of_joint_values() -> None:
     assert len(gp.simulate(arm, poses=poses.to_dataframe()).table) == 12
 
 
+def test_the_centre_of_a_payload_is_within_a_kilometre_of_the_flange() -> None:
+    for far in ("0,0,2km", (0.0, 0.0, float("nan")), (-2000.0, 0.0, 0.0)):
+        with pytest.raises(gp.InputError, match=r"payload_com: .*, expected three lengths of at most 1000 m"):
+            gp.load_mechanism("irb6400r", payload_com=far)
+
+
 WRONG = {
     "payload": lambda arm: gp.load_mechanism("irb6400r", payload="60"),
     "payload_com": lambda arm: gp.load_mechanism("irb6400r", payload_com=(0.0, 1.0)),

@@ -97,7 +97,8 @@ def test_inputs_that_cannot_be_read(text: str) -> None:
     [
         ({"effects": ["base_compliance=1e300 rad/Nm"]}, "effects: errors that move a frame by"),
         ({"poses": 10**12}, "poses: 1000000000000, expected a whole number from 1 to 1000000"),
-        ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1e\+06 m, the unit may be wrong"),
+        ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1000 m, the unit may be wrong"),
+        ({"noise": "1 km"}, r"noise: 1 km, expected at most 1 m, the unit may be wrong"),
     ],
 )
 def test_what_no_machine_does_is_refused(asked: dict[str, object], said: str) -> None:
