@@ -232,7 +232,7 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
     """The verdict on a kept group beside all the others; residual: without it."""
-    before = cross_validated(residual, ())
+    before = cross_validated(residual.at_own_noise(), ())
     predicted = {cross_validated(residual, g.effects).rms: g.name for g, _ in reversed(kept.rivals)}
     rivals = tuple((name, rms) for rms, name in sorted(predicted.items())[:MOST_RIVALS])
     nats = kept.gain - candidate.cost

@@ -156,7 +156,7 @@ def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParamet
 
     options = {
         "initial_simplex": first + np.vstack([np.zeros_like(steps), np.diag(0.5 * steps)]),
-        "maxfev": EVALUATIONS * len(first), "fatol": SETTLED * residual.energy / residual.freedom, "xatol": np.inf,
+        "maxfev": EVALUATIONS * len(first), "fatol": SETTLED * residual.sigma**2, "xatol": np.inf,
     }  # fmt: skip
     found = minimize(left, first, method="Nelder-Mead", options=options)
     return inner.at(found.x.tolist())

@@ -30,7 +30,7 @@ def _nats(residual: Residual, walk: Candidate) -> float:
     """Gain of a walk at its most likely variance, nats, its standard deviations in proportion to its priors."""
     u, size = directions(residual, walk, residual.projected(walk.effects)[0])
     size = size[:, 0] / np.linalg.norm([e.prior for e in walk.effects])
-    sigma2 = residual.energy / residual.freedom
+    sigma2 = residual.sigma**2
     s, q = size[None] ** 2 / sigma2, size[None] * (u.T @ residual.values) / sigma2
     gains, variances = best(s, q, np.array([CAP]))
     own = with_own_noise(gains, fitted(variances, s, q), float(residual.freedom))

@@ -32,8 +32,7 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
     """
     scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
-    sigma = np.sqrt(residual.energy / residual.freedom)
-    belief = np.array([sigma / e.prior for e in effects]) / scale
+    belief = np.array([residual.sigma / e.prior for e in effects]) / scale
     left, shares = residual.projected(effects)
     both = np.column_stack([left * (shares > NEGLIGIBLE), residual.values])
     products = both[:, :-1].T @ both

@@ -16,13 +16,15 @@ from gpmodel.evidence.units import independent_units
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.least_squares import factored
 from gpmodel.numerics.omitted import Omitted
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import folds, stretches
 
 LARGEST = 1e100
 """A column of larger numbers is not scored: their squares would not be numbers."""
+
+STEPS, SETTLED = 30, 1.01
+"""Of the iteration for the noise: how many at most, and the factor on σ that ends it."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Residual:
     unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
     criteria: the limits everything about it is held to. gram: (K, K) products of the columns, empty where none has a
     prior. sizing: how many of the B rows are of lengths and tool, which together know the size and nothing else.
+    noise: σ of the model that the priors are weighed for, m.
     """
 
     calibration: Calibration
@@ -52,6 +55,7 @@ class Residual:
     criteria: Criteria
     gram: Array
     sizing: int = 0
+    noise: float = 0.0
 
     @property
     def measured(self) -> int:
@@ -67,6 +71,11 @@ class Residual:
     def freedom(self) -> int:
         """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
         return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation σ of one weighted component, m."""
+        return float(np.sqrt(self.energy / self.freedom))
 
     @cached_property
     def rms(self) -> float:
@@ -127,11 +136,35 @@ class Residual:
         target[: self.measured] += back
         system = self.system[np.ix_(rows, kept)]
         gram = self.gram[np.ix_(kept, kept)] if believed.any() else self.gram
-        span = _spanned(system, believed[kept], gram)
+        span = ident.Span.of(system, believed[kept], gram)
         return replace(
             self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
             names=tuple(n for n in self.names if n not in set(given)), gram=gram,
         )  # fmt: skip
+
+    def at_own_noise(self) -> "Residual":
+        """The residual with its priors weighed by its own σ: σ² = r·r / freedom, by iteration.
+
+        Without a large effect more is left. At the noise beside it the rest would stretch far beyond what is believed
+        of it, and a small effect at its place would stand for the large one.
+        """
+        found = self
+        for _ in range(STEPS):
+            if len(found.values) == found.measured or found.sigma < SETTLED * found.noise:
+                return found
+            found = found._weighed_for(found.sigma)
+        return found
+
+    def _weighed_for(self, sigma: float) -> "Residual":
+        """The residual with the rows of its priors weighed for another σ, m."""
+        weight = np.where(np.arange(len(self.values)) < self.measured, 1.0, sigma / self.noise)
+        system, target = self.system * weight[:, None], self.target * weight
+        believed = np.any(system[self.measured :] != 0, axis=0)
+        gram = system.T @ system
+        span = ident.Span.of(system, believed, gram)
+        return replace(
+            self, system=system, target=target, span=span, values=span.remove(target), gram=gram, noise=sigma
+        )
 
     @cached_property
     def in_stretches(self) -> "Residual":
@@ -162,12 +195,13 @@ def residual_of(
     system, target, names, sizing = _system(calibration, problem, shrink)
     believed = np.any(system[len(problem.residual) :] != 0, axis=0)
     gram = system.T @ system if believed.any() else system[:0, :0]
-    span = _spanned(system, believed, gram)
+    span = ident.Span.of(system, believed, gram)
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
-    return Residual(
+    found = Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
         independent_units(poses.dataset, criteria), shrink, criteria, gram, sizing,
     )  # fmt: skip
+    return replace(found, noise=found.sigma)
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
@@ -198,17 +232,3 @@ def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
     np.add.at(squared, problem.pose_of_row, problem.residual**2)
     length = np.sqrt(squared)
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
-
-
-def _spanned(system: Array, believed: Mask, gram: Array) -> ident.Span:
-    """The span of unit columns (M + B, K): those without priors decided by rank, those with by Cholesky.
-
-    believed: (K,) which have priors. gram: (K, K) products of all columns, where any has.
-    """
-    plain = ident.orthonormal(system[:, ~believed])
-    if not believed.any():
-        return ident.Span(plain)
-    columns = system[:, believed]
-    inside = plain.T @ columns
-    factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
-    return ident.Span(plain, columns - plain @ inside, factor)

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.numerics.least_squares import factored
 
 NEGLIGIBLE = 1e-7
 """Relative norm below which a column is rounding: a few times the root of the precision of a double."""
@@ -37,6 +38,19 @@ class Span:
     plain: Array
     rest: Array | None = None
     factor: tuple[Array, bool] | None = None
+
+    @classmethod
+    def of(cls, columns: Array, believed: Mask, gram: Array) -> "Span":
+        """The span of unit columns (M, K): those without priors decided by rank, those with by Cholesky.
+
+        believed: (K,) which have priors, as rows of their own. gram: (K, K) products of all columns, where any has.
+        """
+        plain = orthonormal(columns[:, ~believed])
+        if not believed.any():
+            return cls(plain)
+        inside = plain.T @ columns[:, believed]
+        factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
+        return cls(plain, columns[:, believed] - plain @ inside, factor)
 
     @property
     def size(self) -> int:

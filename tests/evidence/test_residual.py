@@ -17,6 +17,7 @@ from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import residual_of
 from gpmodel.evidence.score import best_nats, saved, scores
 from gpmodel.evolution.chance import chance
+from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
@@ -176,6 +177,28 @@ def test_an_effect_given_back_is_found_again() -> None:
     assert without.nats > 100
     (enabled,) = scores(residual_of(fit, truth.poses, Criteria(), 0), [candidate])
     assert enabled.nats == -np.inf
+
+
+def test_what_is_believed_of_the_rest_holds_without_a_large_effect() -> None:
+    """An eccentricity of J2 believed to be a tenth of a milliradian: without the spring there it would be seven."""
+    data, arm = bare("irb6400r", 40, 5), mechanism("irb6400r")
+    spring, circle = (
+        catalogue.build(name, arm, prepare(arm, data).states)
+        for name in ("joint_compliance J2", "eccentricity J2")
+    )  # fmt: skip
+    truth = measure("irb6400r", spring, sized("irb6400r", spring, data, 1.0), 5, dataset=data)
+    believed = tuple(replace(e, prior=1e-4) for e in circle)
+    model = ErrorModel(arm, (*geometric_effects(arm), *believed, *spring))
+    whole = residual_of(calibrate(model, truth.poses), truth.poses, Criteria(), 0)
+    assert whole.at_own_noise() is whole
+    without = whole.without(spring)
+    found = without.at_own_noise()
+    assert found.noise == pytest.approx(found.sigma, rel=0.01)
+    weighed = np.where(np.arange(len(found.values)) < found.measured, 1.0, found.noise / without.noise)[:, None]
+    system, target = without.system * weighed, without.target * weighed[:, 0]
+    left = target - system @ np.linalg.lstsq(system, target, rcond=1e-12)[0]
+    np.testing.assert_allclose(found.values, left, atol=1e-9)
+    assert cross_validated(found, ()).rms > 1.5 * cross_validated(without, ()).rms
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -16,6 +16,7 @@ from experiments.fitness import run as fitness
 from experiments.framework import run as framework
 from experiments.histogram import run as histogram
 from experiments.irb6400r_truth import measured_robot
+from experiments.models import harder
 from experiments.models import run as models
 from gpmodel.calibration.result import errors_on
 from gpmodel.families import catalogue
@@ -187,6 +188,13 @@ def test_a_look_back_takes_out_of_the_framework_what_stood_for_two_models():
     heldout = case.poses.subset(case.heldout)
     before, after = (errors_on(framework.fitted(case, models), heldout) for models in (put_in, found))
     assert after.mean() < before.mean()
+
+
+@pytest.mark.slow
+def test_all_seven_effects_of_a_harder_arm_are_named_and_nothing_else(tmp_path):
+    """On 43 and 44 an eccentricity of J2, far larger than those of the other joints, would stand for the spring."""
+    found = harder.main(["--seeds", "3", "--first", "42", "--runs", "0", "--out", str(tmp_path)])
+    assert found["all seven named and nothing else"] == "3 of 3"
 
 
 @pytest.mark.slow
