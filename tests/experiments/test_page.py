@@ -43,8 +43,10 @@ def test_what_holds_on_how_many_robots_is_that_of_the_file() -> None:
     harder = results("models/harder.json")
     text = section(PAGE, "### A harder arm")
     assert f"nothing else on {harder['all seven named and nothing else']} robots" in text
-    without = sum("J2" not in robot["named"] for robot in harder["robots"])
-    assert f"On {without} the spring of J2 is not named" in text
+    masses = results("models/harder_masses.json")["all seven named and nothing else"]
+    assert f"on {masses} where it is given every link's mass wrong" in text
+    apart = [robot["seed"] for robot in harder["robots"] if robot["other"]]
+    assert f"On the twentieth, {apart[0]}, two\neccentricities are named joint by joint" in text
     means = [robot["mm"]["the loop's own"][2] for robot in harder["robots"]]
     assert f"{min(means):.3f} to {max(means):.3f} mm on each" in text.replace("\n", " ")
 
