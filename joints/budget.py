@@ -15,6 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.planning.poses import spread_poses
 from joints.kinematics import PARAMETERS, parameter, tooling_ball_position
 from joints.passive_joint import PassiveJoint, vector
+from joints.realignment import realigned
 from joints.sensitivity import thesis_columns
 from joints.settings import Settings, load_settings
 
@@ -55,13 +56,35 @@ class ErrorSource:
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """Joints at poses: q (poses, 1, 3) rad, parameters (poses, draws, 30), m and rad, tooling_ball (3,) m."""
+
+    q: Array
+    parameters: Array
+    tooling_ball: Array
+
+    def distances(self, reach: float = 0.0) -> Array:
+        """How far (poses, draws), m, the ball is from its place; reach: rad by which each angle turns to realign."""
+        place, angles = tooling_ball_position(self.q, np.zeros(PARAMETERS), self.tooling_ball), self.q
+        if reach:
+            angles = realigned(angles, self.parameters, self.tooling_ball, place, reach, np.eye(3))
+        return np.linalg.norm(tooling_ball_position(angles, self.parameters, self.tooling_ball) - place, axis=2)
+
+
+@dataclass(frozen=True)
 class Budget:
-    """distances: (poses, draws) m. shares: one a source, adding to 1, in their order."""
+    """distances: (poses, draws) m. shares: one a source, adding to 1, in their order. joints: that were drawn."""
 
     kind: str
     distances: Array
     sources: tuple[ErrorSource, ...]
     shares: tuple[float, ...]
+    joints: Drawn
+
+    def realigned(self, reach: float, every: int = 1) -> "Budget":
+        """What is left where the ball is held and each angle turns by up to `reach`, rad; of every so many-th draw."""
+        fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
+        return replace(self, distances=fewer.distances(reach), joints=fewer)
 
     @property
     def mean(self) -> float:
@@ -109,14 +132,12 @@ def error_budget(
     parameters = np.zeros((poses, draws, PARAMETERS))
     for source in chosen:
         parameters[:, :, source.index - 1] += source.draw((poses, draws), rng)
-    ball = np.asarray(joint.tooling_ball)
-    nominal = tooling_ball_position(q, np.zeros(PARAMETERS), ball)
-    moved = tooling_ball_position(q[:, None], parameters, ball) - nominal[:, None]
     columns = thesis_columns(joint, q)
     squared = np.array([s.sigma**2 * np.sum(columns[:, s.index - 1] ** 2) for s in chosen])
     total = squared.sum()
     shares = squared / total if total > 0 else squared
-    return Budget(kind, np.linalg.norm(moved, axis=2), chosen, tuple(float(x) for x in shares))
+    joints = Drawn(q[:, None], parameters, np.asarray(joint.tooling_ball))
+    return Budget(kind, joints.distances(), chosen, tuple(float(x) for x in shares), joints)
 
 
 def budget_joint(joint: PassiveJoint, settings: Settings) -> PassiveJoint:
