@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.numerics.multiple import SIGNIFICANCE, holm
@@ -56,7 +56,7 @@ def between(values: Array, variances: Array) -> Shared:
     2007).
     """
     tail = (1.0 - INTERVAL) / 2.0
-    quantiles = stats.chi2.ppf([1.0 - tail, tail], len(values) - 1)
+    quantiles = special.chdtri(len(values) - 1, [tail, 1.0 - tail])
     low, high = (float(np.sqrt(_variance(values, variances, float(q)))) for q in quantiles)
     return Shared(*_pooled(values, variances), low, high)
 
@@ -117,13 +117,13 @@ def residual(value: float, variance: float, mean: float, prior: float, machines:
 def chance_of(z: float, machines: int) -> float:
     """Of a deviation from the mean of `machines` others in their spread, two-sided: Student's t of as many but one
     degrees of freedom."""
-    return 2.0 * float(stats.t.sf(abs(z), machines - 1))
+    return 2.0 * float(special.stdtr(machines - 1, -abs(z)))
 
 
 def in_normal(z: float, chance: float) -> float:
     """The deviation, in σ of a normal law, that is as improbable as the corrected chance of z, with its sign: machines
     that do not stand out are never far."""
-    return float(np.copysign(stats.norm.isf(0.5 * max(chance, SMALLEST)), z))
+    return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:

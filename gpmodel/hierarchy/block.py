@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Calibration
@@ -83,7 +83,7 @@ def shared(of: BlockInformation) -> tuple[float, float, float]:
     """τ and its interval of INTERVAL coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
     those of χ² with m - 1 degrees of freedom, as if all effects of a machine differed in one proportion."""
     tail, free = (1.0 - INTERVAL) / 2.0, len(of.values) - 1
-    low, high = (_common(of, float(stats.chi2.ppf(q, free)) / free).spread for q in (1.0 - tail, tail))
+    low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
     return _common(of).spread, low, high
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from gpmodel import wording
 from gpmodel.arrays import Array
@@ -172,7 +172,7 @@ def _changes(
     ]  # fmt: skip
     ordered = sorted(pairs, key=lambda c: (-c.z, -abs(c.difference) / c.after[1]))
     deviations = np.array([(c.before[1], c.after[1]) for c in ordered]).reshape(-1, 2).T
-    chances = holm(2 * stats.t.sf([c.z for c in ordered], freedom_of_sum(deviations, freedoms)))
+    chances = holm(2 * special.stdtr(freedom_of_sum(deviations, freedoms), [-c.z for c in ordered]))
     return tuple(replace(c, chance=float(p)) for c, p in zip(ordered, chances, strict=True))
 
 

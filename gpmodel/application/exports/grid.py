@@ -73,10 +73,10 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
 
 def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, part: bool = True) -> Grid:
     sides, nodes = _nodes(box, count)
-    q, moves = held.corrections(nodes, part)
-    between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
     fresh = rng.uniform(box[0], box[1], (CHECKS, 3))
-    start = held.nominal(fresh)
+    q, start = np.split(held.nominal(np.vstack([nodes, fresh])), [len(nodes)])
+    moves = held.corrections(nodes, q, part)
+    between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
     moved = start + between(fresh)
     use = np.isfinite(moved).all(axis=1)
     before, after = np.split(held.misses(np.vstack([start[use], moved[use]]), np.vstack(2 * [fresh[use]])), 2)
@@ -144,16 +144,15 @@ class _Held:
         q[left > REACHED] = np.nan
         return q
 
-    def corrections(self, points: Array, part: bool) -> tuple[Array, Array]:
-        """Nominal joint values and what is to be added to them (N, n), NaN where nothing can be. part: as in
-        `corrected`."""
-        q = self.nominal(points)
+    def corrections(self, points: Array, q: Array, part: bool) -> Array:
+        """What is to be added (N, n) to the nominal joint values q (N, n) of points, NaN where nothing can be. part: as
+        in `corrected`."""
         moves = np.full_like(q, np.nan)
         here = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(here):
             real, status = corrected(self.saved, self.targets(points[here], q[here]), MAX_MOVE, part=part)
             moves[here] = np.where(np.isin(status, GIVEN)[:, None], real - q[here], np.nan)
-        return q, moves
+        return moves
 
     def misses(self, q: Array, points: Array) -> Array:
         """Distance (N,), m, of the real tool at q (N, n) from points."""
