@@ -23,7 +23,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import scheduled
 from gpmodel.hierarchy.folder import folder_of_tables
-from gpmodel.hierarchy.kept import KeptMachines
+from gpmodel.hierarchy.found import KeptMachines
 from gpmodel.hierarchy.record import MACHINES, NAME
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE

@@ -161,7 +161,7 @@ def test_parameters_are_drawn_with_one_deviation_to_each_side() -> None:
 
 def test_the_pages_do_not_load_matplotlib() -> None:
     code = (
-        "import sys, gpmodel.report.page, gpmodel.report.text, gpmodel.cli.report; print('matplotlib' in sys.modules)"
+        "import sys, gpmodel.report.page, gpmodel.report.text, gpmodel.cli.results; print('matplotlib' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

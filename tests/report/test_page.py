@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from report_runs import REPORTS, calibrated, discovered, quickly
 
 from gpmodel import wording
-from gpmodel.cli.report import report as report_command
+from gpmodel.cli.results import report as report_command
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report import explore
 from gpmodel.report.figures import draw, pictures

@@ -1,0 +1,183 @@
+"""Commands on a model.json: what it predicts, corrects, hands on, and whether it still holds."""
+
+from pathlib import Path
+
+import click
+
+from gpmodel.api.model import Point, load_model, model_file
+from gpmodel.api.verify import verify as judge
+from gpmodel.application.exports.grid import NODES
+from gpmodel.application.exports.programs import Language
+from gpmodel.cli.console import command_line, progress_line, session_note, write_frame
+from gpmodel.cli.options import (
+    Number,
+    in_order_option,
+    out_file_option,
+    out_folder_option,
+    quiet_option,
+    seed_option,
+    session_option,
+    sights_options,
+)
+from gpmodel.files import write_text
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("poses", type=click.Path(path_type=Path))
+@click.option("--as-measured", is_flag=True,
+              help="With the instrument's errors that were found: what it would read.")  # fmt: skip
+@session_option
+@in_order_option
+@out_file_option
+@quiet_option
+def predict(
+    model: Path, poses: Path, as_measured: bool, session: bool, in_order: bool, out: Path | None, quiet: bool
+) -> None:
+    """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values: the tool as it is now, at the
+    end of the session that was fitted, without the errors of the instrument.
+
+    MODEL is a model.json of calibrate or discover. POSES keeps its columns; where it has x, y, z already, the
+    prediction is added as predicted_x, predicted_y, predicted_z. sigma is the standard deviation of that point;
+    `outside` names the inputs beyond the ranges the model was fitted in.
+    """
+    fitted = load_model(model)
+    with progress_line(quiet) as say:
+        predicted, error = fitted.judged(poses, as_measured, session, in_order, say)
+        path = write_frame(predicted, out, "predicted.csv", poses)
+    if quiet:
+        return
+    if fitted.of_its_session:
+        click.echo(session_note(fitted.of_its_session, session), err=True)
+    if path is not None:
+        said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
+        beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
+        warned = f"; {beyond} of them outside the measured range" if beyond else ""
+        click.echo(f"{len(predicted)} poses predicted in {path}{warned}{said}")
+
+
+WHICH = {"tool": "point", "frame": "origin"}
+"""What of either is meant."""
+PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
+"""What files of a robot's program are called."""
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("targets", type=click.Path(path_type=Path))
+@click.option("--max-move", type=Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
+              help="No joint is moved by more.")  # fmt: skip
+@click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
+              help="That x, y, z are of: the measured point, or the origin of the measured link (flange).")  # fmt: skip
+@session_option
+@in_order_option
+@seed_option
+@click.option("--out", type=click.Path(path_type=Path), default=None,
+              help="A .csv file or a folder; .mod (RAPID) or .dat (KRL) of a program. [default: print]")  # fmt: skip
+@quiet_option
+def compensate(
+    model: Path,
+    targets: Path,
+    max_move: float,
+    point: Point,
+    session: bool,
+    in_order: bool,
+    seed: int,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Joint values that make the real mechanism reach nominal TARGETS, a status per row.
+
+    TARGETS: joint values, whose nominal tool pose is to be reached; or, without joint columns, x, y, z of --point
+    in the mechanism's root frame, with rx, ry, rz for its whole pose. MODEL: model.json of calibrate or discover.
+    Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside
+    the measured range; side of play open (a joint with play comes from another side than without correction). Without:
+    large move, joint limit, not reached.
+    """
+    fitted = load_model(model)
+    corrected = fitted.compensate(
+        targets, max_move=max_move, point=point, session=session, in_order=in_order, seed=seed
+    )  # fmt: skip
+    language = None if out is None else PROGRAMS.get(out.suffix.lower())
+    path = out
+    if out is not None and language:
+        write_text(out, fitted.program(corrected, language, out.stem))
+    else:
+        path = write_frame(corrected, out, "compensated.csv", targets)
+    if not quiet and fitted.of_its_session:
+        click.echo(session_note(fitted.of_its_session, session), err=True)
+    if not quiet and path is not None:
+        counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
+        largest = corrected["correction [mm]"].max()
+        moved = f"corrections of the {point} {WHICH[point]} up to {largest:.4f} mm"
+        click.echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=click.Path(path_type=Path))
+@click.option("--box", default=None, metavar="X:X,Y:Y,Z:Z",
+              help="Of the lookup grid in the root frame, as in 800:1200,-200:200,300:700mm.")  # fmt: skip
+@click.option("--nodes", default=NODES, show_default=True, type=click.IntRange(2), help="Of it along each side.")
+@click.option("--setup", default=None, metavar="NAME",
+              help="Whose registration model.py and model.c have, of several. [default: the first]")  # fmt: skip
+@click.option("--tool", default=None, metavar="NAME",
+              help="Whose point they and the grid have, of several. [default: the first]")  # fmt: skip
+@seed_option
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder. [default: RESULT]")
+@quiet_option
+def export(
+    result: Path, box: str | None, nodes: int, setup: str | None, tool: str | None, seed: int, folder: Path | None,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """Write the model of RESULT, a folder of calibrate or discover or its model.json, in the forms that others read.
+
+    calibrated.urdf and exports/dh_*.toml, kinematics.yaml (xacro), joint_offsets.yaml (robot_calibration),
+    ur_kinematics.yaml (ur_description) and robodk.csv hold a geometry refitted without what they cannot; model.py and
+    model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes of a box. Each error is
+    against `gpmodel predict` on fresh poses. SDF and MJCF: Gazebo and MuJoCo read calibrated.urdf themselves.
+    """
+    file = model_file(result)
+    exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
+    exports.report(folder or file.parent)
+    if not quiet:
+        click.echo(exports.summary())
+
+
+CHANGED = 3
+"""Status of a model that does not hold, or not within the tolerance."""
+
+
+@click.command()
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--tolerance", default=None, metavar="LENGTH", help="No row may be farther off: 0.1mm, 0.5px.")
+@in_order_option
+@sights_options
+@out_folder_option
+@quiet_option
+def verify(
+    model: Path, table: Path, tolerance: str | None, in_order: bool, folder: Path | None, quiet: bool,
+    **sights: str | None,
+) -> int:  # fmt: skip
+    """Judge MODEL by a TABLE measured afterwards: it holds, the machine has drifted, or it is another machine.
+
+    MODEL is a model.json of calibrate or discover. The registration is found anew, and where planes, points, a camera
+    in the hall or a board on the table are; ten to twenty poses are enough.
+    Says the error of every pose with and without the model beside what the model promises, and what changed: a zero, a
+    tool point, an effect. Where TABLE has the corrected_J1, ... of compensate, the machine went there.
+    Ends with status 0 where the model holds, 3 where it does not or a pose is beyond the tolerance.
+    With --out: verify.html, verify.pdf, verify.csv, and verify.json, of which `certificate` makes a certificate.
+    """
+    with progress_line(quiet) as say:
+        found = judge(
+            model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights
+        )
+    if not quiet:
+        click.echo(found.summary())
+    if folder is not None:
+        found.report(folder)
+        if not quiet:
+            click.echo(
+                f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {folder}  the certificate of this"
+            )
+    return 0 if found.passed else CHANGED

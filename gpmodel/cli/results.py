@@ -1,0 +1,87 @@
+"""Commands on a folder of results: its pages again, on paper, one finding in words, beside another."""
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import click
+
+from gpmodel.api.certificate import certificate as certify
+from gpmodel.api.saved import compare as changes
+from gpmodel.api.saved import explain as finding
+from gpmodel.cli.options import quiet_option
+from gpmodel.report.particulars import Particulars
+from gpmodel.report.saved import read_report
+
+
+@click.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@quiet_option
+def report(folder: Path, quiet: bool) -> None:
+    """Write the pages, poses.csv and the figures again from DIR/report.json; nothing is fitted."""
+    saved = read_report(folder)
+    from gpmodel.report.write import write_report
+
+    files = write_report(saved, folder)
+    if not quiet:
+        click.echo(f"{', '.join(file.name for file in files)} and the figures are in {folder}")
+
+
+@click.command()
+@click.argument("before", metavar="A", type=click.Path(path_type=Path))
+@click.argument("after", metavar="B", type=click.Path(path_type=Path))
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder for a page of it.")
+@quiet_option
+def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
+    """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
+    found = changes(before, after)
+    if not quiet:
+        click.echo(found.summary())
+    if folder is not None:
+        found.report(folder)
+
+
+@click.command()
+@click.argument("result", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("number", metavar="N", type=click.IntRange(1))
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder for a page of it.")
+@quiet_option
+def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None:
+    """Say finding N of the results in DIR in words: where it sits, how large it is at the tool, what would cause it,
+    what to measure to be sure."""
+    found = finding(result, number)
+    if not quiet:
+        click.echo(found.summary())
+    if folder is not None:
+        found.report(folder)
+
+
+def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
+    """An option for each line of text on a certificate."""
+    for field in reversed(fields(Particulars)):
+        name = field.name.replace("_", " ")
+        command = click.option(f"--{name.replace(' ', '-')}", default="", metavar="TEXT", help=f"The {name}.")(command)
+    return command
+
+
+@click.command()
+@click.argument("result", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--particulars", type=click.Path(path_type=Path), help="TOML file of the options below.")
+@click.option(
+    "--tolerance", default=None, metavar="LENGTH", help="No pose may be off by more, as in 0.1mm: pass or fail."
+)
+@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="[default: DIR]")
+@particulars_options
+@quiet_option
+def certificate(
+    result: Path, particulars: Path | None, tolerance: str | None, folder: Path | None, quiet: bool, **given: str
+) -> None:
+    """Write certificate.html and certificate.pdf of the calibration, discovery or verification in DIR.
+
+    Where DIR holds a verification (verify.json), that is certified: it was measured afterwards. Of a calibration or
+    a discovery the accuracy after is predicted, and the certificate says so. What is not given is left to fill in.
+    """
+    target = folder or result
+    certify(result, particulars, tolerance=tolerance, **given).report(target)
+    if not quiet:
+        click.echo(f"certificate.html and certificate.pdf are in {target}")
