@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from gpmodel.errors import InputError
-from gpmodel.reading import read_limited
+from gpmodel.texts import read_limited
 
 LARGEST_FILE = 16 << 20
 """Bytes; a humanoid with its hands has 0.3 MB."""

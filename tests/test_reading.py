@@ -8,7 +8,7 @@ import pytest
 from cli_cases import one_line, run, table, write
 
 from gpmodel.errors import InputError
-from gpmodel.reading import read_limited
+from gpmodel.texts import read_limited
 
 WANTED = "not a regular file"
 

@@ -126,7 +126,6 @@ FROM_TEXT = {
     "cli/fleet.py",
     "cli/poses.py",
     "cli/request.py",
-    "records/encoding.py",
     "records/unfinished.py",
     "texts.py",
     "joints/contact_types.py",

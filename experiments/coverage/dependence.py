@@ -22,7 +22,6 @@ from experiments.coverage.measure import bench
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, regions
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import best_nats, deflated, scores
 from gpmodel.evolution.chance import chance
@@ -78,7 +77,7 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     }
     p = {}
     for name, unit in units.items():
-        trials = shuffled(replace(there, unit_of_pose=unit), rng, SHUFFLES)
+        trials = replace(there, unit_of_pose=unit).shuffled(rng, SHUFFLES)
         p[name] = chance(worth, best_nats(there, pool, trials)).p < limits.significance
     kept = deflated(there, pool[best], tuple(inflation(there, pool[best]).values()))
     plain = p["poses"] and worth > limits.minimum_nats

@@ -24,9 +24,8 @@ from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_names
-from gpmodel.hierarchy.found import Rows, Searched, found_on_most
+from gpmodel.hierarchy.found import KeptMachines, Rows, Searched, found_on_most
 from gpmodel.hierarchy.further import PRIOR
-from gpmodel.hierarchy.kept import KeptMachines
 from gpmodel.hierarchy.parts import block_parts, in_table_names, shared_parts
 from gpmodel.hierarchy.record import (
     KIND,

@@ -13,9 +13,8 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
 from gpmodel.model.naming import names_of, translate
-from gpmodel.planning.design import Question, at_best
+from gpmodel.planning.design import Asked, Question, at_best
 from gpmodel.planning.poses import pool_of
-from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report

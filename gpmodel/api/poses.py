@@ -17,10 +17,9 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.planning.design import choose_for_all, deviations
+from gpmodel.planning.design import Asked, choose_for_all, deviations
 from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
-from gpmodel.planning.questions import Asked
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.units import joint_column

@@ -8,7 +8,7 @@ from scipy import special
 
 from gpmodel.application.possible_changes import Kind, PossibleChange, wander, zero_of
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
-from gpmodel.numerics.multiple import chance_of_ratio
+from gpmodel.numerics.interval import chance_of_ratio
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005

@@ -8,8 +8,7 @@ import msgspec
 
 from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, EffectPart, MeasuredPart, ModelPart
 from gpmodel.errors import InputError
-from gpmodel.reading import read_limited
-from gpmodel.texts import SEAL, parse_json, seal
+from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 REPORT, REPORTED = "report.json", "model_sha256"
 Part = TypeVar("Part")

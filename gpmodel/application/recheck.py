@@ -22,7 +22,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank
-from gpmodel.numerics.multiple import chance_of_ratio
+from gpmodel.numerics.interval import chance_of_ratio
 from gpmodel.table.bundles import different_poses, sharing
 
 NORMAL = 3.0

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.unseen import unseen
+from gpmodel.calibration.unobservable import unseen
 from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range

@@ -11,7 +11,6 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, targets
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import saved, scores
 from gpmodel.evolution.chance import FEWEST
@@ -83,7 +82,7 @@ def explore(
     settings = [Settings(strategy, search.selection, budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
     chances = max(1, search.runs // 2) if context.pooled else max(search.runs, -(-FEWEST // len(settings)))
-    orders = shuffled(residual, rng, chances * len(settings)).T
+    orders = residual.shuffled(rng, chances * len(settings)).T
     shuffles = [
         Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])
         for s, order in zip(np.repeat(np.array(settings, dtype=object), chances).tolist(), orders, strict=True)

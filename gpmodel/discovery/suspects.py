@@ -16,7 +16,6 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.result import Suspect
 from gpmodel.discovery.state import State
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import best_nats, contribution, scores
 from gpmodel.evolution.chance import chance
@@ -63,7 +62,7 @@ def _of_odd_poses(state: State, final: Calibration) -> Iterator[Suspect]:
     residual = residual_of(final, poses, criteria, JUDGED, np.ones(len(poses), dtype=bool))
     known = scores(residual, pool)
     best = max(range(len(pool)), key=lambda k: known[k].nats)
-    trials = shuffled(residual, np.random.default_rng(JUDGED), criteria.shuffles)
+    trials = residual.shuffled(np.random.default_rng(JUDGED), criteria.shuffles)
     by_chance = chance(known[best].nats, best_nats(residual, pool, trials))
     left = residual.values - contribution(residual, pool[best])
     before, after = (_rms_at(residual, odd, values) for values in (residual.values, left))

@@ -12,11 +12,11 @@ from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import size_hidden
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.units import independent_units
+from gpmodel.evidence.units import independent_units, reordered
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.omitted import Omitted
+from gpmodel.numerics.leave_one_out import Omitted
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import folds, stretches
 
@@ -141,6 +141,13 @@ class Residual:
             self, system=system, target=target[rows], span=span, values=span.remove(target[rows]),
             names=tuple(n for n in self.names if n not in set(given)), gram=gram,
         )  # fmt: skip
+
+    def shuffled(self, rng: np.random.Generator, count: int) -> Array:
+        """Residuals (M + B, count) permuted over the poses, those that count as one together, then projected again: the
+        null distribution."""
+        out = np.repeat(self.values[:, None], count, axis=1)
+        out[: self.measured] = reordered(self.problem, self.values[: self.measured], self.unit_of_pose, rng, count)
+        return self.span.remove(out)
 
     def at_own_noise(self) -> "Residual":
         """The residual with its priors weighed by its own σ: σ² = r·r / freedom, by iteration.

@@ -1,8 +1,9 @@
-"""Which poses count as one observation."""
+"""Which poses count as one observation, and values permuted over these."""
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.linearise import Linearised
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.table.bundles import bundles, replicates
 from gpmodel.table.dataset import Dataset
@@ -33,3 +34,22 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
     if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_bundles:
         return unit
     return stretches(dataset.row.astype(float), criteria.fewest_bundles)
+
+
+def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
+    """Values (M, count) of the rows (M,) of a problem with its poses in other orders; zero where the pose that comes
+    there was not measured.
+
+    unit: (N,) 0, 1, ... of the poses that stay together: whole units are put in another order, their poses one after
+    the other into the places of the units in the old order.
+    """
+    present = problem.weights > 0
+    blocks = np.zeros(present.shape)
+    blocks[present] = values
+    places = np.argsort(unit, kind="stable")
+    out = np.empty((len(values), count))
+    for b in range(count):
+        turned = np.empty_like(blocks)
+        turned[places] = blocks[np.argsort(np.argsort(rng.permutation(unit.max() + 1))[unit], kind="stable")]
+        out[:, b] = turned[present]
+    return out

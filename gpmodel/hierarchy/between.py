@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.numerics.multiple import SIGNIFICANCE, holm
+from gpmodel.numerics.interval import SIGNIFICANCE, holm
 
 INTERVAL = 0.95
 """Coverage of the interval of a spread."""

@@ -9,12 +9,35 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
-from gpmodel.hierarchy.kept import KeptMachines
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller
+from gpmodel.records.unfinished import Unfinished
 from gpmodel.wording import listed
+
+
+@dataclass(frozen=True)
+class KeptMachines:
+    """Where what was found on a machine goes at once, a file each, so that an interrupted fleet repeats only what was
+    under way; nowhere without files."""
+
+    files: Unfinished | None = None
+
+    def machine(self, place: int) -> tuple[Candidate, ...] | None:
+        """What was found on the machine at that place, None where it has yet to be searched."""
+        content = self.files.read(_name(place)) if self.files else None
+        return None if content is None else content["found"]
+
+    def keep_machine(self, place: int, found: tuple[Candidate, ...]) -> None:
+        """Keep it. Raises WriteError where it cannot be written."""
+        if self.files:
+            self.files.write(_name(place), {"found": found})
+
+
+def _name(place: int) -> str:
+    return f"machine-{place + 1:04d}"
+
 
 Rows = tuple[IntArray, IntArray]
 

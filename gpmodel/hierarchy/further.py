@@ -17,7 +17,7 @@ from gpmodel.hierarchy.record import FleetPart, Part, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe
-from gpmodel.numerics.multiple import SIGNIFICANCE, holm
+from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 PRIOR = "the prior of the fleet"

@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
-from gpmodel.mechanism.carriers import carrier_slot
+from gpmodel.mechanism.branches import carrier_slot
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import boards_of, cameras_of, features_of
 from gpmodel.model.inclination import Inclination

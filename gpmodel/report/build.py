@@ -11,7 +11,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.calibration.unmeasured_joints import free_joints
-from gpmodel.calibration.unseen import unseen
+from gpmodel.calibration.unobservable import unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.naming import names_of, translate

@@ -13,8 +13,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.identity import same_machine
 from gpmodel.model.naming import table_names, translate
-from gpmodel.numerics.interval import freedom_of_sum
-from gpmodel.numerics.multiple import SIGNIFICANCE, holm
+from gpmodel.numerics.interval import SIGNIFICANCE, freedom_of_sum, holm
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 

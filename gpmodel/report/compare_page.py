@@ -1,9 +1,42 @@
 """compare.html: what changed between two calibrations, as a page."""
 
-from gpmodel.report.charts_compare import picture
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
 from gpmodel.report.compare import SIDES, Comparison, cells, tables, verdict
 from gpmodel.report.figures import drawn
 from gpmodel.report.page import render
+from gpmodel.report.picture import Picture, forest
+from gpmodel.wording import minus, short_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gpmodel.report.compare import Change
+
+
+MOST = 40
+"""Changes of a picture that can still be read, the largest."""
+
+
+def picture(changes: Sequence[Change]) -> Picture | None:
+    """The changes in their own σ, which makes lengths and angles comparable; None where they have none."""
+    known = sorted((c for c in changes if c.stderr), key=lambda c: -c.z)[:MOST]
+    if not known:
+        return None
+    largest = ", ".join(f"{c.name} {minus(f'{c.in_deviations:+.1f}')} σ" for c in known[:4])
+    return Picture(
+        "changes", "Changes in their own σ", 5.6, 0.6 + 0.19 * len(known), f"Changes in their own σ: {largest}.",
+        "Change ± σ, over σ. Filled: beyond chance, however many are compared.", partial(_draw, changes=known),
+    )  # fmt: skip
+
+
+def _draw(figure: Figure, changes: Sequence[Change]) -> None:
+    rows = [(short_name(c.name, 34), c.in_deviations, 1.0, c.significant) for c in changes]
+    forest(figure.subplots(), rows, "change ± σ, in σ")
 
 
 def html(found: Comparison) -> str:

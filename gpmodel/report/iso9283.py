@@ -10,7 +10,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.model.error_model import Poses
 from gpmodel.report.fitted import root_residual
-from gpmodel.report.schema_accuracy import Positioning, Repeatability
+from gpmodel.report.schema_poses import Positioning, Repeatability
 from gpmodel.table.bundles import replicates
 from gpmodel.table.dataset import Dataset
 

@@ -16,7 +16,7 @@ from gpmodel.model.naming import names_of
 from gpmodel.model.observation import observations
 from gpmodel.model.states import States
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
-from gpmodel.report.schema_accuracy import InstrumentRecord
+from gpmodel.report.schema_poses import InstrumentRecord
 from gpmodel.report.schema_search import Range
 from gpmodel.table.bundles import different_poses, noise_floor
 from gpmodel.table.dataset import Dataset

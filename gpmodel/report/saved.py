@@ -8,10 +8,9 @@ import msgspec
 from gpmodel import files
 from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError
-from gpmodel.reading import read_limited
 from gpmodel.report.schema import SCHEMA, Report
 from gpmodel.report.schema_search import HistogramRecord
-from gpmodel.texts import parse_json
+from gpmodel.texts import parse_json, read_limited
 
 NAME = REPORT
 LARGEST_FILE = 256 << 20

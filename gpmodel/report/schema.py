@@ -10,8 +10,7 @@ from typing import Literal
 from gpmodel.application.further import ErrorBounds
 from gpmodel.arrays import Count, NotNegative
 from gpmodel.evidence.confirmation import Confirmation
-from gpmodel.report.schema_accuracy import InstrumentRecord, Positioning, Repeatability
-from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
+from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
     Correlation,
     EffectRecord,

@@ -23,7 +23,7 @@ from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
-from gpmodel.report.schema_accuracy import Repeatability
+from gpmodel.report.schema_poses import Repeatability
 from gpmodel.report.schema_search import Share
 from gpmodel.table.bundles import different_poses
 

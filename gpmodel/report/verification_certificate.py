@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.report.accuracy import statistics
-from gpmodel.report.certificate import Certificate, Line, repeated
+from gpmodel.report.certificate import Certificate, Line, repeated, statistics
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.verification import Verification
 from gpmodel.report.verification_words import facts, tolerance, verdict

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best
-from gpmodel.evidence.null import reordered
+from gpmodel.evidence.units import reordered
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.selection.active import Active
 from gpmodel.selection.scan import conditional_gram, whitened_cross

@@ -11,8 +11,8 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import law_name, numbered
 from gpmodel.formula.expression import Columns, Expression
+from gpmodel.formula.printing import with_plain_signs
 from gpmodel.formula.program import Program
-from gpmodel.formula.signs import with_plain_signs
 from gpmodel.model.effect import axis_unit
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.reading import read_limited
+from gpmodel.texts import read_limited
 
 LARGEST = 1e20
 """In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""

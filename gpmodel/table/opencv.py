@@ -11,10 +11,9 @@ import pandas as pd
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.reading import read_text
 from gpmodel.table.cells import read_frame
 from gpmodel.table.imported import Imported, cells
-from gpmodel.texts import toml_text
+from gpmodel.texts import read_text, toml_text
 
 LARGEST = 64 << 20
 """Bytes: corners of ten thousand views."""

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
-from gpmodel.reading import read_text
 from gpmodel.table.imported import Imported
+from gpmodel.texts import read_text
 
 LARGEST = 16 << 20
 """Bytes of a URDF."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.reading import read_text
 from gpmodel.table.imported import Imported
+from gpmodel.texts import read_text
 
 LARGEST = 1 << 20
 """Bytes; the file has a thousand."""

@@ -8,7 +8,7 @@ from cli_cases import run
 
 from gpmodel.cli import main as cli
 from gpmodel.errors import InputError
-from gpmodel.mechanism import registry as plugins
+from gpmodel.mechanism import source as plugins
 
 
 def test_command_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

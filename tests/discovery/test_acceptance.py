@@ -12,7 +12,6 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.naming import plainest
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -53,7 +52,7 @@ def test_nothing_is_accepted_where_chance_does_as_well() -> None:
 
 def test_nothing_is_accepted_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = best_nats(there, unnamed(), shuffled(there, np.random.default_rng(1), 60))
+    null = best_nats(there, unnamed(), there.shuffled(np.random.default_rng(1), 60))
     assert not any(h.accepted for h in judged("nothing", null=null))
 
 

@@ -13,7 +13,6 @@ from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import residual_of
 from gpmodel.evidence.score import best_nats, saved, scores
 from gpmodel.evolution.chance import chance
@@ -41,13 +40,13 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    null = best_nats(there, candidates, shuffled(there, np.random.default_rng(0), 60))
+    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 60))
     assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = best_nats(there, pool(), shuffled(there, np.random.default_rng(0), 60))
+    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 60))
     assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
 
 
@@ -142,10 +141,10 @@ def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
 
 def test_shuffling_keeps_the_poses_whole_and_the_model_out() -> None:
     there = seen(NAMES[0])
-    order = shuffled(there, np.random.default_rng(0), 5)
+    order = there.shuffled(np.random.default_rng(0), 5)
     assert np.abs(there.span.basis.T @ order).max() < 1e-12
     assert (np.abs(there.values @ order) < 0.5 * there.energy).all()
-    again = shuffled(there, np.random.default_rng(0), 5)
+    again = there.shuffled(np.random.default_rng(0), 5)
     np.testing.assert_array_equal(order, again)
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from gpmodel.hierarchy.between import INTERVAL, Deviations, between, deleted, deviations
-from gpmodel.numerics.multiple import SIGNIFICANCE, holm
+from gpmodel.numerics.interval import SIGNIFICANCE, holm
 
 FLEETS, MACHINES, PARAMETERS = 30, 12, 8
 

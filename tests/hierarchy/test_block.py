@@ -8,7 +8,7 @@ from scipy import stats
 
 from gpmodel.hierarchy.between import deviations
 from gpmodel.hierarchy.block import BlockInformation, deleted, shared
-from gpmodel.numerics.multiple import SIGNIFICANCE
+from gpmodel.numerics.interval import SIGNIFICANCE
 
 FLEETS, MACHINES, EFFECTS = 20, 8, 6
 

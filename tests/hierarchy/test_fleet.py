@@ -15,7 +15,7 @@ from gpmodel.api.fleet import FleetResult
 from gpmodel.hierarchy.between import in_normal
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
-from gpmodel.numerics.multiple import SIGNIFICANCE
+from gpmodel.numerics.interval import SIGNIFICANCE
 from gpmodel.report.fleet import band, spread
 from gpmodel.texts import SEAL, seal
 

@@ -13,8 +13,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.payload import find_lever
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
-from gpmodel.mechanism.registry import load_mechanism
-from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.source import MechanismChoice, load_mechanism
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.numerics import se3

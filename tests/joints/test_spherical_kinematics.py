@@ -9,7 +9,7 @@ from spherical_cases import JOINT
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import GRAVITY
-from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.source import load_mechanism
 from gpmodel.numerics import se3
 from joints.kinematics import FRAMES, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
 from joints.sensitivity import thesis_columns

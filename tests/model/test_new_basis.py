@@ -10,7 +10,6 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import errors_on
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.null import shuffled
 from gpmodel.evidence.residual import residual_of
 from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
@@ -55,7 +54,7 @@ def test_a_new_basis_is_predicted_fitted_judged_and_reported() -> None:
     candidate = Candidate("notched track", (NOTCH,), "", 4.0)
     residual = residual_of(without, train, Criteria(), 0)
     (score,) = scores(residual, [candidate])
-    null = best_nats(residual, [candidate], shuffled(residual, np.random.default_rng(0), 40))
+    null = best_nats(residual, [candidate], residual.shuffled(np.random.default_rng(0), 40))
     assert score.nats > null.max() + 20
     fit = calibrate(ErrorModel(mechanism("irb6400r"), (*standard, NOTCH)), train)
     found = quantity(fit, candidate, train.states)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gpmodel.numerics.omitted import Omitted
+from gpmodel.numerics.leave_one_out import Omitted
 from gpmodel.numerics.rank import orthonormal
 
 

@@ -12,7 +12,7 @@ from gpmodel.api.calibrate import calibrate
 from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.api.table import dataset_of
 from gpmodel.errors import InputError
-from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.source import load_mechanism
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import Determinant, Question, Smallest, Variance, choose, deviations
 from gpmodel.planning.limit import least_deviation

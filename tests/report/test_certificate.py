@@ -15,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import certificate
-from gpmodel.report.accuracy import STATISTICS, errors_before_and_after, statistics
+from gpmodel.report.certificate import STATISTICS, errors_before_and_after, statistics
 from gpmodel.report.certificate_pdf import write_pdf
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report

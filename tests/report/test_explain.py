@@ -16,12 +16,11 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.geometric import geometric_effects
 from gpmodel.planning.simulate import simulate
-from gpmodel.report.advice import MEASURES, kinds_of
-from gpmodel.report.explain import explain, html, text
+from gpmodel.report.effects import over_the_workspace
+from gpmodel.report.explain import MEASURES, explain, html, kinds_of, text
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import Correlation, Range, RivalRecord
-from gpmodel.report.workspace import over_the_workspace
 from gpmodel.table.dataset import unmeasured
 
 

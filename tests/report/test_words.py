@@ -7,7 +7,7 @@ import pytest
 from gpmodel import wording
 from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_accuracy import InstrumentRecord
+from gpmodel.report.schema_poses import InstrumentRecord
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
 from gpmodel.report.words import found, input_tests, place, places, written
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.errors import InputError
-from gpmodel.mechanism.registry import load_mechanism
+from gpmodel.mechanism.source import load_mechanism
 from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.write import frame_of
