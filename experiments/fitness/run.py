@@ -48,7 +48,7 @@ def engines(chosen: Namespace) -> dict[str, Settings]:
         ISLANDS: thesis_settings(mixed, population, longer),
         "tree, thesis": thesis_settings(Tree.thesis(), chosen.tree_population, generations),
         "linear, ours": ours,
-        "linear, ours, longer": ours.with_budget(generations=longer),
+        "linear, ours, longer": replace(ours, budget=replace(ours.budget, generations=longer)),
     }
 
 

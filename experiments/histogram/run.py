@@ -36,7 +36,9 @@ POINTS_AT = {"position or J1 to J3": ("x", "y", "z", "J1", "J2", "J3"), "J5": ("
 def cartesian_search(case: Case, model: Calibration, chosen: Namespace) -> Search:
     sequences = replace(Linear.thesis(), crossover=0.03, mutation=0.03)
     settings = thesis_settings(sequences, chosen.population, chosen.generations)
-    return cartesian(model, case.poses.subset(case.train)), settings.with_budget(threads=1)
+    return cartesian(model, case.poses.subset(case.train)), replace(
+        settings, budget=replace(settings.budget, threads=1)
+    )
 
 
 def slot_search(case: Case, model: Calibration, chosen: Namespace) -> Search:

@@ -39,7 +39,7 @@ class FittedColumns:
     @property
     def held(self) -> Mask:
         """The columns (K,) of the placement and of the effects that are not dropped."""
-        return np.concatenate([np.ones(self.first, dtype=bool), self.calibration.kept])
+        return self.problem.free(self.calibration.kept)
 
     @cached_property
     def apart(self) -> LeaveOneOut:

@@ -7,7 +7,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import ReadJoints, geometry_rows, noise_sigma, prior_rows, tool_rows
+from gpmodel.calibration.priors import ReadJoints, belief_rows, noise_sigma
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import factored, solve
@@ -52,12 +52,9 @@ def linear_step(
 
     gram: products (K, K) of the columns where these are so many that the normal equations are solved.
     """
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    prior, pull = prior_rows(model, theta, problem, kept)
-    geometry, geometry_pull = geometry_rows(model, theta, problem, kept)
-    tool, tool_pull = tool_rows(problem, placement)
-    single = len(prior) + len(geometry)
-    rows = np.vstack([prior, geometry, tool])[:, free]
+    free = problem.free(kept)
+    rows, pull, _, single = belief_rows(model, problem, theta, placement, kept)
+    rows = rows[:, free]
     readings = ReadJoints.beside(
         problem, np.vstack([problem.columns[:, free], rows]), free, noise_sigma(model, problem)
     )
@@ -71,5 +68,5 @@ def linear_step(
         inner[np.diag_indices_from(inner)] += np.sum(rows[:single] ** 2, axis=0)
         inner += rows[single:].T @ rows[single:]
         factor = factored(inner)
-    pulls = np.concatenate([pull, geometry_pull, tool_pull, readings.pull(problem)])
+    pulls = np.concatenate([pull, readings.pull(problem)])
     return LinearStep(problem, free, scale, rows, pulls, readings, factor)

@@ -44,6 +44,10 @@ class Linearised:
     weights: Array
     left: "Left | None" = None
 
+    def free(self, kept: Mask) -> Mask:
+        """The columns (K,) of the placement and of the effects that are kept (E,)."""
+        return np.concatenate([np.ones(self.placement, dtype=bool), kept])
+
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
         """Columns (M, E) of any effects, weighted like the residual."""
         if self.left is not None:

@@ -75,6 +75,17 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     return rows, pull
 
 
+def belief_rows(
+    model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask
+) -> tuple[Array, Array, int, int]:
+    """Rows (B, K) and right side (B,) of all of these; how many of them, the first, are of priors, and how many of one
+    effect each."""
+    parts = prior_rows(model, theta, problem, kept), geometry_rows(model, theta, problem, kept)
+    rows, pulls = zip(*parts, tool_rows(problem, placement), strict=True)
+    own = len(pulls[0])
+    return np.vstack(rows), np.concatenate(pulls), own, own + len(pulls[1])
+
+
 @dataclass(frozen=True)
 class ReadJoints:
     """What of the table's values of free joints (B,) is believed beside the measurements: (q_table - q) σ / τ = 0 along

@@ -6,7 +6,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import freedom
-from gpmodel.calibration.priors import ReadJoints, geometry_rows, prior_rows, tool_rows
+from gpmodel.calibration.priors import ReadJoints, belief_rows
 from gpmodel.calibration.result import Covariance, Placed, Uncertainty
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
@@ -19,12 +19,10 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     does not know it. Beside free joints what the measurements leave open is known as well as the table's joint values
     tell it, by how far these are off."""
     problem, at = fitted.problem, np.flatnonzero(kept)
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    prior = prior_rows(fitting.model, fitted.theta, problem, kept)[0]
-    informed = np.vstack([problem.columns, prior])[:, free]
-    geometry = geometry_rows(fitting.model, fitted.theta, problem, kept)[0]
-    tool = tool_rows(problem, fitted.placement)[0]
-    believed = np.vstack([informed, geometry[:, free], tool[:, free]])
+    free = problem.free(kept)
+    belief, _, own, _ = belief_rows(fitting.model, problem, fitted.theta, fitted.placement, kept)
+    believed = np.vstack([problem.columns, belief])[:, free]
+    informed = believed[: len(problem.columns) + own]
     rank = informed.shape[1] if problem.left is None else _rank(informed)
     left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import geometry_rows, prior_rows, tool_rows
+from gpmodel.calibration.priors import belief_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import size_hidden
 from gpmodel.evidence.criteria import Criteria
@@ -35,10 +35,10 @@ class Residual:
     far as their priors let them, no further. span: of the model's columns. values: (M + B,).
     system, target: the columns (M + B, K), of unit length, and right side these came from. names: of the effects that
     the columns after those of the placement are of. fold_of_row: (M,).
-    unit_of_pose: (N,) which poses count as one observation. shrink: (N,) factor by which far-out residuals are shorter.
-    criteria: the limits everything about it is held to. gram: (K, K) products of the columns, empty where none has a
-    prior. sizing: how many of the B rows are of lengths and tool, which together know the size and nothing else.
-    noise: σ of the model that the priors are weighed for, m.
+    unit_of_pose: (N,) which poses count as one observation. criteria: the limits everything about it is held to.
+    gram: (K, K) products of the columns, empty where none has a prior. sizing: how many of the B rows are
+    of lengths and tool, which together know the size and nothing else. noise: σ of the model that the priors are
+    weighed for, m.
     """
 
     calibration: Calibration
@@ -51,7 +51,6 @@ class Residual:
     names: tuple[str, ...]
     fold_of_row: IntArray
     unit_of_pose: IntArray
-    shrink: Array
     criteria: Criteria
     gram: Array
     sizing: int = 0
@@ -126,7 +125,7 @@ class Residual:
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The residual with some effects of its model taken out."""
         given = [e.name for e in effects]
-        kept = np.concatenate([np.ones(self.problem.placement, dtype=bool), ~np.isin(self.names, given)])
+        kept = self.problem.free(~np.isin(self.names, given))
         believed = np.any(self.system[self.measured :] != 0, axis=0)
         rows = np.concatenate([np.ones(self.measured, dtype=bool), kept[believed]])
         model = self.calibration.model
@@ -206,7 +205,7 @@ def residual_of(
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     found = Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
-        independent_units(poses.dataset, criteria), shrink, criteria, gram, sizing,
+        independent_units(poses.dataset, criteria), criteria, gram, sizing,
     )  # fmt: skip
     return replace(found, noise=found.sigma)
 
@@ -220,17 +219,16 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     """
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), kept])
-    parts = [prior_rows(model, theta, problem, kept)]
-    if size_hidden(problem):
-        parts += [geometry_rows(model, theta, problem, kept), tool_rows(problem, calibration.placement)]
-    belief, pull = np.vstack([rows for rows, _ in parts]), np.concatenate([right for _, right in parts])
+    free = problem.free(kept)
+    belief, pull, own, _ = belief_rows(model, problem, theta, calibration.placement, kept)
+    if not size_hidden(problem):
+        belief, pull = belief[:own], pull[:own]
     order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
     system = np.vstack([problem.columns[:, free], belief[order][:, free]])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
     names = tuple(e.name for e, k in zip(model.effects, kept, strict=True) if k)
-    return system, np.concatenate([shortened, pull[order]]), names, len(pull) - len(parts[0][1])
+    return system, np.concatenate([shortened, pull[order]]), names, len(pull) - own
 
 
 def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:

@@ -15,12 +15,10 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class Chance:
-    """Probability `p` of reaching a score by chance, from so many `shuffles`; extrapolated where none of them reached
-    it and a fitted law had to say how far beyond them it lies. of: what was shuffled."""
+    """Probability `p` of reaching a score by chance, from so many `shuffles`. of: what was shuffled."""
 
     p: float
     shuffles: int
-    extrapolated: bool
     of: str = "shuffles"
 
 
@@ -28,17 +26,13 @@ def chance(value: float, null: Array) -> Chance:
     """Chance of reaching `value` where nothing is, from null maxima (T,).
 
     Where a shuffled score reaches the value: the larger of rank (1 + count) / (1 + T) and fitted law. Beyond all of
-    them the law alone, which is called extrapolated below 1 / (1 + T). With under three finite scores: 1.
+    them the law alone. With under three finite scores: 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):
-        return Chance(1.0, len(null), False)
-    floor = 1.0 / (len(null) + 1)
-    reached = int(np.sum(finite >= value))
-    tail = _tail(value, finite)
-    if reached:
-        return Chance(float(max((1 + reached) * floor, tail)), len(null), False)
-    return Chance(tail, len(null), tail < floor)
+        return Chance(1.0, len(null))
+    reached, tail = int(np.sum(finite >= value)), _tail(value, finite)
+    return Chance(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null))
 
 
 def larger(first: Chance, *others: Chance) -> Chance:

@@ -1,6 +1,6 @@
 """The choices of one run: a representation, a selection, and how much work is put into it."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, check_ranges
@@ -41,15 +41,6 @@ class Settings:
 
     def __post_init__(self) -> None:
         self.selection.eligible(self.budget.population)
-
-    def with_budget(self, *, generations: int | None = None, threads: int | None = None) -> "Settings":
-        """The settings with other generations or threads, where given."""
-        budget = self.budget
-        if generations is not None:
-            budget = replace(budget, generations=generations)
-        if threads is not None:
-            budget = replace(budget, threads=threads)
-        return replace(self, budget=budget)
 
 
 def thesis_settings(representation: Representation, population: int = 65536, generations: int = 100) -> Settings:

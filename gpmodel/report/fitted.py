@@ -116,7 +116,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     if problem.left is not None or not point.any():
         return [None] * len(groups)
     columns = problem.columns[point]
-    held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+    held = problem.free(fit.kept)
     theta = np.concatenate([np.zeros(problem.placement), fit.theta])
     out: list[float | None] = []
     for group in groups:

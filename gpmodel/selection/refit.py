@@ -1,6 +1,7 @@
 """The exact chain with what was selected: a damped fit with the learned variances as priors, and who stands far out."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -8,64 +9,54 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.model.error_model import ErrorModel, Placement, Poses, pose_error
+from gpmodel.model.error_model import Placement, pose_error
 from gpmodel.numerics.least_squares import inverse_gram
 from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
 
 
 @dataclass(frozen=True)
-class Expansion:
-    """Where the chain is linearised: effects with priors and their values (E,), placement, and the poses in use (N,).
+class State:
+    """Where the chain is linearised: what is fitted to what, values (E,), placement, σ of one measurement, m.
 
-    ratio: variance of what a pose repeats over that of a measurement.
+    variances, chosen: of the groups in the model, by name, the variance and the effects that are left.
     """
 
-    model: ErrorModel
+    fitting: Fitting
     theta: Array
     placement: Placement
-    rotation_weight: float
-    use: Mask
-    ratio: float = 0.0
+    sigma: float
+    variances: Mapping[str, float] = field(default_factory=dict)
+    chosen: Mapping[str, IntArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Refit:
-    """The fit at a point. problem: its rows independent. covariance: posterior (E, E) of the values. sigma: of one
-    measurement, m. unknowns: how many the measurements determine. error: (N,) m."""
+    """The fit at a state. problem: its rows independent. unknowns: that the measurements determine. error: (N,) m."""
 
-    point: Expansion
+    state: State
     problem: Linearised
-    covariance: Array
-    sigma: float
     unknowns: float
     error: Array
 
 
-def refit(point: Expansion, poses: Poses, bundle: IntArray, sigma: float) -> Refit:
-    """Solve all values and the placement on the exact chain: θ ~ N(0, prior²), noise σ and the point's ratio.
+def refit(state: State) -> Refit:
+    """Solve all values and the placement on the exact chain: θ ~ N(0, prior²), the noise and its levels as of a state.
 
     By the damped steps of a calibration: none is taken that does not lower the sum of squares, priors included.
     """
-    inflation = 1.0 + point.ratio
-    model = replace(point.model, noise=sigma * float(np.sqrt(inflation)))
-    fitting = Fitting(model, poses, point.use, point.rotation_weight, bundle, point.ratio)
+    inflation = 1.0 + state.fitting.ratio
+    model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
+    fitting = replace(state.fitting, model=model)
     everything = np.ones(len(model.effects), dtype=bool)
-    fitted = iterate(fitting, point.theta, point.placement, everything)
+    fitted = iterate(fitting, state.theta, state.placement, everything)
     problem = fitting.at(fitted.theta, fitted.placement)
     linear = linear_step(model, problem, fitted.theta, fitted.placement, everything, None)
     inverse = inverse_gram(np.vstack([problem.columns / linear.scale, linear.priors]), many=True)
     unknowns = len(inverse) - float(np.sum((linear.priors @ inverse) * linear.priors))
     variance = float(problem.residual @ problem.residual) / max(len(problem.residual) - unknowns, 1.0)
-    covariance = variance * inverse / np.outer(linear.scale, linear.scale)
-    kept = slice(problem.placement, None)
-    return Refit(
-        point=replace(point, theta=fitted.theta, placement=fitted.placement),
-        problem=problem,
-        covariance=covariance[kept, kept],
-        sigma=float(np.sqrt(variance / inflation)),
-        unknowns=unknowns,
-        error=pose_error(problem.observed, poses.dataset),
-    )
+    sigma = float(np.sqrt(variance / inflation))
+    there = replace(state, theta=fitted.theta, placement=fitted.placement, sigma=sigma)
+    return Refit(there, problem, unknowns, pose_error(problem.observed, state.fitting.poses.dataset))
 
 
 def far_out(error: Array, use: Mask, sigmas: float) -> Mask:

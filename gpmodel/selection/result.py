@@ -11,7 +11,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.exchange import Alternative
 from gpmodel.selection.group import Group
 from gpmodel.selection.moves import found
-from gpmodel.selection.refit import Refit
+from gpmodel.selection.refit import State
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,16 @@ class Kept:
 
 @dataclass(frozen=True)
 class Selection:
-    """The groups that were chosen, by gain. fit: the exact fit behind them. by_chance: (T,) the most nats, costs
+    """The groups that were chosen, by gain. state: of the exact fit behind them. by_chance: (T,) the most nats, costs
     counted, that any group gains on T permuted residuals of it."""
 
     kept: tuple[Kept, ...]
-    fit: Refit
+    state: State
     by_chance: Array
 
 
 def summarised(
-    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], fit: Refit, by_chance: Array
+    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], state: State, by_chance: Array
 ) -> Selection:
     """What was chosen, from the groups in the model, their rivals and the exact fit."""
     kept: list[Kept] = []
@@ -54,4 +54,4 @@ def summarised(
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
         kept.append(Kept(group, active.gains[g][0], variance, others, determined))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), fit, by_chance)
+    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), state, by_chance)

@@ -1,18 +1,19 @@
 """Selection of groups: linearise, choose, solve the exact chain, look again."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import IntArray
+from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of, pose_ratio
+from gpmodel.calibration.priors import off_mean
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import exchangeable
-from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.by_chance import best_by_chance
@@ -21,7 +22,7 @@ from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.moves import stepwise, with_optimal_variances
 from gpmodel.selection.offers import Offering, offered
 from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.refit import Expansion, Refit, far_out, refit
+from gpmodel.selection.refit import State, far_out, refit
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sample import predicted_states, sample_of
@@ -34,22 +35,9 @@ MOST_LOOKS = 3
 
 
 @dataclass(frozen=True)
-class _State:
-    """What one pass hands to the next: variances by name, the effects each group still has, the point, σ."""
-
-    point: Expansion
-    sigma: float
-    variances: Mapping[str, float] = field(default_factory=dict)
-    chosen: Mapping[str, IntArray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class _Task:
-    """What stays the same: the poses, their bundles of repeats, the sample that is chosen on, its shapes."""
+    """What stays the same: the sample that is chosen on, its shapes, the limits."""
 
-    mechanism: Mechanism
-    poses: Poses
-    bundle: IntArray
     sample: IntArray
     shapes: Shapes
     criteria: Criteria
@@ -77,11 +65,13 @@ def _select(
     base = list(geometry_groups(calibration.model.effects))
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
-    point = Expansion(calibration.model, calibration.theta, calibration.placement, calibration.rotation_weight, use)
-    task = _Task(mechanism, poses, bundle, sample, shapes, criteria)
-    state = _with_levels(_State(point, calibration.sigma), poses, bundle)
+    task = _Task(sample, shapes, criteria)
+    fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
+    theta, placement = calibration.theta, calibration.placement
+    ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
+    state = State(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
     single = [*offered(offering, mechanism, shapes), *_free(task, base, state, offering)]
-    state, fit = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
+    state = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
     kept = [g for g in groups if g.always_included or g.name in state.variances]
     groups += waves_left(with_optimal_variances(_started(task, kept, state)), offering.grids) if offering.grids else []
@@ -90,15 +80,15 @@ def _select(
     for _ in range(MOST_LOOKS):
         active, rivals = exchanged(stepwise(_started(task, groups, state)))
         before = state
-        state, fit = _refitted(active, task, before)
+        state = _refitted(active, task, before)
         if _same(before, state):
             break
     together = exchangeable(poses.dataset.subset(sample), criteria)
     chance = best_by_chance(active, offering.grids, together, rng, criteria.shuffles)
-    return summarised(active, rivals, fit, chance)
+    return summarised(active, rivals, state, chance)
 
 
-def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offering) -> list[Group]:
+def _free(task: _Task, beside: Sequence[Group], state: State, offering: Offering) -> list[Group]:
     """The free functions that what some groups leave asks for."""
     if not offering.inputs:
         return []
@@ -106,15 +96,14 @@ def _free(task: _Task, beside: Sequence[Group], state: _State, offering: Offerin
     return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
-def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
-    """The problem linearised at a point, with what was chosen before; unknowns are totals, from their means."""
-    point = state.point
-    part = task.poses.subset(task.sample)
-    problem = linearise(point.model, part, point.theta, point.placement, point.rotation_weight, point.use[task.sample])
-    off = point.theta - np.array([e.mean for e in point.model.effects])
-    target = problem.residual + problem.columns[:, problem.placement :] @ off
-    noise = blocks_of(problem, task.bundle[task.sample], point.ratio)
-    rows = Rows(task.mechanism, problem, target, noise, task.shapes)
+def _started(task: _Task, groups: Sequence[Group], state: State) -> Active:
+    """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
+    fitting, sample = state.fitting, task.sample
+    model, part = fitting.model, fitting.poses.subset(sample)
+    problem = linearise(model, part, state.theta, state.placement, fitting.rotation_weight, fitting.use[sample])
+    target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
+    noise = blocks_of(problem, fitting.bundle[sample], fitting.ratio)
+    rows = Rows(model.mechanism, problem, target, noise, task.shapes)
     pool = GroupPool(rows, groups, task.criteria)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
@@ -125,9 +114,10 @@ def _started(task: _Task, groups: Sequence[Group], state: _State) -> Active:
     return active
 
 
-def _refitted(active: Active, task: _Task, state: _State) -> tuple[_State, Refit]:
+def _refitted(active: Active, task: _Task, state: State) -> State:
     """The exact fit with what is active, outliers and the noise's levels judged anew."""
-    before = dict(zip((e.terms for e in state.point.model.effects), state.point.theta, strict=True))
+    fitting = state.fitting
+    before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
     effects, variances, chosen = [], {}, {}
     for g, a in active.variances.items():
         group = active.pool.groups[g]
@@ -136,28 +126,22 @@ def _refitted(active: Active, task: _Task, state: _State) -> tuple[_State, Refit
         variances[group.name], chosen[group.name] = a, active.chosen[g]
     mean = dict(zip((active.pool.effects[i].terms for i in active.index), active.mean * active.scale, strict=True))
     theta = np.array([before.get(e.terms, mean[e.terms]) for e in effects])
-    point = replace(state.point, model=ErrorModel(state.point.model.mechanism, tuple(effects)), theta=theta)
     sigma = float(np.sqrt(active.sigma2))
-    fit = refit(point, task.poses, task.bundle, sigma)
-    use = far_out(fit.error, point.use, task.criteria.outlier_sigmas)
-    if (use != point.use).any():
-        fit = refit(replace(fit.point, use=use), task.poses, task.bundle, sigma)
-    ratio = pose_ratio(fit.problem, task.bundle, point.ratio, fit.unknowns - fit.problem.placement)
-    return _State(replace(fit.point, ratio=ratio), fit.sigma, variances, chosen), fit
+    fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
+    fit = refit(State(fitting, theta, state.placement, sigma, variances, chosen))
+    use = far_out(fit.error, fitting.use, task.criteria.outlier_sigmas)
+    if (use != fitting.use).any():
+        fitting = replace(fitting, use=use)
+        fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
+    ratio = pose_ratio(fit.problem, fitting.bundle, fitting.ratio, fit.unknowns - fit.problem.placement)
+    return replace(fit.state, fitting=replace(fitting, ratio=ratio))
 
 
-def _with_levels(state: _State, poses: Poses, bundle: IntArray) -> _State:
-    """The state with the two levels of the noise as the residual it starts from says, with all that is missing."""
-    point = state.point
-    problem = linearise(point.model, poses, point.theta, point.placement, point.rotation_weight, point.use)
-    noise = blocks_of(problem, bundle).estimated(problem.residual, float(problem.columns.shape[1]))
-    return replace(state, point=replace(point, ratio=noise.ratio))
-
-
-def _same(before: _State, after: _State) -> bool:
+def _same(before: State, after: State) -> bool:
     """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
+    first, second = before.fitting, after.fitting
     return (
-        bool((before.point.use == after.point.use).all())
-        and abs(np.log1p(before.point.ratio) - np.log1p(after.point.ratio)) < 0.1
+        bool((first.use == second.use).all())
+        and abs(np.log1p(first.ratio) - np.log1p(second.ratio)) < 0.1
         and abs(np.log(before.sigma / after.sigma)) < 0.05
     )

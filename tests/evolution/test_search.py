@@ -23,6 +23,10 @@ QUICK = {
 }
 
 
+def with_budget(settings: Settings, **change: int) -> Settings:
+    return replace(settings, budget=replace(settings.budget, **change))
+
+
 def joints(poses: int, seed: int = 0) -> Inputs:
     names = tuple(f"J{k}" for k in range(1, 6))
     return Inputs(names, np.random.default_rng(seed).uniform(-2.5, 2.5, (5, poses)), names)
@@ -69,9 +73,9 @@ def test_noise_alone_is_not_explained_by_much_code(representation: str) -> None:
 def test_numbers_do_not_depend_on_threads_but_on_the_seed(representation: str) -> None:
     inputs = joints(60)
     problem = SlotProblem(inputs, regression(np.tanh(inputs["J1"] * inputs["J3"])))
-    settings = QUICK[representation].with_budget(generations=12)
+    settings = with_budget(QUICK[representation], generations=12)
     runs = [
-        evolve(problem, settings.with_budget(threads=threads), np.random.default_rng(seed))
+        evolve(problem, with_budget(settings, threads=threads), np.random.default_rng(seed))
         for threads, seed in ((1, 5), (2, 5), (2, 6))
     ]
     assert [str(c.program) for c in runs[0].front] == [str(c.program) for c in runs[1].front]
@@ -89,7 +93,7 @@ def test_the_last_bits_of_the_targets_decide_nothing(representation: str) -> Non
     bits = [1.0 + 1e-13 * rng.normal(size=here.pull.shape) for _ in range(2)]
     cross = np.einsum("jk,skn->sjn", turn, here.cross)
     there = replace(here, weight=here.weight * bits[0], cross=cross, pull=here.pull * bits[1])
-    settings = QUICK[representation].with_budget(generations=15)
+    settings = with_budget(QUICK[representation], generations=15)
     runs = [evolve(SlotProblem(inputs, targets), settings, np.random.default_rng(5)) for targets in (here, there)]
     assert [c.program.input_counts for c in runs[0].front] == [c.program.input_counts for c in runs[1].front]
     for name in ("best", "median", "gain"):

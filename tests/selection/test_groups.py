@@ -10,7 +10,7 @@ from group_cases import ARM, STANDING, offering, problem
 from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.noise import Whitening, blocks_of
+from gpmodel.calibration.noise import Whitening
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.gain import best, gain, with_own_noise
 from gpmodel.families import catalogue
@@ -139,8 +139,10 @@ def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_a_
 def test_the_values_found_are_the_true_ones_within_their_deviations() -> None:
     truth = robot(PLANTED)
     true = dict(zip((e.terms for e in truth.model.effects), truth.theta, strict=True))
-    fit, chosen_terms = found().fit, {e.terms for k in found().kept for e in k.group.effects}
-    told = zip(fit.point.model.effects, fit.point.theta, np.sqrt(np.diag(fit.covariance)), strict=True)
+    chosen_terms = {e.terms for k in found().kept for e in k.group.effects}
+    model = found().state.fitting.model
+    fit = calibrate(model, truth.poses)
+    told = zip(model.effects, fit.theta, fit.stderr, strict=True)
     pulls = [(v - true[e.terms]) / s for e, v, s in told if e.terms in chosen_terms]
     assert len(pulls) == len(chosen_terms)
     assert np.max(np.abs(pulls)) < 3.5
@@ -167,7 +169,7 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     seen = replace(truth.poses.dataset, position=truth.poses.dataset.position + common, q=shaken)
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, seen)))
     assert selection.kept == ()
-    assert np.sqrt(selection.fit.point.ratio) * selection.fit.sigma == pytest.approx(4e-5, rel=0.3)
+    assert np.sqrt(selection.state.fitting.ratio) * selection.state.sigma == pytest.approx(4e-5, rel=0.3)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -185,7 +187,7 @@ def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     position[84] += 1.5e-3
     data = replace(truth.poses.dataset, position=position)
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, data)))
-    assert np.flatnonzero(~selection.fit.point.use).tolist() == [84]
+    assert np.flatnonzero(~selection.state.fitting.use).tolist() == [84]
     assert [k.group.name for k in selection.kept] == [PLANTED[0]]
 
 
@@ -206,8 +208,7 @@ def test_the_ratio_of_the_levels_is_recovered() -> None:
 
 
 def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
-    fit = found().fit
-    assert blocks_of(fit.problem, np.arange(len(fit.error))).estimated(fit.problem.residual, 80.0).ratio == 0.0
+    assert found().state.fitting.ratio == 0.0
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
