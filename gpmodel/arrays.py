@@ -12,3 +12,6 @@ Mask = NDArray[np.bool_]
 
 NotNegative = Annotated[float, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=0)]
+ROUNDING = 1e-9
+"""Shares and correlations are quotients of sums; they may leave [-1, 1] by this much."""
+Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]

@@ -8,6 +8,7 @@ from scipy import special
 
 from gpmodel.application.possible_changes import Kind, PossibleChange, wander, zero_of
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck
+from gpmodel.arrays import NotNegative, Share
 from gpmodel.numerics.interval import chance_of_ratio
 
 SET_UP: Kind = "set-up"
@@ -33,9 +34,9 @@ class NamedChange:
     name: str
     kind: Kind
     value: float
-    stderr: float
+    stderr: NotNegative
     unit: str
-    chance: float
+    chance: Share
     rivals: tuple[str, ...]
 
 
@@ -44,9 +45,9 @@ class Visible:
     """The smallest change of a joint's zero, in `unit`, that these poses would show; None where none would, since the
     registration that every session finds anew stands for it."""
 
-    name: str
+    joint: str
     unit: str
-    size: float | None
+    size: NotNegative | None
 
 
 def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[NamedChange, ...], Recheck]:

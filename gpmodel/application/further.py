@@ -11,9 +11,9 @@ import numpy as np
 from gpmodel.application.exports.sample import at_joint_values
 from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.uncertainty import placement_columns
+from gpmodel.application.uncertainty import point_columns
 from gpmodel.arrays import Array, Count, IntArray, NotNegative
-from gpmodel.calibration.linearise import Linearised, effect_columns
+from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Poses, observe, prepare
@@ -71,14 +71,7 @@ def further_poses(fit: Calibration, poses: Poses) -> ErrorBounds | None:
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
     there = prepare(saved.mechanism, at_joint_values(known, rng.uniform(low, high, (POSES, data.q.shape[1])), rng))
     observed = observe(fit.model, there, fit.theta, fit.placement)
-    columns = np.concatenate(
-        [
-            placement_columns(saved, there, observed),
-            effect_columns(fit.model.effects, fit.model, there, observed)[:, :3],
-        ],
-        axis=2,
-    )
-    return _over_worlds(columns, fit.covariance.values, noise, rng)
+    return _over_worlds(point_columns(saved, there, observed), fit.covariance.values, noise, rng)
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:

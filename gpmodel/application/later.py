@@ -9,13 +9,13 @@ from gpmodel.application.matching import matched
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, Mask
+from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import Placement, Poses, measured_minus, observe, pose_error, prepare
+from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
-from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
@@ -62,15 +62,6 @@ class Session:
         placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
-    def _without_outliers(self) -> "Session":
-        """The poses that count, found anew: far out by the median of all, and not in company."""
-        observed, dataset = self.observed, self.poses.dataset
-        error = pose_error(observed, dataset)
-        far = error > outlier_limit(error)
-        far &= ~in_company(far, dataset.q, measured_minus(observed, dataset))
-        far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(error)))])
-        return replace(self, use=~far)
-
 
 def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
     """Observations of a dataset, each with every key of its own unknowns that outlasts a session and that the model
@@ -96,13 +87,15 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
-    session = Session(placed, poses, np.ones(len(dataset), dtype=bool), tool=start is not None)
+    everything = np.ones(len(dataset), dtype=bool)
+    session = Session(placed, poses, everything, tool=start is not None)
     for _ in range(PASSES):
         problem = session.problem
         free, step = session.anew(problem), np.zeros(problem.placement)
         columns = problem.columns[:, free]
         step[free[: problem.placement]] = np.linalg.lstsq(columns, problem.residual, rcond=1e-12)[0]
-        session = session.moved(problem, step)._without_outliers()
+        session = session.moved(problem, step)
+        session = replace(session, use=without_outliers(session.observed, session.poses.dataset, everything))
     return session
 
 

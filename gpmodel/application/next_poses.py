@@ -10,9 +10,8 @@ import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values, measured_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.uncertainty import placement_columns
+from gpmodel.application.uncertainty import point_columns
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
@@ -114,8 +113,7 @@ class Outlook:
         that are not measured absorb."""
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)
-        own = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
-        columns = np.concatenate([placement_columns(saved, poses, observed), own], axis=2) / saved.sigma
+        columns = point_columns(saved, poses, observed, more) / saved.sigma
         return what_is_left(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
 
 

@@ -1,11 +1,14 @@
 """How well a model knows where the tool is."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.observed import Observed
 
@@ -23,12 +26,16 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
     """The same of each coordinate (N, 3) along the axes of the instrument: √ diag(J Σ Jᵀ)."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
-    columns = effect_columns(saved.model.effects, saved.model, poses, observed)[:, :3]
-    if placed:
-        columns = np.concatenate([placement_columns(saved, poses, observed), columns], axis=2)
     first = 0 if placed else len(saved.covariance.placement)
+    columns = point_columns(saved, poses, observed)[:, :, first:]
     variance = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
     return np.sqrt(np.maximum(variance, 0.0))
+
+
+def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:
+    """Change (N, 3, P + E) of the point per unknown of registration, tool, every effect of the model and `more`."""
+    effects = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
+    return np.concatenate([placement_columns(saved, poses, observed), effects], axis=2)
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:

@@ -24,6 +24,7 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.model.observation import observations
 from gpmodel.model.own_pose import frame_of
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
@@ -130,15 +131,11 @@ def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
     """The same with the tool point found anew, where it is so far off that nothing is linear any more: somebody mounted
     another one. None where it is not."""
     session = found.session
-    far = _rms(session.errors[session.use])
+    far = root_mean_square(session.errors[session.use])
     if far < FAR:
         return None
     again = recheck(settled(session.saved, session.poses.dataset, start))
-    return again if _rms(again.session.errors[again.session.use]) < HALF * far else None
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.mean(errors**2)))
+    return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else None
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:

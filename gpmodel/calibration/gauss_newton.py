@@ -17,9 +17,11 @@ from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
-from gpmodel.numerics.outliers import OUTLIER_SHARE, in_company, outlier_limit
+from gpmodel.model.observed import Observed
+from gpmodel.numerics.outliers import among_worst, in_company, outlier_limit
 from gpmodel.numerics.rank import RankChoice
 from gpmodel.table.bundles import sharing
+from gpmodel.table.dataset import Dataset
 
 ROTATION_WEIGHT = 0.3
 """Metres a radian of measured rotation counts at first: instruments resolve 0.01 mm and 0.03 mrad."""
@@ -121,7 +123,9 @@ def _fit(
         held = np.where(choices.kept, fitted.theta, 0.0)
         known = fitted.problem if np.array_equal(held, fitted.theta) else None
         fitted = iterate(fitting, held, fitted.placement, choices.kept, known)
-        use = _without_outliers(fitting, fitted.problem) if manner.robust else fitting.use
+        use = fitting.use
+        if manner.robust:
+            use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use)
         weight = fitting.rotation_weight
         ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
         fewer, settled = not np.array_equal(use, fitting.use), fitted.status == "converged"
@@ -171,15 +175,12 @@ def _better(
     return kept, replace(choices, kept=choices.kept & (theta != 0.0)), text
 
 
-def _without_outliers(fitting: Fitting, problem: Linearised) -> Mask:
-    """The poses that count (N,), less those whose error stands far out; the worst first, OUTLIER_SHARE in all."""
-    dataset = fitting.poses.dataset
-    error = pose_error(problem.observed, dataset)
-    far = error > outlier_limit(error[fitting.use])
-    far &= fitting.use & ~in_company(far, dataset.q, measured_minus(problem.observed, dataset))
-    most = max(1, int(OUTLIER_SHARE * len(error))) - int((~fitting.use).sum())
-    far &= np.isin(np.arange(len(error)), np.argsort(error)[::-1][:most])
-    return fitting.use & ~far
+def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
+    """The poses that count (N,), less those whose error stands far out alone; the worst first, OUTLIER_SHARE in all."""
+    error = pose_error(observed, dataset)
+    far = error > outlier_limit(error[use])
+    far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))
+    return use & ~(far & among_worst(error, spared=int((~use).sum())))
 
 
 def _rotation_weight(problem: Linearised, poses: Poses) -> float:

@@ -32,6 +32,12 @@ def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
     return middle + sigmas * max(MAD_SIGMAS * float(np.median(np.abs(errors - middle))), SMALLEST_SPREAD)
 
 
+def among_worst(errors: Array, spared: int = 0) -> Mask:
+    """The largest of the errors (N,): OUTLIER_SHARE of them, one at least, less those spared already."""
+    most = max(1, int(OUTLIER_SHARE * len(errors))) - spared
+    return np.isin(np.arange(len(errors)), np.argsort(errors)[::-1][:most])
+
+
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
     """Those (N,) that stand far out with most of their nearest NEIGHBOURS, the same way: there the model is wrong, not
     the measurement, and leaving them out would hide it.

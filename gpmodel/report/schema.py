@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gpmodel.application.further import ErrorBounds
-from gpmodel.arrays import Count, NotNegative
+from gpmodel.arrays import Count, NotNegative, Share
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
@@ -18,7 +18,6 @@ from gpmodel.report.schema_search import (
     ProgramRecord,
     Range,
     RoundRecord,
-    Share,
     SuspectRecord,
 )
 from gpmodel.wording import counted

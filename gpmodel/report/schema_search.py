@@ -5,17 +5,13 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from gpmodel.arrays import Count, NotNegative
+from gpmodel.arrays import ROUNDING, Count, NotNegative, Share
 from gpmodel.families.inner import FittedConstant
 from gpmodel.wording import measured, shortened
 
-ROUNDING = 1e-9
-"""Shares and correlations are quotients of sums; they may leave [-1, 1] by this much."""
 RIVAL_MARGIN = 0.1
 """A rival fits about as well when its cross-validated RMS is at most this share above the finding's own; the RMS of 60
 poses is itself known to about a tenth (1 / √(2·60))."""
-
-Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]
 
 
 @dataclass(frozen=True)

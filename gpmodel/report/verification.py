@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, cast
 
@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from gpmodel import files
+from gpmodel.application.changes import NamedChange, Visible
 from gpmodel.application.verify import Verified
-from gpmodel.arrays import Array, NotNegative
+from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
 from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import Observation, observations
@@ -24,7 +25,6 @@ from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_poses import Repeatability
-from gpmodel.report.schema_search import Share
 from gpmodel.table.bundles import different_poses
 
 NAME, KIND = "verify.json", "verify"
@@ -48,20 +48,6 @@ class PoseRecord:
 
 
 @dataclass(frozen=True)
-class ChangeRecord:
-    """What changed, value ± stderr in `unit`; of kind `size` as a share of what the model has. rivals: what explains
-    the poses as well."""
-
-    name: str
-    kind: str
-    value: float
-    stderr: NotNegative
-    unit: str
-    chance: Share
-    rivals: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class KindRecord:
     """Readings of one kind that are no points, RMS in their own unit. mm: that one unit counts as."""
 
@@ -72,15 +58,6 @@ class KindRecord:
     without: NotNegative | None
     after: NotNegative | None
     promised: NotNegative | None
-
-
-@dataclass(frozen=True)
-class VisibleRecord:
-    """The smallest change of a joint's zero that these poses would show; None where none would."""
-
-    joint: str
-    unit: str
-    size: NotNegative | None
 
 
 @dataclass(frozen=True)
@@ -107,8 +84,8 @@ class Verification:
     degrees: int
     noise_degrees: NotNegative | None
     chance: Share
-    changes: tuple[ChangeRecord, ...]
-    visible: tuple[VisibleRecord, ...]
+    changes: tuple[NamedChange, ...]
+    visible: tuple[Visible, ...]
     poses: tuple[PoseRecord, ...]
     missed: ErrorsMm = field(default_factory=ErrorsMm)
     instrument: bool | None = None
@@ -182,11 +159,10 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         noise_degrees=optional(found.found.freedom),
         chance=found.found.chance,
         changes=tuple(
-            ChangeRecord(translate(c.name, names), c.kind, c.value, c.stderr, c.unit, c.chance,
-                         tuple(translate(r, names) for r in c.rivals))
+            replace(c, name=translate(c.name, names), rivals=tuple(translate(r, names) for r in c.rivals))
             for c in found.changes
         ),
-        visible=tuple(VisibleRecord(translate(v.name, names), v.unit, v.size) for v in found.visible),
+        visible=tuple(replace(v, joint=translate(v.joint, names)) for v in found.visible),
         poses=tuple(
             PoseRecord(
                 int(data.row[k]), optional(1e3 * found.alone[k]), optional(1e3 * errors[k]),

@@ -10,11 +10,12 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from gpmodel import wording
+from gpmodel.application.changes import NamedChange
 from gpmodel.report.figures import drawn
 from gpmodel.report.page import render
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, Picture, log_axis
 from gpmodel.report.schema import ErrorsMm
-from gpmodel.report.verification import ChangeRecord, PoseRecord, Verification
+from gpmodel.report.verification import PoseRecord, Verification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +78,7 @@ def tolerance(record: Verification) -> str:
     )
 
 
-def change(found: ChangeRecord) -> str:
+def change(found: NamedChange) -> str:
     """A change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
     if found.kind == "size":
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
@@ -132,7 +133,7 @@ def _rows(rows: Sequence[int]) -> str:
     return f"rows {', '.join(map(str, rows[:MOST_PRINTED]))}{more}"
 
 
-def _rivals(found: ChangeRecord) -> str:
+def _rivals(found: NamedChange) -> str:
     return f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
 
 

@@ -11,7 +11,7 @@ from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.model.error_model import Placement, pose_error
 from gpmodel.numerics.least_squares import inverse_gram
-from gpmodel.numerics.outliers import OUTLIER_SHARE, outlier_limit
+from gpmodel.numerics.outliers import among_worst, outlier_limit
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,4 @@ def refit(state: State) -> Refit:
 def far_out(error: Array, use: Mask, sigmas: float) -> Mask:
     """The poses (N,) in use, judged anew: within so many robust deviations of the median error, at most a tenth left
     out."""
-    far = error > outlier_limit(error[use], sigmas)
-    worst = np.argsort(error)[::-1][: max(1, int(OUTLIER_SHARE * len(error)))]
-    return ~(far & np.isin(np.arange(len(error)), worst))
+    return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
