@@ -15,7 +15,7 @@ from gpmodel.numerics.outliers import among_worst, outlier_limit
 
 
 @dataclass(frozen=True)
-class State:
+class Expansion:
     """Where the chain is linearised: what is fitted to what, values (E,), placement, σ of one measurement, m.
 
     variances, chosen: of the groups in the model, by name, the variance and the effects that are left.
@@ -33,13 +33,13 @@ class State:
 class Refit:
     """The fit at a state. problem: its rows independent. unknowns: that the measurements determine. error: (N,) m."""
 
-    state: State
+    state: Expansion
     problem: Linearised
     unknowns: float
     error: Array
 
 
-def refit(state: State) -> Refit:
+def refit(state: Expansion) -> Refit:
     """Solve all values and the placement on the exact chain: θ ~ N(0, prior²), the noise and its levels as of a state.
 
     By the damped steps of a calibration: none is taken that does not lower the sum of squares, priors included.

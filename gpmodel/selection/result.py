@@ -11,7 +11,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.exchange import Alternative
 from gpmodel.selection.group import Group
 from gpmodel.selection.moves import found
-from gpmodel.selection.refit import State
+from gpmodel.selection.refit import Expansion
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Selection:
     counted, that any group gains on T permuted residuals of it."""
 
     kept: tuple[Kept, ...]
-    state: State
+    state: Expansion
     by_chance: Array
 
 
 def summarised(
-    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], state: State, by_chance: Array
+    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], state: Expansion, by_chance: Array
 ) -> Selection:
     """What was chosen, from the groups in the model, their rivals and the exact fit."""
     kept: list[Kept] = []

@@ -22,7 +22,7 @@ from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.moves import stepwise, with_optimal_variances
 from gpmodel.selection.offers import Offering, offered
 from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.refit import State, far_out, refit
+from gpmodel.selection.refit import Expansion, far_out, refit
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sample import predicted_states, sample_of
@@ -69,7 +69,7 @@ def _select(
     fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
-    state = State(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
+    state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
     single = [*offered(offering, mechanism, shapes), *_free(task, base, state, offering)]
     state = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
@@ -88,7 +88,7 @@ def _select(
     return summarised(active, rivals, state, chance)
 
 
-def _free(task: _Task, beside: Sequence[Group], state: State, offering: Offering) -> list[Group]:
+def _free(task: _Task, beside: Sequence[Group], state: Expansion, offering: Offering) -> list[Group]:
     """The free functions that what some groups leave asks for."""
     if not offering.inputs:
         return []
@@ -96,7 +96,7 @@ def _free(task: _Task, beside: Sequence[Group], state: State, offering: Offering
     return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
-def _started(task: _Task, groups: Sequence[Group], state: State) -> Active:
+def _started(task: _Task, groups: Sequence[Group], state: Expansion) -> Active:
     """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
     fitting, sample = state.fitting, task.sample
     model, part = fitting.model, fitting.poses.subset(sample)
@@ -114,7 +114,7 @@ def _started(task: _Task, groups: Sequence[Group], state: State) -> Active:
     return active
 
 
-def _refitted(active: Active, task: _Task, state: State) -> State:
+def _refitted(active: Active, task: _Task, state: Expansion) -> Expansion:
     """The exact fit with what is active, outliers and the noise's levels judged anew."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
@@ -128,7 +128,7 @@ def _refitted(active: Active, task: _Task, state: State) -> State:
     theta = np.array([before.get(e.terms, mean[e.terms]) for e in effects])
     sigma = float(np.sqrt(active.sigma2))
     fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
-    fit = refit(State(fitting, theta, state.placement, sigma, variances, chosen))
+    fit = refit(Expansion(fitting, theta, state.placement, sigma, variances, chosen))
     use = far_out(fit.error, fitting.use, task.criteria.outlier_sigmas)
     if (use != fitting.use).any():
         fitting = replace(fitting, use=use)
@@ -137,7 +137,7 @@ def _refitted(active: Active, task: _Task, state: State) -> State:
     return replace(fit.state, fitting=replace(fitting, ratio=ratio))
 
 
-def _same(before: State, after: State) -> bool:
+def _same(before: Expansion, after: Expansion) -> bool:
     """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
     first, second = before.fitting, after.fitting
     return (
