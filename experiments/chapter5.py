@@ -22,7 +22,7 @@ from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
 
 POSITION = ("x", "y", "z")

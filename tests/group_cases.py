@@ -13,8 +13,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.sites import sites_of
+from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, offered

@@ -12,8 +12,8 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
-from gpmodel.model.own_pose import frame_of
 from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import frame_of
 from gpmodel.planning.scenes import INSTRUMENTS
 from gpmodel.table.dataset import unmeasured
 

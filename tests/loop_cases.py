@@ -20,7 +20,7 @@ from gpmodel.evolution.tree import Tree
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"

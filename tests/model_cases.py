@@ -8,7 +8,7 @@ from cli_cases import robot
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
 
 CASES: dict[str, dict[str, Any]] = {

@@ -10,14 +10,13 @@ from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
-from gpmodel.evolution.kept import NothingKept
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.runs import Plan, run_all
+from gpmodel.evolution.runs import NothingKept, Plan, run_all
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Threads
 from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
-from gpmodel.model.geometric import standard_effects
+from gpmodel.model.sites import standard_effects
 from gpmodel.report.build import Ladder
 from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.from_discovery import from_discovery

@@ -10,7 +10,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 NAMES = (
     "base compliance",

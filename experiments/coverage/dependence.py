@@ -28,7 +28,7 @@ from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.split import stretches
 
 CASE = Case("innocent", "kuka_like", 120, 0.03, columns=("temperature",))

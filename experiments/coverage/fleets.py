@@ -26,7 +26,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.hierarchy.record import FleetPart
 from gpmodel.model.error_model import ErrorModel
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 SIZES = (5, 6, 8, 12)
 WAYS = ("60 poses", "120 poses", "repeats, labelled", "outliers", "noise by distance")

@@ -32,7 +32,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.families.by_name import effects_named
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import Origin
 from gpmodel.table.bundles import replicates
 from gpmodel.table.split import hold_out

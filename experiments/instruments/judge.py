@@ -20,8 +20,8 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.own_pose import frame_of, numbers_of
+from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.se3 import frame_of, numbers_of
 from gpmodel.table.dataset import unmeasured
 
 POSES = {

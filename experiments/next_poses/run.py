@@ -30,7 +30,7 @@ from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.design import Question, choose_for_all, deviations
 from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import pool_of

@@ -30,8 +30,7 @@ from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Processes, Threads, Workers, scheduled
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.sites import sites_of
+from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.progress import Teller
 
 ARM = load_mechanism("irb6400r")

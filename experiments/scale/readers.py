@@ -15,7 +15,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.write import frame_of
 from gpmodel.texts import SEAL, seal

@@ -24,6 +24,7 @@ from experiments.speed.slot_problems import EFFECTS, planted
 from experiments.tables import write_table
 from gpmodel.discovery.search import Search
 from gpmodel.evolution import engine
+from gpmodel.evolution.engine import over_slices
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.machine import Layout
@@ -31,7 +32,6 @@ from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Settings, thesis_settings
-from gpmodel.evolution.threads import over_slices
 from gpmodel.evolution.tree import Tree
 from gpmodel.evolution.tree_breeding import TreeBreeding
 from gpmodel.evolution.tree_population import Individual, Trees

@@ -23,7 +23,7 @@ from gpmodel.discovery.loop import discover
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin, versions
 from gpmodel.report.saved import as_dict

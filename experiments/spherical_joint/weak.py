@@ -23,7 +23,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
 from gpmodel.table.split import hold_out
 from joints import spherical_joint

@@ -24,7 +24,7 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
 from joints import spherical_joint
 

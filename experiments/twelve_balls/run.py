@@ -29,7 +29,7 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.balls import balls_of
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
 from gpmodel.report.schema_search import RIVAL_MARGIN
 

@@ -29,8 +29,8 @@ from gpmodel.hierarchy.record import FleetPart, read_fleet
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
-from gpmodel.model.geometric import standard_effects
 from gpmodel.model.naming import in_mechanism_names, names_of, translate
+from gpmodel.model.sites import standard_effects
 from gpmodel.report.build import Ladder
 from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.origin import Origin

@@ -13,7 +13,7 @@ from gpmodel.api.table import TableLike, read_table, specified, told_of_reading
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
 from gpmodel.files import finished_folder, to_json, write_text
-from gpmodel.model.geometric import standard_effects
+from gpmodel.model.sites import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset

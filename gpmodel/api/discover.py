@@ -32,8 +32,8 @@ from gpmodel.families.offer import Offer, distinct, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
-from gpmodel.model.geometric import standard_effects
 from gpmodel.model.naming import in_mechanism_names, names_of, translate
+from gpmodel.model.sites import standard_effects
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery

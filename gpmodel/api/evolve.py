@@ -24,16 +24,15 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram
-from gpmodel.evolution.kept import KeptRuns, NothingKept
 from gpmodel.evolution.representation import Representation
-from gpmodel.evolution.runs import Plan, Run, run_all
+from gpmodel.evolution.runs import KeptRuns, NothingKept, Plan, Run, run_all
 from gpmodel.evolution.selection import SelectionScheme
 from gpmodel.executor import Threads, Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import standard_effects
+from gpmodel.model.sites import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import words
 from gpmodel.report.from_evolution import from_evolution

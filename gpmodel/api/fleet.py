@@ -39,11 +39,11 @@ from gpmodel.hierarchy.record import (
     fleet_text,
     prior_parts,
 )
-from gpmodel.mechanism.identity import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import fleet as pages
 from gpmodel.report.build import Ladder

@@ -15,9 +15,9 @@ from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.identity import same_machine, tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
+from gpmodel.mechanism.workspace import same_machine, tip_at_probe
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques

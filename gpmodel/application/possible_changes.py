@@ -18,8 +18,8 @@ from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
 from gpmodel.model import lens
 from gpmodel.model.effect import drive_effect, effect_at
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.memory import clock_of
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 
 Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]

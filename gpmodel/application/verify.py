@@ -23,8 +23,8 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.model.observation import observations
-from gpmodel.model.own_pose import frame_of
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.numerics.se3 import frame_of
 from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]

@@ -8,11 +8,11 @@ from scipy import special
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
 from gpmodel.model.pixel import Pixels
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Readings
 
 FITS = 2

@@ -18,7 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Teller
 from gpmodel.table.bundles import SAME_JOINT, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset

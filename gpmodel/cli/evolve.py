@@ -31,8 +31,8 @@ from gpmodel.cli.options import (
 )
 from gpmodel.cli.request import Request, Typed
 from gpmodel.errors import InputError
-from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.representation import Representation, label
+from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers, scheduled
 from gpmodel.mechanism.source import LoadedMechanism

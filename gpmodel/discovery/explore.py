@@ -16,10 +16,9 @@ from gpmodel.evidence.score import saved, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
-from gpmodel.evolution.kept import KeptRuns
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.representation import label
-from gpmodel.evolution.runs import Task, run_all
+from gpmodel.evolution.runs import KeptRuns, Task, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate

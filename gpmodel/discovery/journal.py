@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from gpmodel.discovery.result import Finding, Round
-from gpmodel.evolution.kept import KeptRuns, NothingKept
+from gpmodel.evolution.runs import KeptRuns, NothingKept
 
 
 class Journal(KeptRuns, Protocol):

@@ -26,7 +26,7 @@ from gpmodel.families.offer import Offer, distinct
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Say, Teller, silent
 
 

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.constants import own_constants_polished
+from gpmodel.evolution.engine import over_slices
 from gpmodel.evolution.pareto import program_at
 from gpmodel.evolution.problems import CartesianProblem, Scored, SlotProblem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.settings import Settings
-from gpmodel.evolution.threads import over_slices
 from gpmodel.executor import cores
 
 POLISHED = 4

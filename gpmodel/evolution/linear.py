@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.engine import Code, empty_code
+from gpmodel.evolution.engine import Code, empty_code, over_slices
 from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.representation import Population, check_ranges
-from gpmodel.evolution.threads import over_slices
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, TABLE_CONSTANTS, operator_set
 from gpmodel.formula.program import Builder, Program
 

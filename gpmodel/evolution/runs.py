@@ -2,19 +2,43 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 from zlib import crc32
 
 import numpy as np
 
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.input_histogram import RunRecord
-from gpmodel.evolution.kept import KeptRuns, Number
 from gpmodel.evolution.problems import CartesianProblem, Problem
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Settings
 from gpmodel.executor import Workers
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
+
+Number = tuple[int, int]
+"""Number of a run: its round, or the place of its representation, and which of the runs there it is."""
+
+
+class KeptRuns(Protocol):
+    """Where finished runs go at once, so that an interrupted search repeats only what was under way."""
+
+    def run(self, number: Number) -> Evolution | None:
+        """The run of that number, None where it has yet to be done."""
+
+    def keep_run(self, number: Number, found: Evolution) -> None:
+        """Keep it. Raises WriteError where it cannot be written."""
+
+
+class NothingKept:
+    """Keeps no runs."""
+
+    def run(self, number: Number) -> Evolution | None:
+        """None."""
+        return None
+
+    def keep_run(self, number: Number, found: Evolution) -> None:
+        """Keeps nothing."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from gpmodel.families import axis as families_axis
 from gpmodel.families import curves as families_curves
 from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
-from gpmodel.families import load_curves as families_load_curves
 from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
 from gpmodel.families import ripple as families_ripple
@@ -71,9 +70,9 @@ _OWN: tuple[Family, ...] = (
     Family("preload", "a ball joint yields once what pulls at it comes near the force that holds it", "Robertson 2003, 3.1 (preload by magnets)", families_load.preload),
     Family("following", "the place follows an angle or a column of the table; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_curves.following, generic=True, needs_pointing=True),
     Family("session_curve", "the set-up or a joint wanders slowly along the rows", "ISO 230-3", families_curves.session, generic=True),
-    Family("structure_compliance", "a link, bearing or the foundation yields along one axis under the load there", "Klimchik 2014", families_load_curves.compliances, generic=True),
-    Family("cross_compliance", "a joint yields under the torque of another: stiffness that is not where it is drawn", "Klimchik 2014", families_load_curves.all_torques, generic=True),
-    Family("load_curve", "the joint yields along a curve of its torque: hardening, saturation, a dead band", "Ruderman et al. 2009; Harmonic Drive catalogue, torsional stiffness K1-K3", families_load_curves.load_curves, generic=True),
+    Family("structure_compliance", "a link, bearing or the foundation yields along one axis under the load there", "Klimchik 2014", families_curves.compliances, generic=True),
+    Family("cross_compliance", "a joint yields under the torque of another: stiffness that is not where it is drawn", "Klimchik 2014", families_curves.all_torques, generic=True),
+    Family("load_curve", "the joint yields along a curve of its torque: hardening, saturation, a dead band", "Ruderman et al. 2009; Harmonic Drive catalogue, torsional stiffness K1-K3", families_curves.load_curves, generic=True),
 )  # fmt: skip
 
 catalogue: tuple[Family, ...] = (*_OWN, *installed())

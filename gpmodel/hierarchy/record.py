@@ -27,8 +27,8 @@ from gpmodel.application.model_schema import (
 from gpmodel.errors import InputError
 from gpmodel.files import to_json
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.identity import same_machine, tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import same_machine, tip_at_probe
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.texts import SEAL, seal

@@ -1,10 +1,12 @@
-"""What a mechanism spans: random poses within its limits, and its links."""
+"""What a mechanism spans: random poses within its limits, its links, and the tip by which it is recognised."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint, Levered, Mechanism, closed
+from gpmodel.numerics.se3 import chain
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
@@ -57,3 +59,25 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
         return mechanism.levers
     rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
     return {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}
+
+
+TIP_TOLERANCE = 1e-7
+"""m, by which two descriptions of one machine may differ: rounding."""
+
+
+def tip_at_probe(mechanism: Mechanism) -> Array:
+    """Tip (3,), m, at one oblique pose: a fingerprint of the nominal geometry up to the measured frame.
+
+    The pose is near the middle of the limits where loops do not close at the usual one.
+    """
+    count = np.arange(1.0, len(mechanism.joints) + 1.0)
+    q, loops = 0.1 * count[None], closed(mechanism)
+    if loops is not None and not loops.closes(q)[0]:
+        lower, upper = np.array([joint_range(joint) for joint in mechanism.joints]).T
+        q = (0.5 * (lower + upper) + 0.01 * (upper - lower) * count)[None]
+    return chain(mechanism.transforms(q))[-1][0, :3, 3]
+
+
+def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
+    """Whether two tips at that pose are of one machine."""
+    return bool(np.allclose(tip, other, atol=TIP_TOLERANCE, rtol=0))

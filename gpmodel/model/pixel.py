@@ -15,8 +15,8 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model import camera_start, lens
 from gpmodel.model.observation import Own, Tips
-from gpmodel.model.own_pose import by_pose, frame_of, numbers_of, turned
 from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 WORLD = -1
 """The carrier of what stands still."""

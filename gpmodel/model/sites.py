@@ -1,13 +1,17 @@
-"""Places where a twist may act: the base, every joint's drive and other axes, the tool."""
+"""Places where a twist may act: the base, every joint's drive and other axes, the tool; and the constants there."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis
+from gpmodel.mechanism.branches import branched, stands
 from gpmodel.mechanism.protocol import AXES, Mechanism, closed
-from gpmodel.model.effect import Effect, Term
+from gpmodel.model.effect import Effect, Term, effect_at
 
 SAME = 1e-9
 """m and rad that a unit twist has along another axis by rounding alone."""
@@ -65,3 +69,43 @@ def _is_new(step: Array, axis: str) -> bool:
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
     return int(np.sum(np.abs([*along, *turned]) > SAME)) > 1
+
+
+def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
+    """The redundant complete set: six constant twists on the moving side of every joint, or what closed loops have; of
+    several arms also where each but the first stands."""
+    loops, tree = closed(mechanism), branched(mechanism)
+    stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
+    slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints)]
+    return tuple(
+        effect_at(f"{slot.removesuffix('.moving')} {axis}", slot, axis, family="geometric")
+        for slot, axis in (loops.constants if loops else ((slot, axis) for slot in slots for axis in AXES))
+    )
+
+
+def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> tuple[Effect, ...]:
+    """The geometric effects whose name (`J3 Ty`) fits any of the patterns; `none` alone for none of them.
+
+    patterns: shell patterns over NAME AXIS, with J1..Jn for the joints' own names. Raises InputError for a
+    pattern that fits nothing.
+    """
+    everything = geometric_effects(mechanism)
+    if tuple(patterns) == ("none",):
+        return ()
+    chosen: set[str] = set()
+    for pattern in patterns:
+        fits = [e.name for e in everything if any(fnmatchcase(n, pattern) for n in _aliases(e.name, mechanism))]
+        if not fits:
+            raise InputError(
+                f"'{pattern}' fits no parameter; available: {everything[0].name} to {everything[-1].name}", "standard"
+            )
+        chosen.update(fits)
+    return tuple(e for e in everything if e.name in chosen)
+
+
+def _aliases(name: str, mechanism: Mechanism) -> tuple[str, ...]:
+    """The name itself, and with J1..Jn for the joint that it is at; a link of closed loops may be at none."""
+    place, axis = name.rsplit(" ", 1)
+    names = [joint.name for joint in mechanism.joints]
+    at = (i for i, n in enumerate(names) if place == n or place.startswith(f"{n}."))
+    return name, *(f"J{i + 1}{place.removeprefix(names[i])} {axis}" for i in at)

@@ -13,8 +13,7 @@ from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model import memory
-from gpmodel.model.derived import Derived, ball_angles, link_weights
-from gpmodel.model.instrument import Seen, seen_columns
+from gpmodel.model.derived import Derived, Seen, ball_angles, link_weights, seen_columns
 from gpmodel.model.measured_torque import measured_torque, measured_torques, torque_columns
 from gpmodel.model.memory import Past
 from gpmodel.numerics.se3 import chain
@@ -33,7 +32,7 @@ class States:
     what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
     that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
     what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
-    point (`seen`) by those of gpmodel.model.instrument, how far each ball joint is turned (`turned`) by those of its
+    point (`seen`) by those of gpmodel.model.derived, how far each ball joint is turned (`turned`) by those of its
     Ball, what a payload alone exerts (`carried`) where every row has the same. None of these is listed in `columns`.
     loads: columns that are loads of the mechanism, computed or measured.
     """

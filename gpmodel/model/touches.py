@@ -16,8 +16,8 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.observation import AtTheTip, Own, Tips
-from gpmodel.model.own_pose import by_pose, frame_of, numbers_of, turned
 from gpmodel.model.surfaces import SURFACES, Surface, aligned
+from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 
 @dataclass(frozen=True, eq=False)

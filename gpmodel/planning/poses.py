@@ -10,7 +10,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import joint_range
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import Determinant, Goal, Question, Smallest, Variance

@@ -11,8 +11,8 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.own_pose import numbers_of
 from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import numbers_of
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
 NOISE = {"camera": ("px", 0.1), "hand camera": ("px", 0.1), "inclinometer": ("deg", 0.002)}

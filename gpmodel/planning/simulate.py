@@ -12,7 +12,7 @@ from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
 from gpmodel.planning.readings import Real, read_in

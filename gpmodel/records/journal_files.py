@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gpmodel.discovery.result import Finding, Round
-from gpmodel.evolution.kept import Number
+from gpmodel.evolution.runs import Number
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.records.unfinished import Unfinished

@@ -14,8 +14,8 @@ from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, reading_records
 from gpmodel.report.effects import effect_records
+from gpmodel.report.from_evolution import histogram_record
 from gpmodel.report.origin import Origin
-from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (

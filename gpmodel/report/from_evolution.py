@@ -15,9 +15,24 @@ from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
 from gpmodel.report.origin import Origin
-from gpmodel.report.referenced import histogram_record
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import HistogramRecord, ProgramRecord
+
+
+def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
+    """What a report keeps of a histogram; `names` are the table's names of inputs."""
+    return HistogramRecord(
+        inputs=tuple(names.get(x, x) for x in counted.inputs),
+        counts=dict(counted.counts),
+        shuffled=counted.referring_by_chance(),
+        p_values=counted.p_values,
+        count_p=counted.count_p,
+        strength_p=counted.strength_p,
+        runs=sum(counted.runs.values()),
+        shuffled_runs=sum(counted.shuffled_runs.values()),
+        significance=counted.significance,
+        significant=tuple(names.get(x, x) for x in counted.significant),
+    )
 
 
 def from_evolution(

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.calibration.result import Calibration
-from gpmodel.mechanism.identity import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of
 from gpmodel.model.observation import observations

@@ -17,7 +17,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 
 

@@ -12,9 +12,9 @@ from gpmodel.api.model import POINTS, Point
 from gpmodel.application.predict import predicted_columns
 from gpmodel.application.usable import placed_now, usable
 from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import prepare
-from gpmodel.model.instrument import seen_columns
 from gpmodel.table.dataset import unmeasured
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]

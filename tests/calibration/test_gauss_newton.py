@@ -13,7 +13,7 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel, observe, pose_error, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 SEEN = {"position": ("position",), "pose": ("position", "rotation"), "distance": ("distance",)}
 

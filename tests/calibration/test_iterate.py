@@ -13,7 +13,7 @@ from gpmodel.calibration.priors import GEOMETRY_REACH, geometry_rows, prior_rows
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import sharing
 
 

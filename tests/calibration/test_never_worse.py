@@ -15,7 +15,7 @@ from gpmodel.calibration.result import errors_on, without_outlier_marks
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 

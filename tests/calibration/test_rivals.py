@@ -19,7 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 
 LOBES = "out-of-round ball, 2 lobes over J2, lift along z"

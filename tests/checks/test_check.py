@@ -14,7 +14,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics.se3 import exp, rotation_vector
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.dataset import Dataset

@@ -21,7 +21,7 @@ from gpmodel.families.catalogue import catalogue
 from gpmodel.families.curves import continued, curves
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.group import Shapes, group_of
 
 ARM, COUNT = "irb6400r", 240

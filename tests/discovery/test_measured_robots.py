@@ -9,7 +9,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism

@@ -17,7 +17,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.inner import NonlinearParameters
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import hold_out
 

@@ -18,7 +18,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.load import backlash_load
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Teller
 
 ARM, POSES, ODD = "ur5", 60, 3

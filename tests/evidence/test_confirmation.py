@@ -19,7 +19,7 @@ from gpmodel.evidence.units import exchangeable, independent_units
 from gpmodel.evolution.chance import chance
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Progress
 from gpmodel.table.dataset import Dataset
 

@@ -16,7 +16,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import deflated, scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 
 @pytest.mark.parametrize("planted", NAMES)

@@ -21,8 +21,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.sites import sites_of
+from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.numerics.rank import canonical_correlation, orthonormal
 from gpmodel.table.split import folds

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from executor_cases import Elsewhere
 
-from gpmodel.evolution.kept import NothingKept, Number
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.runs import Plan, run_all
+from gpmodel.evolution.runs import NothingKept, Number, Plan, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree

@@ -15,7 +15,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.dataset import unmeasured
 from joints import spherical_joint

@@ -17,10 +17,10 @@ from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.instrument import OUT_OF_ORDER
 from gpmodel.families.offer import instances
 from gpmodel.mechanism.protocol import INSTRUMENT, places
+from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.instrument import seen_columns
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.group import CAP, Shapes, group_of
 from gpmodel.table.specification import Specification
 

@@ -16,7 +16,7 @@ from gpmodel.families.catalogue import candidates
 from gpmodel.mechanism.protocol import Mechanism, Weighed
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from joints import spherical_joint
 from robots.chain import SerialChain
 

@@ -16,7 +16,7 @@ from gpmodel.families import memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
 
 ARM = mechanism("irb6400r")

@@ -18,7 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import ClosedLoops, closed
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
-from gpmodel.model.geometric import geometric_effects, standard_effects
+from gpmodel.model.sites import geometric_effects, standard_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
 from joints import load_mechanism, spherical_joint

@@ -15,7 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.mechanism.source import MechanismChoice, load_mechanism
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.write import frame_of
 from joints.description import read_joint

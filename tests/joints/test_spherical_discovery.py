@@ -13,7 +13,7 @@ from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.split import hold_out
 
 SEED = 1

@@ -9,7 +9,7 @@ from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.families.catalogue import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.refit import far_out
 from gpmodel.selection.select import select

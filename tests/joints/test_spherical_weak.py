@@ -12,7 +12,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 LOBE, GROWTH = 8e-6, 0.4e-6
 WEAK: dict[str, tuple[str, Callable[[Array, Array], dict[int, Array]], tuple[float, ...]]] = {

@@ -22,7 +22,7 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.balls import balls_of
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
 from joints import spherical_joint

@@ -15,7 +15,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 
 ANCHORS = ("distance_a", "distance_b")

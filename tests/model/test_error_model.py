@@ -13,7 +13,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.report.fitted import statistics_mm
 from gpmodel.report.schema import ErrorsMm

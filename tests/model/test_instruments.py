@@ -13,8 +13,8 @@ from gpmodel.calibration.linearise import linearise, placement_after
 from gpmodel.calibration.unobservable import unseen
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instruments import with_observations
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
 
 STEP = 2e-6

@@ -13,9 +13,9 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.weigh import weighed
 from gpmodel.model.camera_start import view_pose
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instruments import with_observations
-from gpmodel.model.own_pose import frame_of
+from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.se3 import frame_of
 
 BALL = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]) * 0.04
 SIDEWAYS = np.cos(np.radians(70.0))

@@ -15,7 +15,7 @@ from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.error_model import ErrorModel, observe
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.report.quantity import quantity, shape
 

@@ -16,8 +16,8 @@ from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.observation import AtTheTip, Own, Tips
+from gpmodel.model.sites import geometric_effects
 from gpmodel.table.split import hold_out
 
 ARM = "irb6400r"

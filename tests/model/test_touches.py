@@ -13,10 +13,10 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
 from gpmodel.model.instruments import with_observations
-from gpmodel.model.own_pose import frame_of, numbers_of
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import frame_of, numbers_of
 from gpmodel.planning.readings import Real, read_in
 from gpmodel.planning.scenes import BALL, scene_of
 from gpmodel.table.dataset import Dataset

@@ -12,7 +12,7 @@ from gpmodel.application.model_file import load_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 
 PLANTED = {
     "catalogue": "base_compliance=3e-7 rad/Nm",

@@ -14,7 +14,7 @@ from gpmodel.families.family import Family
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.report.effects import over_the_workspace
 from gpmodel.report.explain import MEASURES, explain, html, kinds_of, text

@@ -8,7 +8,7 @@ from effect_cases import measure
 
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.model.error_model import prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.report.iso9283 import positioning
 
 NOISE, TIMES = 2e-5, 4

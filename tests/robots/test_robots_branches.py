@@ -17,7 +17,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import assembled, lineage
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from robots.urdf import read_urdf
 

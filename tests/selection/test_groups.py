@@ -16,7 +16,7 @@ from gpmodel.evidence.gain import best, gain, with_own_noise
 from gpmodel.families import catalogue
 from gpmodel.families.catalogue import explained
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering, offered

@@ -17,7 +17,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection import merge
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups, group_of, joined

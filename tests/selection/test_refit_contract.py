@@ -11,7 +11,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection import select as selection
 from gpmodel.selection.offers import Offering, of_offers
 from joints import spherical_joint

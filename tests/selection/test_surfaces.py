@@ -14,8 +14,7 @@ from gpmodel.evidence.gain import best, rotated
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.geometric import geometric_effects
-from gpmodel.model.sites import Site, sites_of
+from gpmodel.model.sites import Site, geometric_effects, sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP
 from gpmodel.selection.offers import Offering

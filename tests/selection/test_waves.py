@@ -13,7 +13,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.geometric import geometric_effects
+from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import group_of
 from gpmodel.selection.offers import Offering

@@ -135,3 +135,30 @@ def _angle(about_z: Array) -> float:
 def _degrees(angle: float) -> str:
     """An angle in rad, in degrees within half a turn."""
     return repr(float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi)))
+
+
+PARALLEL = 1e-9
+"""Radians up to which axes are written as parallel: at two metres 2 nm."""
+
+
+def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
+    """CSV of a chain with constant error twists (6,), m and rad, by slot: rx, rz in deg, tx, tz in mm, and the motion
+    that is added, in table coordinates. note: its first comment."""
+    base, between, tool = along_z(chain, twists)
+    steps = [across(frame, PARALLEL) for frame in between]
+    lines = [f"# {line}" for line in note.splitlines()]
+    lines += ["# H = base * rotx(rx) transl(tx, 0, tz) rotz(rz) of every row * tool; the motion is added to rz or tz"]
+    lines += [_frame("base", base), _frame("tool", tool), "motion,rx [deg],tx [mm],tz [mm],rz [deg]"]
+    for weights, before, after in zip(chain.motions, [Across(), *steps], [*steps, Across()], strict=True):
+        terms = zip(weights.tolist(), mechanism.joints, strict=True)
+        motion = " ".join(f"{w:+g}*{joint.name}" for w, joint in terms if w)
+        angles = np.degrees([before.alpha, before.next_turn + after.turn])
+        lengths = 1e3 * np.array([before.a, before.next_slide + after.slide])
+        lines.append(",".join([motion, *(repr(float(v)) for v in (angles[0], *lengths, angles[1]))]))
+    return "\n".join(lines) + "\n"
+
+
+def _frame(name: str, frame: Array) -> str:
+    """X, Y, Z, mm, R, P, W, deg: transl(x, y, z) rotz(w) roty(p) rotx(r)."""
+    numbers = [*(1e3 * frame[:3, 3]), *np.degrees(se3.roll_pitch_yaw(frame[:3, :3]))]
+    return f"# {name}, x y z r p w: {' '.join(repr(float(v)) for v in numbers)}"

@@ -14,15 +14,13 @@ import numpy as np
 
 from gpmodel.application.exports.against import Check, read_back, read_back_arms
 from gpmodel.application.exports.chain import chain_of
-from gpmodel.application.exports.dh import Convention, dh_text
+from gpmodel.application.exports.dh import Convention, dh_text, robodk_text
 from gpmodel.application.exports.forward import Forward
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
-from gpmodel.application.exports.rigid import Rigid, refitted
-from gpmodel.application.exports.robodk import robodk_text
+from gpmodel.application.exports.rigid import Rigid, measured_link, note_of, refitted, urdf_text, written
 from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_link, offsets_text, ur_text
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, input_names, latex_text, numpy_text, to_the_digits
-from gpmodel.application.exports.urdf import measured_link, note_of, urdf_text, written
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
