@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.extras import extra_for
-from gpmodel.mechanism.protocol import AXES, Joint
-from gpmodel.numerics import se3
+from gpmodel.mechanism.protocol import Joint
 from gpmodel.table.units import identifier
 from robots.links import Chain
 from robots.statics import gravity_loads, unit_loads
@@ -24,17 +22,6 @@ from robots.urdf_tree import read_tree
 
 if TYPE_CHECKING:
     from robots.collision import Shape
-
-
-def along(axis: str, value: float) -> Array:
-    """Transform (4, 4) of one motion by value, rad about or m along the axis, one of AXES."""
-    return np.asarray(se3.along(AXES.index(axis), np.array([value]))[0])
-
-
-def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
-    """Transform (4, 4) that turns by Rz(yaw) Ry(pitch) Rx(roll), rad, and moves by xyz (3,), m."""
-    roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
-    return se3.shift(xyz) @ along("Rz", yaw) @ along("Ry", pitch) @ along("Rx", roll)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,8 +52,8 @@ from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.toml_table import TomlTable
 from gpmodel.texts import read_toml
 from robots.branches import Branches, check_arms
-from robots.chain import SerialChain, along, placement
-from robots.links import DOWN, Link
+from robots.chain import SerialChain
+from robots.links import DOWN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:

@@ -7,12 +7,25 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
+
+
+def along(axis: str, value: float) -> Array:
+    """Transform (4, 4) of one motion by value, rad about or m along the axis, one of AXES."""
+    return np.asarray(se3.along(AXES.index(axis), np.array([value]))[0])
+
+
+def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
+    """Transform (4, 4) that turns by Rz(yaw) Ry(pitch) Rx(roll), rad, and moves by xyz (3,), m."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
+    return se3.shift(xyz) @ along("Rz", yaw) @ along("Ry", pitch) @ along("Rx", roll)
+
 
 DOWN = (0.0, 0.0, -GRAVITY)
 

@@ -11,8 +11,8 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
-from robots.chain import SerialChain, along
-from robots.links import Link
+from robots.chain import SerialChain
+from robots.links import Link, along
 from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 
 FINGER_DEPTH = 3

@@ -13,8 +13,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
-from robots.chain import along
-from robots.links import Chain
+from robots.links import Chain, along
 from robots.urdf_file import parse_xml
 from robots.urdf_tree import origin_of
 

@@ -15,7 +15,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.quantities import checked_length, checked_mass
-from robots.chain import placement
+from robots.links import placement
 from robots.urdf_file import parse_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
