@@ -3,7 +3,7 @@
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 WIDTH = 80
@@ -20,7 +20,7 @@ _TOGETHER = re.compile(r"(?<=\d) (?=%)|(?<=±) | (?=±)")
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
-def wrapped(text: str, indent: int = 0, first: str | None = None) -> str:
+def wrapped(text: str, indent: int = 4, first: str | None = None) -> str:
     """Lines of WIDTH at most, indented; the first of them by a text of its own. Values keep their ± and their %."""
     start, rest = " " * indent if first is None else first, " " * indent
     kept = _TOGETHER.sub(_HARD_SPACE, text)
@@ -28,6 +28,11 @@ def wrapped(text: str, indent: int = 0, first: str | None = None) -> str:
         WIDTH, initial_indent=start, subsequent_indent=rest, break_on_hyphens=False, break_long_words=False
     )
     return whole.fill(kept).replace(_HARD_SPACE, " ")
+
+
+def titled(blocks: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Blocks of lines, each below its title; those without lines are left out."""
+    return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from gpmodel.planning.poses import pool_of
 from gpmodel.planning.reach import Reach
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord
 
 POOLED = 40
 """Poses that a pool is made for where none are chosen: the default of choosing them."""
@@ -111,7 +110,9 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
     by_mechanism = {translate(c, names): c for c in outlook.candidates}
     found = []
     for effect in record.effects:
-        own = [i for i, e in enumerate(effects) if _is_of(translate(e.name, names), effect) and saved.theta[i]]
+        called = [translate(e.name, names) for e in effects]
+        mine = [name == effect.name or name.startswith(f"{effect.name},") for name in called]
+        own = np.flatnonzero(np.logical_and(mine, saved.theta)).tolist()
         wanted = [by_mechanism[r.name] for r in effect.close_rivals() if r.name in by_mechanism][:MOST_RIVALS]
         rivals = tuple((translate(n, names), outlook.candidates[n]) for n in wanted)
         if own:
@@ -129,7 +130,3 @@ def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
         for mimic in (record.mimics if record else ())
         if mimic.constant in own and mimic.rival in rivals
     ]
-
-
-def _is_of(name: str, effect: EffectRecord) -> bool:
-    return name == effect.name or name.startswith(f"{effect.name},")

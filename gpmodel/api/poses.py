@@ -69,7 +69,7 @@ class PosesResult(Shown):
     def summary(self) -> str:
         """How many, what for, and the curve of what is known against their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
-        lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said)]
+        lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not knows_its_shape(self.mechanism):
             lines.append("its geometry is not known here: look for collisions before you move")
         rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))

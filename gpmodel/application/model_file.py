@@ -8,8 +8,8 @@ import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.application.measured import Measured, measured_from, measured_record
-from gpmodel.application.model_reader import read_effect, read_measured, read_part
-from gpmodel.application.model_schema import KIND, SCHEMA, ModelPart
+from gpmodel.application.model_reader import converted, read_part
+from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.errors import InputError
@@ -158,7 +158,7 @@ def model_text(saved: SavedModel, **more: object) -> str:
 def check_kept(effect: Effect) -> None:
     """Raises InputError for an effect that model.json may not hold, by the field that is beyond its bounds."""
     try:
-        read_effect(plain(_effect_content(effect, 0.0, 0.0)))
+        converted(plain(_effect_content(effect, 0.0, 0.0)), EffectPart, "effect")
     except InputError as error:
         raise InputError(f"effect '{effect.name}' could not be kept in a model file: {error}") from None
 
@@ -166,7 +166,7 @@ def check_kept(effect: Effect) -> None:
 def check_table(dataset: Dataset) -> None:
     """Raises InputError for a table that model.json may not hold, by the field that is beyond its bounds."""
     try:
-        read_measured(plain(measured_record(Measured(dataset, np.zeros(0, dtype=np.int64)))))
+        converted(plain(measured_record(Measured(dataset, np.zeros(0, dtype=np.int64)))), MeasuredPart, "table")
     except InputError as error:
         raise InputError(f"{dataset.source!a} could not be kept in a model file: {error}") from None
 

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, EffectPart, MeasuredPart, ModelPart
+from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, ModelPart
 from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
@@ -49,7 +49,7 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
         read = " and ".join(map(str, of.schemas))
         raise InputError(f"{path}: schema {content.get('schema')!r}; this version of gpmodel reads schema {read}")
     try:
-        part = _converted(content, of.part, of.word)
+        part = converted(content, of.part, of.word)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if content.get(SEAL) != seal(content):
@@ -57,17 +57,7 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
     return part, str(content[SEAL])
 
 
-def read_effect(content: object) -> EffectPart:
-    """One effect of a model.json. Raises InputError: a field that is missing or beyond its bounds."""
-    return _converted(content, EffectPart, "effect")
-
-
-def read_measured(content: object) -> MeasuredPart:
-    """The table of a model.json. Raises InputError: a field that is missing or beyond its bounds."""
-    return _converted(content, MeasuredPart, "table")
-
-
-def _converted(content: object, kind: type[Part], word: str) -> Part:
+def converted(content: object, kind: type[Part], word: str) -> Part:
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

@@ -7,7 +7,7 @@ import click
 from gpmodel.api.effects import effects as families
 from gpmodel.cli.options import mechanism_options
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.wording import WIDTH
+from gpmodel.wording import WIDTH, wrapped
 
 
 @click.command()
@@ -17,9 +17,7 @@ def effects(mechanism: LoadedMechanism) -> None:
     for row in families(mechanism).to_dict("records"):
         click.echo(row["family"])
         for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
-            click.echo(
-                textwrap.fill(line, WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
-            )
+            click.echo(wrapped(line))
 
 
 def _instances(row: dict[object, object]) -> str:

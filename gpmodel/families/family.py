@@ -16,11 +16,6 @@ PROVIDERS = "gpmodel.families"
 Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 
 
-def no_grids(mechanism: Mechanism, states: States) -> Iterable[FrequencyGrid]:
-    """No grids: every instance of the family can be named."""
-    return ()
-
-
 @dataclass(frozen=True)
 class Family:
     """A named physical effect.
@@ -40,7 +35,7 @@ class Family:
     explanation: str
     source: str
     build: Builder
-    grids: Callable[[Mechanism, States], Iterable[FrequencyGrid]] = no_grids
+    grids: Callable[[Mechanism, States], Iterable[FrequencyGrid]] = lambda *_: ()
     offered: Builder | None = None
     generic: bool = False
     needs_pointing: bool = False

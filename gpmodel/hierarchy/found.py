@@ -83,11 +83,7 @@ def found_on_most(
         tuple(e for c in by_machine[place] if c.name not in common for e in c.effects) for place in range(len(tasks))
     )
     on = {n: [serials[k] for k in range(len(tasks)) if any(c.name == n for c in by_machine[k])] for n in counts}
-    where = "; ".join(f"{name} on {_in_words(on[name], name in common)}" for name, _ in counts.most_common())
+    said = {name: str(len(serials)) if name in common else listed(serials) for name, serials in on.items()}
+    where = "; ".join(f"{name} on {said[name]}" for name, _ in counts.most_common())
     chosen = f"found on more than half of {len(tasks)} machines, by the catalogue alone: {where or 'nothing on any'}"
     return shared, own, chosen
-
-
-def _in_words(serials: Sequence[str], most: bool) -> str:
-    """Machines by name, of an effect that most of them have by number."""
-    return str(len(serials)) if most else listed(serials)

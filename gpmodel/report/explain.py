@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
-from textwrap import fill
 
 from gpmodel import wording
 from gpmodel.errors import InputError
@@ -67,7 +66,7 @@ def text(found: Explanation) -> str:
     lines = [f"{found.number}  {found.name}"]
     for heading, sentences in blocks:
         lines += [f"   {heading}"] if heading else []
-        lines += [fill(s, wording.WIDTH, initial_indent=" " * 5, subsequent_indent=" " * 5) for s in sentences if s]
+        lines += [wording.wrapped(s, 5) for s in sentences if s]
     return "\n".join(lines)
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from gpmodel.report import charts_errors, charts_findings, charts_search, charts_space
+from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
 
@@ -57,13 +56,6 @@ COLOURS = {
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
 }  # fmt: skip
 """The page's names of the colours that pictures are drawn in."""
-
-
-def pictures(report: Report) -> Iterator[Picture]:
-    """Every picture this report has the numbers for."""
-    return chain.from_iterable(
-        c.pictures(report) for c in (charts_errors, charts_space, charts_search, charts_findings)
-    )
 
 
 def draw(report: Report, folder: Path | None = None) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 
@@ -92,14 +91,14 @@ def _size(part: SharedPart) -> float | None:
 def summary(fleet: FleetPart) -> str:
     """The verdict, the machines with the worst first, the effects, the geometry, what to distrust."""
     blocks = (
-        ("Verdict", [_wrapped(verdict(fleet))]),
+        ("Verdict", [wording.wrapped(verdict(fleet))]),
         ("Machines, the farthest from the others first", list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
         ("Effects with priors of their own", list(_blocks(fleet))),
         ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
-        ("Record", [_wrapped(text) for text in record_of(fleet)]),
+        ("Record", [wording.wrapped(text) for text in record_of(fleet)]),
     )
-    return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
+    return wording.titled(blocks)
 
 
 def record_of(fleet: FleetPart) -> Iterator[str]:
@@ -144,10 +143,6 @@ def _parameters(parts: list[SharedPart]) -> Iterator[str]:
 def _blocks(fleet: FleetPart) -> Iterator[str]:
     for part in fleet.blocks:
         yield f"    {wording.shortened(part.name, 34):<35}{len(part.effects):>3} spread {spread(part)}, {band(part)}"
-
-
-def _wrapped(text: str) -> str:
-    return fill(text, wording.WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:

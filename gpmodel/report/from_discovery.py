@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 from scipy.special import softmax
@@ -85,7 +86,7 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
             explanation=record.explanation or unnamed,
             rivals=tuple(
                 RivalRecord(translate(n, names), fitted.optional(1e3 * v))
-                for n, v in sorted(hypothesis.rivals, key=_rms)
+                for n, v in sorted(hypothesis.rivals, key=itemgetter(1))
             ),
             probability=_among_rivals(hypothesis, discovery.final.freedom),
             cv_rms_mm=1e3 * hypothesis.cv_rms,
@@ -107,10 +108,6 @@ def _among_rivals(hypothesis: Hypothesis, freedom: float) -> float:
     leaves of poses left out, over the independent values. Source: Yao et al. (2018), pseudo-BMA."""
     left = np.array([hypothesis.cv_rms, *(rms for _, rms in hypothesis.rivals if rms > 0.0)])
     return float(softmax(-freedom * np.log(left))[0]) if hypothesis.cv_rms > 0.0 else 1.0
-
-
-def _rms(rival: tuple[str, float]) -> float:
-    return rival[1]
 
 
 def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:

@@ -20,6 +20,7 @@ from gpmodel.report import (
     verdict,
     words,
 )
+from gpmodel.report.picture import Picture
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 
@@ -28,12 +29,16 @@ NAME = 80
 """Characters of the name of a candidate."""
 MOST_POSES = 400
 """The page lists this many poses, the worst; poses.csv has all of them."""
-CHARTS = (charts_errors, charts_space, charts_search, charts_findings)
+
+
+def pictures(report: Report) -> Iterator[Picture]:
+    """Every picture this report has the numbers for."""
+    for charts in (charts_errors, charts_space, charts_search, charts_findings):
+        yield from charts.pictures(report)
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:
     """The page's text. drawings: inline SVG of the report's pictures by name, as `figures.draw` makes them."""
-    pictures = {p.name: p for chart in CHARTS for p in chart.pictures(report) if p.name in drawings}
     poses = pose_errors(report)
     return render(
         "report.html.j2",
@@ -41,7 +46,7 @@ def html(report: Report, drawings: Mapping[str, str]) -> str:
         tiles=list(_tiles(report)),
         parameters=[p for p in report.parameters if p.kept],
         dropped=report.dropped(),
-        pictures=pictures,
+        pictures={p.name: p for p in pictures(report) if p.name in drawings},
         drawings=drawings,
         poses=poses[:MOST_POSES],
         digits=_digits([p.after for p in poses]),

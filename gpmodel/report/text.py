@@ -6,7 +6,7 @@ from gpmodel import wording
 from gpmodel.report import instrument_words, suspect_words, verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
-from gpmodel.wording import WIDTH
+from gpmodel.wording import WIDTH, wrapped
 
 NAME = 24
 MOST_LISTED = 12
@@ -16,11 +16,11 @@ MOST_LISTED = 12
 def summary(report: Report) -> str:
     """Verdict, ladder, noise floor, findings with σ and rivals, parameters, caveats."""
     blocks = (
-        ("Verdict", [_wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
+        ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
         ("Readings, each in its own unit, RMS", list(_readings(report))),
-        ("Noise floor", [_wrapped(words.noise_floor(report))]),
-        ("Instrument", [_wrapped(instrument_words.instrument(report))] if report.instrument else []),
+        ("Noise floor", [wrapped(words.noise_floor(report))]),
+        ("Instrument", [wrapped(instrument_words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Suspects", list(_suspects(report))),
         ("Significant inputs", list(_inputs(report))),
@@ -28,11 +28,7 @@ def summary(report: Report) -> str:
         ("Tool in the flange, root in the instrument's frame", list(_placement(report))),
         ("Caveats", list(_doubts(report))),
     )
-    return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
-
-
-def _wrapped(text: str, indent: int = 4) -> str:
-    return wording.wrapped(text, indent)
+    return wording.titled(blocks)
 
 
 def _ladder(report: Report) -> Iterator[str]:
@@ -46,7 +42,7 @@ def _ladder(report: Report) -> Iterator[str]:
         cells = "".join(f"{v:>7}" for side in errors for v in _cells(side))
         title = report.title(rung)
         if len(title) > NAME:
-            yield _wrapped(title)
+            yield wrapped(title)
             title = ""
         yield f"    {title:<{NAME}}{cells}{'' if rung.rank is None else rung.rank:>10}"
 
@@ -65,21 +61,21 @@ def _effects(report: Report) -> Iterator[str]:
     if report.kind == "discover" and not report.effects:
         yield "    none: no further effect is significant"
     if said := words.confirmed(report):
-        yield _wrapped(said)
+        yield wrapped(said)
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
         doubt = words.rivalled(effect)
         if said := words.rivals(effect) if doubt else "":
-            yield _wrapped(f"{number}  {effect.name}; {said}")
-            yield _wrapped(f"{value}{_relative(effect)}, {doubt}", 7)
+            yield wrapped(f"{number}  {effect.name}; {said}")
+            yield wrapped(f"{value}{_relative(effect)}, {doubt}", 7)
         else:
-            yield _wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
+            yield wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")
         for basis, where in words.written(effect):
-            yield _wrapped(f"{basis} at {where}", 7)
+            yield wrapped(f"{basis} at {where}", 7)
         if said := "; ".join(words.constants(effect)):
-            yield _wrapped(said, 7)
+            yield wrapped(said, 7)
         if not effect.kept:
-            yield _wrapped("not identifiable with these poses, held at zero", 7)
+            yield wrapped("not identifiable with these poses, held at zero", 7)
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
             words.moves(effect),
@@ -88,19 +84,19 @@ def _effects(report: Report) -> Iterator[str]:
             if effect.p_value is not None
             else "",
         ]
-        yield _wrapped("; ".join(filter(None, facts)), 7)
+        yield wrapped("; ".join(filter(None, facts)), 7)
         if not doubt and (said := words.rivals(effect)):
-            yield _wrapped(said, 7)
+            yield wrapped(said, 7)
 
 
 def _suspects(report: Report) -> Iterator[str]:
     if report.suspects:
-        yield _wrapped(suspect_words.LEAD)
+        yield wrapped(suspect_words.LEAD)
     for number, suspect in enumerate(report.suspects, 1):
-        yield _wrapped(f"{number}  {suspect.name}: {suspect_words.would_explain(suspect)}")
+        yield wrapped(f"{number}  {suspect.name}: {suspect_words.would_explain(suspect)}")
         for said in filter(None, (f"not added: {suspect.why}", suspect_words.alternatives(suspect))):
-            yield _wrapped(said, 7)
-        yield _wrapped(f"poses that decide: {suspect_words.deciding(number)}", 7)
+            yield wrapped(said, 7)
+        yield wrapped(f"poses that decide: {suspect_words.deciding(number)}", 7)
 
 
 def _relative(effect: EffectRecord) -> str:
@@ -112,14 +108,14 @@ def _relative(effect: EffectRecord) -> str:
 def _inputs(report: Report) -> Iterator[str]:
     for number, histogram in enumerate(report.histograms, 1):
         standing = ", ".join(histogram.significant) or "none"
-        yield _wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
+        yield wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
         if said := words.removed(histogram):
-            yield _wrapped(said)
+            yield wrapped(said)
 
 
 def _parameters(report: Report) -> Iterator[str]:
     if report.geometry():
-        yield _wrapped(words.interval(report))
+        yield wrapped(words.interval(report))
     for parameter in report.geometry():
         value = wording.measured(parameter.value, parameter.stderr, parameter.unit, in_list=True)
         name = wording.short_name(parameter.name, NAME - 5)
@@ -141,17 +137,17 @@ def _placement(report: Report) -> Iterator[str]:
 
 def _doubts(report: Report) -> Iterator[str]:
     if report.dropped():
-        yield _wrapped(words.dropped(report))
+        yield wrapped(words.dropped(report))
     if report.data.outliers:
         rows = ", ".join(map(str, report.data.outliers))
-        yield _wrapped(f"outliers, not fitted: rows {rows}")
+        yield wrapped(f"outliers, not fitted: rows {rows}")
     if report.data.heldout and report.ladder and not report.held:
-        yield _wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
+        yield wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
     if report.unobservable:
         more = len(report.unobservable) - MOST_LISTED
         listed = ", ".join(report.unobservable[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-        yield _wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
-    yield from (_wrapped(text) for text in (*report.unseen, *report.hidden))
+        yield wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
+    yield from (wrapped(text) for text in (*report.unseen, *report.hidden))
     if report.status:
         limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"
-        yield _wrapped(f"{report.status}: {report.reason}{limit}")
+        yield wrapped(f"{report.status}: {report.reason}{limit}")

@@ -69,11 +69,6 @@ class Group(Candidate):
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
 
 
-def place_of(effect: Effect) -> str:
-    """Slot and axis of its first term."""
-    return f"{effect.terms[0].slot} {effect.terms[0].axis}"
-
-
 def spread_of(effect: Effect, shapes: Shapes) -> float:
     """Standard deviation over the poses of what a unit of it does to its slots; 0 where flat, NaN past numbers."""
     total, size = 0.0, 0.0
@@ -99,7 +94,7 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
     cap = min(CAP, effects[0].prior / spreads[0]) if candidate.believed else CAP
     whole = {**vars(candidate), "effects": effects, "family": candidate.family or effects[0].family}
     whole["inner"] = candidate.inner if len(effects) == len(candidate.effects) else None
-    return Group(**whole, spreads=spreads, where=place_of(effects[0]), cap=cap)
+    return Group(**whole, spreads=spreads, where=f"{effects[0].terms[0].slot} {effects[0].terms[0].axis}", cap=cap)
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
