@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gpmodel.extras import extra_for
+from gpmodel.files import plain
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -99,14 +100,9 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
-    from joints.studies.study import plain, png
+    from joints.studies.study import png
 
-    record = {
-        "schema": 1,
-        "command": f"joint {name}",
-        "seed": seed,
-        **{key: plain(value) for key, value in study.data.items()},
-    }
+    record = plain({"schema": 1, "command": f"joint {name}", "seed": seed, **study.data})
     numbers = (json.dumps(record, indent=1) + "\n").encode()
     files: dict[Path, bytes] = {}
     if json_file is not None:

@@ -84,7 +84,8 @@ class RecordedResult:
 
         Raises InputError, listing the names, for one that is none.
         """
-        from gpmodel.report.figures import figure, pictures
+        from gpmodel.report.figures import figure
+        from gpmodel.report.page import pictures
 
         known = {p.name: p for p in pictures(self.record)}
         if not known or (name is not None and name not in known):
@@ -99,7 +100,8 @@ class RecordedResult:
         )
         drawn = ""
         with suppress(ImportError):
-            from gpmodel.report.figures import in_a_page_of_its_own, pictures
+            from gpmodel.report.figures import in_a_page_of_its_own
+            from gpmodel.report.page import pictures
 
             drawn = next((in_a_page_of_its_own(p) for p in pictures(self.record)), "")
         table = effects.to_html(index=False) if len(effects) else ""

@@ -51,22 +51,12 @@ def dataset_from(
         kinds=tuple(j.kind for j in mechanism.joints),
         q=q,
         row=np.arange(1, n + 1),
-        position=cells.position,
-        rotation=cells.rotation,
-        payload=cells.payload,
-        distances=cells.distances,
-        readings=cells.readings,
-        labels=_with_tools(cells.labels, mechanism),
-        extras=cells.extras,
-        extra_names=cells.extra_names,
-        extra_units=cells.extra_units,
-        payload_given=cells.payload_given,
         source=path.name,
         sha256=sha256,
         columns=tuple(joints),
-        ignored=tuple(cells.ignored),
         empty_rows=int(frame.attrs.get("empty_rows", 0)),
         joints_approximate=not all(j.measured for j in mechanism.joints),
+        **vars(cells) | {"labels": _with_tools(cells.labels, mechanism), "ignored": tuple(cells.ignored)},
     )
     check_repeats(dataset)
     return dataset

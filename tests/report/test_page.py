@@ -14,8 +14,8 @@ from gpmodel import wording
 from gpmodel.cli.results import report as report_command
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report import explore
-from gpmodel.report.figures import draw, pictures
-from gpmodel.report.page import html
+from gpmodel.report.figures import draw
+from gpmodel.report.page import html, pictures
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import ErrorsMm, ParameterRecord, Report
 from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, RivalRecord, RoundRecord
