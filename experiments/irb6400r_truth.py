@@ -21,7 +21,7 @@ from gpmodel.numerics import se3
 from gpmodel.planning.poses import spread_poses
 from gpmodel.planning.reach import Reach
 from gpmodel.table.dataset import unmeasured
-from robots.irb6400r import irb6400r
+from robots.library import irb6400r
 
 POSES, TRAINING = 90, 40
 LOWEST_TIP = 0.3

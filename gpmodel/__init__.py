@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from gpmodel.errors import InputError
     from gpmodel.evidence.criteria import Criteria
     from gpmodel.evolution.linear import Linear
-    from gpmodel.evolution.selection import Tournament, Truncation
+    from gpmodel.evolution.settings import Tournament, Truncation
     from gpmodel.evolution.tree import Tree
     from gpmodel.families.candidate import Candidate
     from gpmodel.families.catalogue import catalogue

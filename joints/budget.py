@@ -11,13 +11,29 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns
 from gpmodel.errors import InputError
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.planning.poses import spread_poses
-from joints.kinematics import PARAMETERS, parameter, tooling_ball_position
+from gpmodel.table.dataset import unmeasured
+from joints.kinematics import JOINTS, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
 from joints.passive_joint import PassiveJoint, vector
 from joints.realignment import realigned
-from joints.sensitivity import thesis_columns
 from joints.settings import Settings, load_settings
+
+
+def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
+    """Columns (M, 30) of the position at q (N, 3), m a unit; three rows a pose, fewer with free angles."""
+    data = unmeasured(JOINTS, q)
+    effects = tuple(p.effect for p in THESIS_PARAMETERS)
+    model, poses = ErrorModel(joint, effects), prepare(joint, data)
+    observed = observe(model, poses, np.zeros(len(effects)), Placement({"": np.eye(4)}, {"": np.eye(4)}, {}))
+    columns = effect_columns(effects, model, poses, observed)[:, :3]
+    if angles_known:
+        return columns.reshape(3 * len(q), -1)
+    return eliminate(columns, np.zeros(columns.shape[:2]), joint_columns(joint, observed)[:, :3])[0]
+
 
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")

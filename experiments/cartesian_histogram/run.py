@@ -23,8 +23,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.selection import Tournament
-from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.settings import Budget, Settings, Tournament
 from gpmodel.formula.operators import TABLE_CONSTANTS
 from gpmodel.model.error_model import ErrorModel
 

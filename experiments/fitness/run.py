@@ -24,8 +24,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import CartesianProblem
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.selection import Tournament
-from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.settings import Budget, Settings, Tournament, thesis_settings
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.operators import TABLE_CONSTANTS
 

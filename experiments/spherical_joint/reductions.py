@@ -14,9 +14,9 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank as ident
 from gpmodel.planning.poses import spread_poses
+from joints.budget import thesis_columns
 from joints.kinematics import THESIS_PARAMETERS, parameter
 from joints.passive_joint import PassiveJoint
-from joints.sensitivity import thesis_columns
 
 CONDITION_LIMIT = 50.0
 REQUIRED = (1, 2, 3, 4, 5, 6, 25, 26, 27)

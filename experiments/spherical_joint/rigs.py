@@ -117,7 +117,7 @@ def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
         "right": any(r == {reads} for r in read) if reads else not found.findings,
         **({"true name": any(name in (n, *others) for n, others in zip(named, rivals, strict=True))} if name else {}),
         "shipped": found.confirmation is None or found.confirmation.passed,
-        "refit": round(float(chosen.fit.sigma / standard.sigma), 3),
+        "refit": round(float(chosen.state.sigma / standard.sigma), 3),
         "heldout_rms_um": [
             round(1e6 * float(np.sqrt(np.mean(s.heldout_error**2))), 2) for s in found.steps if found.findings
         ],

@@ -15,7 +15,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.selection import SelectionScheme
+from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}

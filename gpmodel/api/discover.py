@@ -23,7 +23,7 @@ from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evolution.selection import SelectionScheme
+from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue

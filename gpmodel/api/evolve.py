@@ -26,7 +26,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import KeptRuns, NothingKept, Plan, Run, run_all
-from gpmodel.evolution.selection import SelectionScheme
+from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.executor import Threads, Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text

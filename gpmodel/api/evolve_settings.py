@@ -6,8 +6,7 @@ from typing import Literal
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.selection import SelectionScheme
-from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.settings import Budget, SelectionScheme, Settings, thesis_settings
 from gpmodel.evolution.tree import Tree
 
 Space = Literal["cartesian", "slot"]

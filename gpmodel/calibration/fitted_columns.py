@@ -11,7 +11,7 @@ from gpmodel.calibration.priors import prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import Poses
-from gpmodel.numerics.leave_one_out import LeaveOneOut
+from gpmodel.numerics.least_squares import LeaveOneOut
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import ReadJoints, belief_rows, noise_sigma
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.least_squares import factored, solve
+from gpmodel.numerics.least_squares import solve
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,6 @@ def linear_step(
         inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
         inner[np.diag_indices_from(inner)] += np.sum(rows[:single] ** 2, axis=0)
         inner += rows[single:].T @ rows[single:]
-        factor = factored(inner)
+        factor = ident.factored(inner)
     pulls = np.concatenate([pull, readings.pull(problem)])
     return LinearStep(problem, free, scale, rows, pulls, readings, factor)

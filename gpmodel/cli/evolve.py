@@ -33,7 +33,7 @@ from gpmodel.cli.request import Request, Typed
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.runs import KeptRuns
-from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
+from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers, scheduled
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
-from gpmodel.evolution.selection import SelectionScheme, Tournament
-from gpmodel.evolution.settings import Budget
+from gpmodel.evolution.settings import Budget, SelectionScheme, Tournament
 from gpmodel.executor import Threads, Workers
 
 

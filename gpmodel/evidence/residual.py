@@ -16,7 +16,7 @@ from gpmodel.evidence.units import independent_units, reordered
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.leave_one_out import Omitted
+from gpmodel.numerics.least_squares import Omitted
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import folds, stretches
 

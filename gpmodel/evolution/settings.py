@@ -1,10 +1,92 @@
-"""The choices of one run: a representation, a selection, and how much work is put into it."""
+"""Choices of one run: who breeds and lives on, and what it may take."""
 
 from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, check_ranges
-from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
+from gpmodel.evolution.scoring import Scores
+
+Rows = NDArray[np.intp]
+
+
+@runtime_checkable
+class SelectionScheme(Protocol):
+    """Selection of parents and of survivors; scores are minimised."""
+
+    def eligible(self, population: int) -> int:
+        """How many of the best, of so many programs, can have children or live on: of the rest no score is needed.
+
+        Raises InputError where the population is too small.
+        """
+
+    def parents(self, scores: Scores, rng: np.random.Generator) -> NDArray[np.intp]:
+        """Rows (2, population) of the mothers and fathers of the next generation."""
+
+    def survivors(self, scores: Scores, population: int) -> Rows | None:
+        """Rows that live on, of parents followed by children; None where the children replace their parents."""
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """Parents are drawn from the best ``share``, and their children replace the population (thesis: 5 %)."""
+
+    share: float = 0.05
+
+    def __post_init__(self) -> None:
+        check_ranges(self, share=(1e-6, 1.0))
+
+    def eligible(self, population: int) -> int:
+        if population * self.share < 2:
+            raise InputError(
+                f"{population} is too small to select {self.share:.1%} from, expected at least {2 / self.share:.0f}",
+                "population",
+            )
+        return int(self.share * population)
+
+    def parents(self, scores: Scores, rng: np.random.Generator) -> Rows:
+        few = self.eligible(len(scores.score))
+        able = np.flatnonzero(scores.score <= np.sort(scores.score)[few - 1])
+        best = able[np.argsort(scores.score[able], kind="stable")[:few]]
+        return best[rng.integers(0, few, (2, len(scores.score)))]
+
+    def survivors(self, scores: Scores, population: int) -> None:
+        return None
+
+
+@dataclass(frozen=True)
+class Tournament:
+    """Each parent is the best of ``size`` drawn at random; the best of parents and children live on.
+
+    keep_distinct: those of a score not seen before come first.
+    """
+
+    size: int = 4
+    keep_distinct: bool = True
+
+    def __post_init__(self) -> None:
+        check_ranges(self, size=(1, 1000))
+
+    def eligible(self, population: int) -> int:
+        return population
+
+    def parents(self, scores: Scores, rng: np.random.Generator) -> Rows:
+        count = len(scores.score)
+        entrants = rng.integers(0, count, (2, count, self.size))
+        best = scores.score[entrants].argmin(axis=2)
+        return np.take_along_axis(entrants, best[..., None], axis=2)[..., 0]
+
+    def survivors(self, scores: Scores, population: int) -> Rows:
+        order = np.argsort(scores.score, kind="stable")
+        if not self.keep_distinct:
+            return order[:population]
+        behaviour = np.round(scores.score[order], 9)
+        fresh = np.concatenate([[True], (behaviour[1:] != behaviour[:-1])])
+        return np.concatenate([order[fresh], order[~fresh]])[:population]
 
 
 @dataclass(frozen=True)

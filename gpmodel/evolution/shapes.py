@@ -13,15 +13,13 @@ from functools import partial
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
-
-Array = NDArray[np.float64]
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
 """Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""

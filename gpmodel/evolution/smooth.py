@@ -1,7 +1,7 @@
 """Smooth functions at a place without a shape: of one input, and of two as factors, as summands, of their weighted sum
 and of a distance.
 
-A function φ is a sum of sines (``gpmodel.evolution.sines``) of the most likely variance. With D, B, g of
+A function φ is a sum of ``Sines`` of the most likely variance. With D, B, g of
 ``projection.Targets`` at their first site, Φ (N, m) the sines, σ² the noise:
 
     a = (Φᵀ(D - BᵀB)Φ + σ²/τ I)⁻¹ Φᵀg,    φ = Φa
@@ -9,16 +9,41 @@ A function φ is a sum of sines (``gpmodel.evolution.sines``) of the most likely
 Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (1981) for functions of weighted sums.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.sines import Sines
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Sines:
+    """The sines of one input. values: (N, m) times their deviations. rates: rad per unit; start: where they are 0."""
+
+    name: str
+    values: Array
+    rates: Array
+    start: float
+    spreads: Array
+
+    @staticmethod
+    def of(name: str, column: Array, length: float) -> "Sines":
+        """The sines of a column (N,) for a correlation length over half its range."""
+        half, reach = 0.5 * float(np.ptp(column)), max(1.5, 3.2 * length)
+        omega = np.pi * np.arange(1, math.ceil(1.75 * reach / length) + 1) / (2.0 * reach)
+        start = float(column.min()) - (reach - 1.0) * half
+        spreads = np.exp(-((length * omega) ** 2) / 4.0)
+        rates = np.array([float(f"{w / half:.6g}") for w in omega])
+        start = float(f"{start:.12g}")  # clocks count from far away
+        return Sines(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
+
+    def text(self, k: int) -> str:
+        """Sine k as an expression."""
+        return f"sin({float(self.rates[k])!r}*({self.name} - ({self.start!r})))"
+
 
 LENGTH = 0.35
 """Correlation length over half the range of an input: of a bump of a fifth of the range."""

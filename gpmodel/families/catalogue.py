@@ -9,11 +9,10 @@ from gpmodel.errors import InputError
 from gpmodel.families import angle as families_angle
 from gpmodel.families import axis as families_axis
 from gpmodel.families import curves as families_curves
+from gpmodel.families import frequency_grid
 from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
-from gpmodel.families import masses as families_masses
 from gpmodel.families import memory as families_memory
-from gpmodel.families import ripple as families_ripple
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.family import Family, installed
@@ -26,15 +25,15 @@ from gpmodel.model.states import States
 _OWN: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance),
-    Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_masses.wrong_masses),
-    Family("unknown_masses", "the joint yields to weights that nobody knows: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_masses.unknown_masses),
-    Family("base_unknown_masses", "the foundation tilts under weights that nobody knows", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_masses.base_unknown_masses),
+    Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_load.wrong_masses),
+    Family("unknown_masses", "the joint yields to weights that nobody knows: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
+    Family("base_unknown_masses", "the foundation tilts under weights that nobody knows", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection),
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
-    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", families_ripple.transmission_ripple, families_ripple.ripple_grids, refit_constants=True),
-    Family("mesh_compliance", "the teeth in mesh yield to the torque, some more and some less: compliance that changes from tooth to tooth", "Kahraman and Singh 1991", families_ripple.mesh_compliance, families_ripple.mesh_grids, refit_constants=True),
+    Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", frequency_grid.transmission_ripple, frequency_grid.ripple_grids, refit_constants=True),
+    Family("mesh_compliance", "the teeth in mesh yield to the torque, some more and some less: compliance that changes from tooth to tooth", "Kahraman and Singh 1991", frequency_grid.mesh_compliance, frequency_grid.mesh_grids, refit_constants=True),
     Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve, offered=families_curves.curves, clamped=True),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
     Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_memory.play_last_move),

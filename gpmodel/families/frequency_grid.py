@@ -1,14 +1,17 @@
-"""A frequency grid: a sine and cosine on a drive at more rates than can be named."""
+"""Waves of a joint at more rates than can be named, and the families that are such: ripple, mesh compliance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import Constant, NonlinearParameters
-from gpmodel.mechanism.protocol import Joint
+from gpmodel.families.candidate import Candidate, loaded, revolute
+from gpmodel.families.inner import Constant, NonlinearParameters, symbol
+from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.model.effect import drive_effect
+from gpmodel.model.states import States
 
 CLOSER = 4
 """Rates in a width of 2π over the travel, within which two are not told apart: between rates a quarter of it apart the
@@ -64,3 +67,57 @@ def frequency_grid(
         return None
     template = replace(wave, cost=wave.cost + float(np.log(independent)))
     return FrequencyGrid(template, joint, start, np.arange(span[0], span[1], width / CLOSER), value, load)
+
+
+NAMED, HIGHEST = range(3, 13), 400
+"""Ripples per turn that are offered by name; up to where any number, whole or not, is looked for: twice the ratio of
+the slowest strain-wave gears."""
+COST = 4.0
+"""Nats of an effect with a name."""
+
+
+def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """Three to twelve per turn of each revolute joint, rad."""
+    for j in revolute(mechanism):
+        yield from (_ripple("transmission_ripple", j, n, COST + float(np.log(NAMED[-1]))) for n in NAMED)
+
+
+def mesh_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The same times the joint's torque, rad/Nm."""
+    for j, load in _loaded(mechanism, states):
+        yield from (_ripple("mesh_compliance", j, n, COST + float(np.log(NAMED[-1])), load) for n in NAMED)
+
+
+def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
+    """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
+    for j in revolute(mechanism):
+        yield from _grid(_ripple("transmission_ripple", j, symbol(), COST), j, states)
+
+
+def mesh_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
+    """The same times the joint's torque."""
+    for j, load in _loaded(mechanism, states):
+        yield from _grid(_ripple("mesh_compliance", j, symbol(), COST, load), j, states, load)
+
+
+def _loaded(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]:
+    """Revolute joints that carry a load, with the column of it."""
+    torques = ((j, f"torque_{j.name}") for j in revolute(mechanism))
+    return ((j, torque) for j, torque in torques if loaded(states, torque))
+
+
+def _ripple(family: str, j: Joint, number: object, cost: float, load: str = "") -> Candidate:
+    """Sine and cosine of so many per turn."""
+    name = f"{family.replace('_', ' ')}, {number} per turn, {j.name}"
+    times, unit = (f"{load}*", "rad/Nm") if load else ("", "rad")
+    waves = {f: Expression(f"{times}{f}({number}*{j.name})") for f in ("sin", "cos")}
+    effects = tuple(drive_effect(f"{name}, {f}", j, wave, unit, family) for f, wave in waves.items())
+    return Candidate(name, effects, family, cost)
+
+
+def _grid(template: Candidate, j: Joint, states: States, load: str = "") -> Iterator[FrequencyGrid]:
+    travel = float(np.ptp(states[j.name]))
+    lowest = max(float(NAMED[0]), 4 * np.pi / travel) if travel > 0 else np.inf
+    found = frequency_grid(template, j, (0.0, travel), (lowest, HIGHEST), lambda rate: rate, load)
+    if found is not None:
+        yield found

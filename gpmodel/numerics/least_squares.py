@@ -1,9 +1,12 @@
-"""Least squares of unit columns: few by pivoted QR, many by factored normal equations."""
+"""Least squares of unit columns, few by pivoted QR, many by normal equations; without a column, or without rows."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
+from gpmodel.numerics.rank import NEGLIGIBLE, factored
 
 MANY_COLUMNS = 100
 """So many only priors bring, which keep normal equations regular; and those are far faster than pivoted QR."""
@@ -17,15 +20,6 @@ def solve(system: Array, target: Array) -> Array:
     return linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False)
 
 
-def factored(gram: Array) -> tuple[Array, bool]:
-    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites.
-
-    Row by row in memory it is its own transpose column by column, as LAPACK wants it.
-    """
-    gram[np.diag_indices_from(gram)] += 1e-12
-    return linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
-
-
 def inverse_gram(columns: Array, many: bool) -> Array:
     """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR, or by Cholesky where priors keep hundreds regular."""
     if many:
@@ -37,3 +31,72 @@ def inverse_gram(columns: Array, many: bool) -> Array:
 def root_mean_square(values: Array) -> float:
     """√ mean v² of values (N,); NaN of none."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
+
+
+INSIDE = 1e-6
+"""Share of a unit vector of coefficients that combinations of columns which are zero, but for rounding, take up: above
+it the column lies in the span of the others."""
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Columns (M, K) as U s Vᵀ times their norms (K,), singular values that are rounding left out.
+
+    The part of column k that no other explains lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
+    """
+
+    norms: Array
+    u: Array
+    s: Array
+    v: Array
+
+    @classmethod
+    def of(cls, columns: Array) -> "LeaveOneOut":
+        """Of columns (M, K), scaled before the rank is decided; those that are negligible count as zero."""
+        norms = np.linalg.norm(columns, axis=0)
+        norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
+        u, s, vt = linalg.svd(columns / norms, full_matrices=False, check_finite=False)
+        rank = int(np.sum(s > 1e-9 * s[0]))
+        return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
+
+    def alone(self, k: int) -> Array:
+        """What the others leave (M,) of column k; zero where they span it."""
+        own = self.v[k]
+        if own @ own < 1.0 - INSIDE:
+            return np.zeros(len(self.u))
+        along = self.u @ (own / self.s)
+        return np.asarray(along * self.norms[k] / (along @ along))
+
+    def by_others(self, k: int, values: Array) -> Array:
+        """Coefficients (K, R), zero for column k, with which the others come nearest to values (M, R)."""
+        solved = self.v @ ((self.u.T @ values) / self.s[:, None])
+        spread = self.v @ (self.v[k] / self.s**2)
+        return np.asarray((solved - np.outer(spread / spread[k], solved[k])) / self.norms[:, None])
+
+
+@dataclass(frozen=True)
+class Omitted:
+    """Rows (T,) left out of columns with the orthonormal basis B (M, K), W (T, K) that of these rows.
+
+    What the columns fitted to the other rows miss them by is A⁻¹ times what those fitted to all rows leave there, A = I
+    - W Wᵀ. Where there are fewer columns than rows, A⁻¹ = I + W (I - WᵀW)⁻¹ Wᵀ. factor: of the smaller one, for scipy's
+    cho_solve. Source: Cook and Weisberg (1982), 2.2.
+    """
+
+    rows: IntArray
+    there: Array
+    factor: tuple[Array, bool]
+
+    @classmethod
+    def of(cls, rows: IntArray, basis: Array) -> "Omitted":
+        """Some rows of an orthonormal basis (M, K)."""
+        there = basis[rows]
+        square = there @ there.T if len(rows) <= basis.shape[1] else there.T @ there
+        return cls(rows, there, factored(np.eye(len(square)) - square))
+
+    def freed(self, values: Array) -> Array:
+        """A⁻¹ times values (T, R)."""
+        if len(self.rows) <= self.there.shape[1]:
+            return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
+        inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)
+        return np.asarray(values + self.there @ inside)

@@ -7,7 +7,6 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.numerics.least_squares import factored
 
 NEGLIGIBLE = 1e-7
 """Relative norm below which a column is rounding: a few times the root of the precision of a double."""
@@ -28,6 +27,15 @@ def orthonormal(columns: Array) -> Array:
 def remove(basis: Array, columns: Array) -> Array:
     """Columns (M, K) less their part in the span of an orthonormal basis (M, k)."""
     return columns - basis @ (basis.T @ columns)
+
+
+def factored(gram: Array) -> tuple[Array, bool]:
+    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites.
+
+    Row by row in memory it is its own transpose column by column, as LAPACK wants it.
+    """
+    gram[np.diag_indices_from(gram)] += 1e-12
+    return linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import law_name, numbered
 from gpmodel.formula.expression import Columns, Expression
-from gpmodel.formula.printing import with_plain_signs
-from gpmodel.formula.program import Program
+from gpmodel.formula.program import Builder, Node, Program
 from gpmodel.model.effect import axis_unit
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
@@ -91,3 +90,40 @@ def expression_text(program: Program, names: Mapping[str, str]) -> str:
     rounded = program.with_constants(float(f"{value:.{DIGITS}g}") for value in program.constants)
     written = {name: Expression(names[name]).program for name in rounded.inputs}
     return with_plain_signs(rounded.with_inputs(written)).written_out()
+
+
+_OTHER = {"add": "subtract", "subtract": "add"}
+
+
+def with_plain_signs(program: Program) -> Program:
+    """The same program, of the same size and values, with x - (-c) as x + c, -c + x as x - c, and c·y alike for c."""
+    return program.rebuilt(_plain)
+
+
+def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
+    """A sum or difference with its second argument positive where that is a number or begins with one."""
+    if node.operator not in _OTHER:
+        return builder.add(node, copies)
+    first, second = (copies[k] for k in node.arguments)
+    if node.operator == "add" and _turned(builder, second) is None:
+        first, second = (second, first) if _turned(builder, first) is not None else (first, second)
+    turned = _turned(builder, second)
+    return (
+        builder.apply(node.operator, first, second)
+        if turned is None
+        else builder.apply(_OTHER[node.operator], first, turned)
+    )
+
+
+def _turned(builder: Builder, index: int) -> int | None:
+    """The node of the other sign of a negative number, or of a product that begins with one; None of others."""
+    node = builder.nodes[index]
+    if node.operator == "multiply":
+        factor = _turned(builder, node.arguments[0]) if _is_number(builder, node.arguments[0]) else None
+        return None if factor is None else builder.apply("multiply", factor, node.arguments[1])
+    value = float(node.value or 0.0) if _is_number(builder, index) else 0.0
+    return builder.constant(-value) if value < 0 else None
+
+
+def _is_number(builder: Builder, index: int) -> bool:
+    return builder.nodes[index].operator == "constant"

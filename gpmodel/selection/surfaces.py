@@ -1,6 +1,6 @@
 """Free functions of one or two inputs at any place: what a model leaves there, without a shape or a name.
 
-A function of one input is a sum of sines with the deviations of a smooth one (``gpmodel.evolution.sines``), one of two
+A function of one input is a sum of sines with the deviations of a smooth one (``gpmodel.evolution.smooth``), one of two
 inputs a sum of their products. The marginal likelihood of one beside a model says whether anything there depends
 on those inputs, whatever its form.
 """
@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
-from gpmodel.evolution.sines import Sines
+from gpmodel.evolution.smooth import Sines
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, axis_unit

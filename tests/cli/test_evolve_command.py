@@ -15,7 +15,7 @@ from gpmodel.cli.evolve import evolve
 from gpmodel.cli.simulate import simulate
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.selection import Truncation
+from gpmodel.evolution.settings import Truncation
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.parse import parse
 from gpmodel.progress import Teller

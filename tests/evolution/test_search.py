@@ -12,8 +12,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem, Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.selection import Tournament
-from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.evolution.settings import Budget, Settings, Tournament, thesis_settings
 from gpmodel.evolution.tree import Tree
 
 REPRESENTATIONS = ["linear", "tree"]

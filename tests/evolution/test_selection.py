@@ -9,8 +9,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.scoring import Scores
 from gpmodel.evolution.search import evolve
-from gpmodel.evolution.selection import SelectionScheme, Tournament, Truncation
-from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.evolution.settings import Budget, SelectionScheme, Settings, Tournament, Truncation
 
 
 def scored(*score: float) -> Scores:

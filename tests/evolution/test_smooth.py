@@ -6,8 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.sines import Sines
-from gpmodel.evolution.smooth import LENGTH, distance, factors, smooth, summands, through, weighted_sum, without
+from gpmodel.evolution.smooth import LENGTH, Sines, distance, factors, smooth, summands, through, weighted_sum, without
 
 Array = NDArray[np.float64]
 POSES, NOISE = 150, 0.05

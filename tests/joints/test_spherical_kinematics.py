@@ -11,8 +11,8 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.numerics import se3
+from joints.budget import thesis_columns
 from joints.kinematics import FRAMES, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
-from joints.sensitivity import thesis_columns
 
 BALL = np.asarray(JOINT.tooling_ball)
 POSES = np.random.default_rng(0).uniform(-1.2, 1.2, (40, 3))

@@ -17,7 +17,7 @@ from experiments.spherical_joint.reductions import (
 )
 from gpmodel.errors import InputError
 from gpmodel.planning.poses import spread_poses
-from joints.sensitivity import thesis_columns
+from joints.budget import thesis_columns
 
 PUBLISHED = (1, 2, 3, 4, 5, 6, 11, 12, 14, 15, 19, 22, 25, 26, 27)
 POSES = spread_poses(JOINT, 100, np.random.default_rng(0))

@@ -21,7 +21,7 @@ def test_what_is_chosen_fits_the_exact_chain_no_worse_than_the_model_without_it(
     poses = prepare(JOINT, rig_of(number, kind, on_axis=True)[1])
     standard = calibrate(ErrorModel(JOINT, geometric_effects(JOINT)), poses)
     chosen = select(standard, poses, Offering((of_offers(catalogue),)), seed=1)
-    assert chosen.fit.sigma <= 1.01 * standard.sigma
+    assert chosen.state.sigma <= 1.01 * standard.sigma
     assert np.abs(chosen.state.placement.tool[""][:3, 3]).max() < 0.05
 
 

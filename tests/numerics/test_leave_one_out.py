@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gpmodel.numerics.leave_one_out import LeaveOneOut
+from gpmodel.numerics.least_squares import LeaveOneOut
 
 RNG = np.random.default_rng(3)
 COLUMNS = RNG.normal(size=(40, 6)) * [1.0, 1e-4, 3.0, 1.0, 50.0, 1.0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gpmodel.numerics.leave_one_out import Omitted
+from gpmodel.numerics.least_squares import Omitted
 from gpmodel.numerics.rank import orthonormal
 
 

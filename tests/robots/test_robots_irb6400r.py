@@ -8,7 +8,7 @@ import pytest
 from robots_cases import poses, slot_frames
 
 from robots.dh import read_dh
-from robots.irb6400r import irb6400r
+from robots.library import irb6400r
 
 
 @pytest.fixture

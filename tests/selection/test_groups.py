@@ -125,7 +125,7 @@ def test_no_variance_on_a_fine_grid_beats_the_best() -> None:
 
 def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert {k.group.name for k in found().kept} == set(PLANTED)
-    assert found().fit.sigma == pytest.approx(NOISE, rel=0.15)
+    assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -73,7 +73,7 @@ def holds(kind: str, seed: int, refits: list[float]) -> None:
     assert refits
     assert refits[-1] < 1.005, f"{kind} {seed}"
     assert max(refits) < 1.05, f"{kind} {seed}: of a first look, far from the point it was linearised at"
-    assert not chosen.kept or chosen.fit.sigma < standard.sigma, f"{kind} {seed}"
+    assert not chosen.kept or chosen.state.sigma < standard.sigma, f"{kind} {seed}"
 
 
 @pytest.mark.parametrize(("kind", "seeds"), [("rigs", range(5)), ("arms", range(3))])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gpmodel.formula.parse import parse
-from gpmodel.formula.printing import with_plain_signs
+from gpmodel.selection.programs import with_plain_signs
 
 
 @pytest.mark.parametrize(
