@@ -11,7 +11,7 @@ READ = {
     "families/by_name.py": "what a user asks for by name",
     "families/catalogue.py": "what a user asks for by name",
     "families/angle.py": "columns of a user's table that say where a joint came from",
-    "families/masses.py": "columns of unit loads",
+    "families/load.py": "columns of unit loads",
     "families/inner.py": "symbols of constants in a template",
     "families/candidate.py": "sine and cosine as a user names them",
     "selection/offers.py": "one kind at several joints, also of families from outside",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from gpmodel.files import plain
 from gpmodel.report.origin import versions
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
@@ -22,7 +23,6 @@ from joints.orifice import ATMOSPHERE
 from joints.reynolds import spherical_film
 from joints.settings import load_settings
 from joints.studies import STUDIES
-from joints.studies.study import plain
 
 HERE = Path(__file__).parent
 
