@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, share, shown, texts, whole
+from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, selecting, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses, measured_joints
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
@@ -23,7 +23,6 @@ from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
@@ -77,13 +76,11 @@ class DiscoveryResult(FittedResult):
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, rivals."""
-        columns = ("name", "value", "stderr", "unit", "slot", "axis", "basis", "unique_share", "p_value", "found_by")
-        rows = [
-            {column: getattr(f, column) for column in columns}
-            | {"inputs": ", ".join(f.inputs), "rivals": ", ".join(r.name for r in f.rivals or ())}
-            for f in self.findings
-        ]
-        return pd.DataFrame(rows, columns=[*columns, "inputs", "rivals"])
+        columns = ["name", "value", "stderr", "unit", "slot", "axis", "basis", "unique_share", "p_value", "found_by"]
+        return pd.DataFrame(self.findings, columns=columns).assign(
+            inputs=[", ".join(f.inputs) for f in self.findings],
+            rivals=[", ".join(r.name for r in f.rivals or ()) for f in self.findings],
+        )
 
     def __repr__(self) -> str:
         names = "; ".join(f.name for f in self.findings) or "nothing"
@@ -217,8 +214,7 @@ def _sensible(search: Search, criteria: Criteria) -> None:
         raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
     limit(search.stop_after, "stop_after", 0.0)
     evolved(search.strategies)
-    if isinstance(search.selection, type) or not isinstance(search.selection, SelectionScheme):
-        raise InputError(f"{shown(search.selection)}, expected a scheme, as in Tournament()", "selection")
+    selecting(search.selection, "selection")
     for field, value in ((f, getattr(owner, f.name)) for owner in (search, criteria) for f in fields(owner)):
         if isinstance(field.default, int):
             whole(value, field.name, LEAST.get(field.name, 0))

@@ -43,6 +43,8 @@ COMMAND = "gpmodel.evolve"
 Norm = Literal["max", "rms"]
 SPACES: tuple[Space, ...] = get_args(Space)
 NORMS: tuple[Norm, ...] = get_args(Norm)
+COUNTED = ("inputs", "runs", "counts", "shuffled_runs", "shuffled", "operators", "p_values", "significant")
+"""Of a histogram, in evolve.json."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,7 +78,7 @@ class EvolutionResult(Shown):
     def to_dataframe(self) -> pd.DataFrame:
         """One row a run: representation, number, shuffled, gain, heldout, complexity, site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
-        return pd.DataFrame([{c: getattr(run, c) for c in columns} for run in self.runs], columns=columns)
+        return pd.DataFrame(self.runs, columns=columns)
 
     def front(self) -> pd.DataFrame:
         """One row a program that no other of its run beats in both gain and length, simplest first."""
@@ -120,23 +122,13 @@ class EvolutionResult(Shown):
 
     def to_json(self) -> str:
         """The content of evolve.json."""
-        counted = self.histogram
         content = {
             "schema": 1,
             "command": self.origin.command,
             "versions": {"gpmodel": __version__, "numpy": np.__version__},
             "request": dict(self.request),
             "sites": self.sites,
-            "histogram": {
-                "inputs": counted.inputs,
-                "runs": counted.runs,
-                "counts": counted.counts,
-                "shuffled_runs": counted.shuffled_runs,
-                "shuffled": counted.shuffled,
-                "operators": counted.operators,
-                "p_values": counted.p_values,
-                "significant": counted.significant,
-            },
+            "histogram": {name: getattr(self.histogram, name) for name in COUNTED},
             "runs": [run.__dict__ for run in self.runs],
         }
         return to_json(content)

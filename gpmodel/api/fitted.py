@@ -62,8 +62,7 @@ class RecordedResult:
     def to_dataframe(self) -> pd.DataFrame:
         """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
         columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
-        rows = (*self.record.parameters, *self.record.effects)
-        return pd.DataFrame([{c: getattr(row, c) for c in columns} for row in rows], columns=columns)
+        return pd.DataFrame((*self.record.parameters, *self.record.effects), columns=columns)
 
     def summary(self) -> str:
         """Verdict, ladder with held-out errors first, effects and parameters ± σ, what to distrust."""

@@ -238,9 +238,10 @@ def model_file(path: Path) -> Path:
 
 
 def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Model:
-    """The model in a model.json of calibrate or discover.
+    """The model in a model.json of calibrate or discover, or in the folder that has it.
 
     mechanism: the one it was made for, where it was built in Python, or was moved and is not found by its name.
     Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its mechanism has changed.
     """
-    return Model(read_saved(file_path(file, "file"), None if mechanism is None else mechanism_of(mechanism)))
+    path = model_file(file_path(file, "file"))
+    return Model(read_saved(path, None if mechanism is None else mechanism_of(mechanism)))

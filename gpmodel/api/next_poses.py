@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.model import Model, load_model, model_file
+from gpmodel.api.model import Model, load_model
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
@@ -33,7 +33,7 @@ def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
         return after, None
     path = file_path(after, "after")
     folder = path if path.is_dir() else path.parent
-    return load_model(model_file(path)), read_report(folder) if (folder / NAME).is_file() else None
+    return load_model(path), read_report(folder) if (folder / NAME).is_file() else None
 
 
 def next_questions(

@@ -10,7 +10,7 @@ import pandas as pd
 
 from gpmodel.api.arguments import file_path, shown, whole
 from gpmodel.api.fitted import RecordedResult
-from gpmodel.api.model import MODEL, Model, load_model, model_file
+from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.api.results import write_results
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -33,7 +33,7 @@ class SavedResult(RecordedResult):
     @cached_property
     def model(self) -> Model:
         """Its model.json. Raises InputError where there is none."""
-        return load_model(self.folder / MODEL)
+        return load_model(self.folder)
 
     def report(self, folder: str | Path) -> None:
         """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
@@ -157,7 +157,7 @@ def explain(result: object, number: int) -> ExplainResult:
 def _model_of(result: object) -> Model | None:
     """The model of a result or of its folder, None where there is none."""
     if folder := _folder_of(result):
-        return load_model(folder / MODEL) if (folder / MODEL).is_file() else None
+        return load_model(folder) if (folder / MODEL).is_file() else None
     model = getattr(result, "model", None)
     return model if isinstance(model, Model) else None
 
@@ -171,17 +171,19 @@ def export(
     result: a Model, a result with one, a folder of one, or a model.json. Everything else as of `Model.export`.
     Raises InputError where it has no model.
     """
-    if isinstance(result, str | Path):
-        path = file_path(result, "result")
-        model: object = load_model(model_file(path))
-    else:
-        model = result if isinstance(result, Model) else getattr(result, "model", None)
-    if not isinstance(model, Model):
-        raise InputError(f"{shown(result)}, expected a gpmodel.Model, a result of a fit, or its folder", "result")
-    made = model.export(box=box, setup=setup, tool=tool, seed=seed)
+    made = model_of(result, "result").export(box=box, setup=setup, tool=tool, seed=seed)
     if folder is not None:
         made.report(file_path(folder, "folder"))
     return made
+
+
+def model_of(given: object, argument: str) -> Model:
+    """A model, that of a result, or in a folder or file. Raises InputError naming the argument for none of these."""
+    model = load_model(file_path(given, argument)) if isinstance(given, str | Path) else given
+    model = model if isinstance(model, Model) else getattr(model, "model", None)
+    if not isinstance(model, Model):
+        raise InputError(f"{shown(given)}, expected a gpmodel.Model, a result of a fit, its folder or file", argument)
+    return model
 
 
 def record_of(result: object, argument: str) -> Report:

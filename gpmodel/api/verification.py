@@ -59,7 +59,7 @@ class VerifyResult(Shown):
     def changes(self) -> pd.DataFrame:
         """One row a thing that changed: name, kind, value, stderr, unit, chance, rivals."""
         columns = ["name", "kind", "value", "stderr", "unit", "chance", "rivals"]
-        return pd.DataFrame([{c: getattr(x, c) for c in columns} for x in self.record.changes], columns=columns)
+        return pd.DataFrame(self.record.changes, columns=columns)
 
     def summary(self) -> str:
         """Verdict, errors, what it rests on, and the worst rows."""

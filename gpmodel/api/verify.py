@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from gpmodel.api.arguments import called, shown
-from gpmodel.api.model import Model, load_model
+from gpmodel.api.arguments import called
+from gpmodel.api.model import Model
+from gpmodel.api.saved import model_of
 from gpmodel.api.table import Described, TableLike, told_of_reading
 from gpmodel.api.verification import VerifyResult, verify_saved
-from gpmodel.errors import InputError
 from gpmodel.progress import Say, silent
 from gpmodel.report.verification import VerifyRequest
 
@@ -27,7 +27,7 @@ def verify(
     (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. Both tests together call one machine
     in a hundred changed that is not.
 
-    model: of a fit, or its model.json. table: as of `read_table`; where it has the columns corrected_J1, ... that
+    model: of a fit, or its folder or file. table: as of `read_table`; where it has the columns corrected_J1, ... that
     `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
     tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as of `predict`. cameras, board,
     surfaces: as of `read_table`, where they are others than in the table of the fit. progress: called with what is
@@ -35,13 +35,9 @@ def verify(
     Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
     four poses.
     """
-    name = "model"
-    if isinstance(model, str | Path):
-        name, model = Path(model).name, load_model(model)
-    if not isinstance(model, Model):
-        raise InputError(f"{shown(model)}, expected a gpmodel.Model or its model.json", "model")
+    name, judged = Path(model).name if isinstance(model, str | Path) else "model", model_of(model, "model")
     called(progress, "progress")
     told_of_reading(table, progress)
-    asked = VerifyRequest(command, name, model.sha256)
+    asked = VerifyRequest(command, name, judged.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
-    return verify_saved(model.saved, table, asked, tolerance, in_order, sights)
+    return verify_saved(judged.saved, table, asked, tolerance, in_order, sights)

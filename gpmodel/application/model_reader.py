@@ -58,6 +58,7 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
 
 
 def converted(content: object, kind: type[Part], word: str) -> Part:
+    """Content in its form. Raises InputError, with `word` for the whole: a field is missing or beyond its bounds."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

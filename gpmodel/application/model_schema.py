@@ -118,16 +118,9 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     counted_m: dict[Word, Annotated[float, msgspec.Meta(gt=0.0)]] = {}
 
     def __post_init__(self) -> None:
-        given: dict[str, Sequence[object] | None] = {
-            "q": self.q,
-            "position_m": self.position_m,
-            "rotation_rad": self.rotation_rad,
-            "payload_kg": self.payload_kg,
-        }
-        given |= {f"distances_m[{name!r}]": values for name, values in self.distances_m.items()}
-        given |= {f"labels[{name!r}]": values for name, values in self.labels.items()}
-        given |= {f"extras[{name!r}]": values for name, values in self.extras.items()}
-        given |= {f"readings[{name!r}]": values for name, values in self.readings.items()}
+        given = {name: getattr(self, name) for name in ("q", "position_m", "rotation_rad", "payload_kg")}
+        for kind in ("distances_m", "labels", "extras", "readings"):
+            given |= {f"{kind}[{name!r}]": values for name, values in getattr(self, kind).items()}
         for name, values in given.items():
             if values is not None and len(values) != len(self.row):
                 raise ValueError(f"expected {len(self.row)} values, one a row - at `$.measured.{name}`")
