@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from gpmodel.extras import extra_for
-from gpmodel.files import plain
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -100,6 +99,7 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
     """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
+    from gpmodel.files import plain
     from joints.studies.study import png
 
     record = plain({"schema": 1, "command": f"joint {name}", "seed": seed, **study.data})

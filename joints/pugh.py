@@ -53,7 +53,7 @@ def read_mark(text: str, where: str) -> int:
 def pugh_chart(
     title: str,
     concepts: Sequence[str],
-    marks: Mapping[str, Sequence[str]],
+    marks: Mapping[str, Sequence[str | int]],
     weights: Mapping[str, float] | None = None,
 ) -> PughChart:
     """A chart from rows of marks {criterion: [one mark a concept]}; a criterion's weight is 1 unless given.

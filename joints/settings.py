@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from gpmodel.errors import InputError
 from gpmodel.table.units import factor_like, split_quantity
 from gpmodel.texts import read_toml as read_table
@@ -11,6 +13,9 @@ from joints.limits import require
 DATA = Path(__file__).parent / "data"
 
 Settings = dict[str, Any]
+_EXPECTED = {
+    dict: "a table", list: "a list", str: "text", bool: "true or false", int: "a whole number", float: "a number",
+}  # fmt: skip
 
 
 def quantity(text: Any, like: str, where: str) -> float:
@@ -53,34 +58,22 @@ def _overlay(default: Settings, given: Settings, file: str, place: str) -> Setti
 
 
 def _value(default: Any, given: Any, file: str, place: str) -> Any:
-    where = f"{file}: {place}"
-    if isinstance(default, dict):
-        table = {} if given is None else given
-        if not isinstance(table, dict):
-            raise InputError(f"{where} = {given!r}, expected a table [{place}]")
-        return _overlay(default, table, file, f"{place}.")
-    if isinstance(default, list):
-        entries = default if given is None else given
-        if not isinstance(entries, list) or not entries:
-            raise InputError(f"{where} = {given!r}, expected a list that is not empty")
-        return [_entry(default[0], entry, file, f"{place}[{i}]") for i, entry in enumerate(entries)]
-    value = default if given is None else given
-    if isinstance(default, str):
-        if split_quantity(default):
-            return quantity(value, default, where)
-        if not isinstance(value, str):
-            raise InputError(f"{where} = {value!r}, expected text such as '{default}'")
-        return value
-    if isinstance(default, bool) or isinstance(value, bool):
-        if not (isinstance(default, bool) and isinstance(value, bool)):
-            raise InputError(
-                f"{where} = {value!r}, expected {'true or false' if isinstance(default, bool) else 'a number'}"
-            )
-        return value
-    if not isinstance(value, (int, float)) or (isinstance(default, int) and not isinstance(value, int)):
-        kind = "a whole number" if isinstance(default, int) else "a number"
-        raise InputError(f"{where} = {value!r}, expected {kind}")
-    require(abs(value) < float("inf"), where, value, "a finite number")
+    where, value = f"{file}: {place}", default if given is None else given
+    if isinstance(default, str) and split_quantity(default):
+        return quantity(value, default, where)
+    try:
+        msgspec.convert(value, type(default))
+    except msgspec.ValidationError:
+        raise InputError(f"{where} = {value!r}, expected {_EXPECTED[type(default)]}") from None
+    match default:
+        case dict():
+            return _overlay(default, value, file, f"{place}.")
+        case list():
+            if not value:
+                raise InputError(f"{where} = [], expected a list that is not empty")
+            return [_entry(default[0], entry, file, f"{place}[{i}]") for i, entry in enumerate(value)]
+        case int() | float():
+            require(abs(value) < float("inf"), where, value, "a finite number")
     return value
 
 

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import msgspec
+
 from gpmodel.errors import InputError
 from joints import figures
 from joints.pugh import PughChart, pugh_chart
@@ -40,23 +42,20 @@ def pugh_study(path: Path | None = None, seed: int = 0) -> Study:
     )
 
 
+class _Chart(msgspec.Struct, forbid_unknown_fields=True):
+    """A [[chart]] of the TOML: marks by criterion, one a concept."""
+
+    concepts: list[str]
+    marks: dict[str, list[str | int]]
+    weights: dict[str, float] = {}
+    title: str = ""
+
+
 def _charts(path: Path) -> list[PughChart]:
-    entries = read_toml(path).get("chart")
-    if not isinstance(entries, list) or not entries:
+    try:
+        charts = msgspec.convert(read_toml(path).get("chart", []), list[_Chart])
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path.name}: {str(error).replace('$', 'chart')}") from None
+    if not charts:
         raise InputError(f"{path.name}: no [[chart]], expected title, concepts and [chart.marks]")
-    charts = []
-    for number, entry in enumerate(entries, 1):
-        where = f"{path.name}: chart {number}"
-        unknown = [key for key in entry if key not in ("title", "concepts", "marks", "weights")]
-        if unknown:
-            raise InputError(f"{where}: unknown key '{unknown[0]}', expected title, concepts, marks, weights")
-        marks, weights = entry.get("marks"), entry.get("weights", {})
-        concepts = entry.get("concepts")
-        if not (isinstance(concepts, list) and all(isinstance(name, str) for name in concepts)):
-            raise InputError(f"{where}: concepts = {concepts!r}, expected a list of names")
-        if not (isinstance(marks, dict) and all(isinstance(row, list) for row in marks.values())):
-            raise InputError(f"{where}: marks, expected a table with one list of marks a criterion")
-        if not (isinstance(weights, dict) and all(isinstance(w, (int, float)) for w in weights.values())):
-            raise InputError(f"{where}: weights, expected a table with one number a criterion")
-        charts.append(pugh_chart(str(entry.get("title", f"chart {number}")), concepts, marks, weights))
-    return charts
+    return [pugh_chart(c.title or f"chart {k}", c.concepts, c.marks, c.weights) for k, c in enumerate(charts, 1)]

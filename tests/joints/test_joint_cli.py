@@ -148,7 +148,7 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("design", '[film]\npreload = "5 mm"', r"\[film\]: preload: '5 mm', expected a quantity with its unit"),
         ("pugh", "chart = []", r"no \[\[chart\]\]"),
         ("pugh", '[[chart]]\nconcepts = ["a"]\nmarks = {x = ["?"]}', r"mark '\?', expected 0"),
-        ("pugh", '[[chart]]\nconcepts = "a"', "concepts = 'a', expected a list of names"),
+        ("pugh", '[[chart]]\nconcepts = "a"', r"Expected `array`, got `str` - at `chart\[0\]\.concepts`"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, text: str, words: str) -> None:
