@@ -90,16 +90,13 @@ class Rival:
         return f"{said}; these joint values ({unit}) would tell them apart best: {at}"
 
 
-def rivals_of_constants(
-    calibration: Calibration, poses: Poses, pool: Iterable[Candidate], seed: int = 0
-) -> tuple[Rival, ...]:
+def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[Candidate]) -> tuple[Rival, ...]:
     """Every significant constant that a candidate of `pool` mimics within the noise of these poses, best mimics first.
 
     With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave, those of curves as far
     as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ.
     All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥ and at right angles to it, so that
     one projection of a candidate serves every constant, and its triangle R of QR R and ĉᵀC say all of C⊥.
-    seed: of the poses tried.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)
@@ -131,7 +128,7 @@ def rivals_of_constants(
             apart = float(np.linalg.norm(target - seen @ sizes)) / calibration.sigma
             if apart < TOLD_APART:
                 found.append((k, candidate, sizes, apart))
-    fresh = FittedColumns.at(calibration, _anywhere(calibration, poses, seed)) if found else here
+    fresh = FittedColumns.at(calibration, _anywhere(calibration, poses)) if found else here
     rivals = []
     told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
     for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
@@ -177,13 +174,13 @@ def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[
     return tuple(n for n in candidate.inputs if n not in known and not (weights and weights.column(n) is not None))
 
 
-def _anywhere(calibration: Calibration, poses: Poses, seed: int) -> Poses:
+def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
     """Random poses within the limits as the fitted model sees them, in the first set-up and with the first tool.
 
     They are taken one after the other, for a model that remembers the rows before.
     """
     model = calibration.model
-    q = random_poses(model.mechanism, POOL, np.random.default_rng(seed))
+    q = random_poses(model.mechanism, POOL, np.random.default_rng(0))
     at = np.zeros(POOL, dtype=np.int64)
     data = replace(poses.dataset.subset(at), q=q, observations=(), in_order=True)
     fresh = prepare(model.mechanism, data)

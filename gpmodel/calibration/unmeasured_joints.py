@@ -117,20 +117,17 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     return rows / scale @ vt[:rank].T @ vt[:rank] * scale
 
 
-def solve_joints(
-    model: ErrorModel, poses: Poses, theta: Array, placement: Placement, prior_sigma: Array | float | None = None
-) -> Poses:
+def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """The same poses with their free joints solved against what was measured at each.
 
-    Per pose: the values nearest to the table's (in units of prior_sigma, (n,) rad or m) among those that fit the
+    Per pose: the values nearest to the table's (in units of `prior_sigmas`) among those that fit the
     observations best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
     Poses without a free joint, and rows where nothing was measured, come back as they were.
     """
     free = list(free_joints(model.mechanism))
     if not free:
         return poses
-    sigma = np.broadcast_to(prior_sigmas(model.mechanism) if prior_sigma is None else prior_sigma, (len(free),))
-    start, current = poses.dataset.q[:, free], poses
+    sigma, start, current = prior_sigmas(model.mechanism), poses.dataset.q[:, free], poses
     shapes_move = any(not effect.constant for effect in model.effects)
     for _ in range(MAX_ITERATIONS):
         observed = observe(model, current, theta, placement)

@@ -53,7 +53,6 @@ def regression_front(
     response: Array,
     rng: np.random.Generator,
     seconds: float = 5.0,
-    representation: Linear = SEQUENCES,
     clock: Callable[[], float] = time.perf_counter,
 ) -> tuple[Law, ...]:
     """Laws of a response (N,) that no shorter one fits as well, shortest first; ends with the first exact one, or after
@@ -72,7 +71,7 @@ def regression_front(
     found = _judged((parse(repr(name)) for name in inputs.names), columns, response)
     for link in LINKS:
         if link.applies(response):
-            island = Island(LinkedProblem(inputs, response, link), representation, rng)
+            island = Island(LinkedProblem(inputs, response, link), SEQUENCES, rng)
             sums = solved(island.problem.always, link, columns, response, PRICE)
             found += [] if sums is None else _judged([sums], columns, response)
             islands.append(island)
@@ -95,7 +94,7 @@ def regression_front(
             if clock() - began < (1.0 - FINISHING / 2) * seconds:
                 found += _judged(islands[k].climbed_from_best(), columns, response)
         best = sorted(found, key=lambda law: law.nats)[:POLISHED]
-        found += _judged(_polished(best, columns, response, representation.constants), columns, response)
+        found += _judged(_polished(best, columns, response, SEQUENCES.constants), columns, response)
     if not found:
         raise InputError("regress: no program is finite on these inputs")
     return _front(found)

@@ -44,17 +44,17 @@ class Specification:
         return f"{1e6 * self.offset:g} µm + {1e6 * self.slope:g} µm/m"
 
 
-def specification(text: str, where: str = "instrument") -> Specification:
-    """`15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`. Raises InputError naming `where`."""
+def specification(text: str) -> Specification:
+    """`15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`. Raises InputError naming `instrument`."""
     offset, slope = 0.0, 0.0
     try:
         for part in re.split(r"(?<=[^eE+])\+", text.strip().strip("±()")):
             if re.search(r"/|ppm", part):
-                slope += convert(part.replace("ppm", "um/m"), "1", where)
+                slope += convert(part.replace("ppm", "um/m"), "1", "instrument")
             else:
-                offset += parse_quantity(part, "length", where)
+                offset += parse_quantity(part, "length", "instrument")
     except InputError:
         offset = math.nan
     if not (math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < offset + slope):
-        raise InputError(f"{text[:SHOWN]!r}, {EXPECTED}", where)
+        raise InputError(f"{text[:SHOWN]!r}, {EXPECTED}", "instrument")
     return Specification(offset, slope)
