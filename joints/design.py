@@ -11,7 +11,7 @@ from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, first_yield_pressure, hertz
 from joints.description import SECTIONS, read_joint, spherical_joint
 from joints.dynamics import ball_mass
-from joints.fed_film import fed_film
+from joints.fed_film import FedFilm, fed_film
 from joints.film import edge_gap
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
@@ -72,7 +72,8 @@ class JointDesign:
     def verdict(self) -> str:
         """One sentence."""
         g = self.governing
-        said = f"{g.topic} governs: {g.quantity}, {g.used:.3g} of {g.there:.3g} {g.unit}, {100 * g.share:.0f} %"
+        there = f"{g.there:.3g} {g.unit}".rstrip()
+        said = f"{g.topic} governs: {g.quantity}, {g.used:.3g} of {there}, {100 * g.share:.0f} %"
         missed = [limit.topic for limit in self.limits if limit.share > 1]
         return f"{said}; {'not met: ' + ', '.join(missed) if missed else 'every demand is met'}"
 
@@ -167,14 +168,20 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
     guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
     inlet, supply = float(guide.inlet_pressure) / ATMOSPHERE, demand["supply"] / ATMOSPHERE
     yield Limit("film", "inlet pressure for the lift", inlet, supply, "atm")
-    moved = fed_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
-    mass = ball_mass(s["film"]["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]
-    magnets = magnet_stiffness(_preload(s), s["stiffness"]["stand_off"])
+    moved, mass, magnets = moving_film(s)
     least = moved.least_damped(mass, magnets, geometry.orifices * s["film"]["orifice"]["pocket"])
     left = float(np.exp(2 * np.pi * least.real / abs(least)))
-    yield Limit("hammer", "share of a vibration that is left a cycle later", left, 1.0, "of it")
+    yield Limit("hammer", "share of a vibration that is left a cycle later", left, 1.0, "")
     change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
     yield _length("film", "gap that growth takes or adds", abs(change), float(edge_gap(geometry, demand["lift"])))
+
+
+def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
+    """The film of a design in motion, the mass on it, kg, and the magnets' stiffness, N/m."""
+    film, preload = s["film"], _preload(s)
+    moved = fed_film(film_geometry(film), preload, orifice_law(film["orifice"]), s["demand"]["lift"])
+    mass = ball_mass(film["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]
+    return moved, mass, magnet_stiffness(preload, s["stiffness"]["stand_off"])
 
 
 def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from gpmodel._version import __version__
 from joints import figures
-from joints.design import JointDesign, joint_design
+from joints.design import JointDesign, joint_design, moving_film
 from joints.film_design import design_film, displacement_at_inlet
 from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM
@@ -66,7 +66,11 @@ def _parts(design: JointDesign) -> tuple[Table, ...]:
             guide.stiffness_constant_inlet * N_PER_UM,
         )
         heads = ("Lift [um]", "Gap [um]", "Flow [sccm]", "Inlet [atm]", "Stiffness [N/um]")
-        note = f"flat plate, {preload:.4g} N of preload"
+        film, mass, magnets = moving_film(design.settings)
+        begins = 1e9 * film.hammering_pocket(mass, magnets) / s["orifices"]
+        behind = 1e9 * s["orifice"]["pocket"]
+        note = f"flat plate, {preload:.4g} N of preload; the sphere's film hammers with {begins:.3g} mm^3 of air behind"
+        note += f" each orifice, and has {behind:.3g}"
         tables.append(Table("Air film", heads, list(zip(*(c.tolist() for c in columns), strict=True)), note))
     return tuple(tables)
 

@@ -11,6 +11,7 @@ from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.studies import STUDIES
+from joints.studies.design import design_study
 
 
 def design(folder: Path, text: str) -> JointDesign:
@@ -61,6 +62,7 @@ def test_shares_follow_the_demands_in_proportion(tmp_path: Path) -> None:
 
 def test_air_behind_the_orifices_makes_the_joint_hammer(tmp_path: Path) -> None:
     """Of a vibration 62 % are left a cycle later without any; three pockets of 10.6 mm^3 keep it as it is."""
+    assert "hammers with 10.6 mm^3 of air behind each orifice, and has 0" in design_study().tables[-1].note
     for pocket, left in (("0", 0.621), ("10.5", 0.997), ("20", 1.295)):
         found = design(tmp_path, f'[film.orifice]\npocket = "{pocket} mm^3"')
         assert limit(found, "left a cycle later") == pytest.approx(left, abs=5e-3)
