@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test conclusions lint types wheel docs pictures clean
+.PHONY: install demo test long conclusions lint types wheel docs pictures clean
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -20,6 +20,9 @@ demo: $(BIN)/gpmodel
 
 test: $(BIN)/pytest
 	$(BIN)/pytest -n auto --dist loadfile
+
+long: $(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile -m 'long and not slow'
 
 conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py tests/experiments/test_hexapod_experiment.py

@@ -146,6 +146,7 @@ def test_a_scheduler_that_is_none_is_one_line(address: str, said: str, monkeypat
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 def test_a_cluster_of_two_processes_one_of_them_killed_gives_the_same(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     with scheduled("local:2") as workers:

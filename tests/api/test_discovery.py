@@ -80,6 +80,7 @@ def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_p
     assert gp.load_model(tmp_path / "model.json").misses(GEAR).mean() < 0.1
 
 
+@pytest.mark.long
 def test_own_families_and_effects_are_judged_like_all_others() -> None:
     arm = gp.load_mechanism("irb6400r")
     said: list[str] = []

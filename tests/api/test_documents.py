@@ -49,6 +49,7 @@ def test_no_document_with_lines_of_python_is_left_out() -> None:
     assert {str(d.relative_to(ROOT)) for d in documents if ">>> " in d.read_text(encoding="utf-8")} == set(SHOWN)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_every_public_name_has_an_example_and_all_of_them_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = EXAMPLES.read_text(encoding="utf-8")
@@ -67,6 +68,7 @@ def test_the_readme_is_short_and_leads_nowhere_that_is_not_there() -> None:
     assert [t for t in targets if not (ROOT / t).exists()] == []
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_the_lines_of_the_tour_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All its cells in turn, with searches of the smallest size and one share of the poses held out."""

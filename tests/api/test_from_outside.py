@@ -58,6 +58,7 @@ def test_a_family_from_outside_is_found_named_and_explained() -> None:
     assert found.findings[0].value == pytest.approx(5e-4, abs=5 * found.findings[0].stderr)
 
 
+@pytest.mark.long
 def test_the_loop_evolves_with_a_selection_scheme_from_outside() -> None:
     search = gp.Search(runs=4, population=256, generations=20, selection=Roulette())
     made = gp.simulate(ARM, ["J4.moving:Rx:tanh(3*sin(J4))*J2=0.5 mrad"], poses=90, seed=4)

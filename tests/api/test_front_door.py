@@ -58,6 +58,7 @@ def lean(code: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.long
 def test_a_lean_installation_has_all_names_but_the_search_and_says_which_extra_brings_that() -> None:
     out = lean("for name in gp.__all__:\n    wrong = said(lambda: getattr(gp, name))\n    if wrong: print(wrong)")
     assert out.splitlines() == [
@@ -65,6 +66,7 @@ def test_a_lean_installation_has_all_names_but_the_search_and_says_which_extra_b
     ]
 
 
+@pytest.mark.long
 def test_a_lean_installation_calibrates_saves_predicts_and_compensates(tmp_path: Path) -> None:
     path, model = write(FRAME, tmp_path / "t.csv"), tmp_path / "model.json"
     out = lean(

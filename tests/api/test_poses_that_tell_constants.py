@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from spherical_cases import JOINT, OFFSETS
 
 import gpmodel as gp
@@ -11,6 +12,7 @@ from gpmodel.report.saved import read_report
 from gpmodel.table.write import frame_of
 
 
+@pytest.mark.long
 def test_ten_poses_after_a_calibration_tell_a_constant_from_what_it_could_be(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rig = Rig(JOINT, parameters=OFFSETS)

@@ -81,6 +81,7 @@ def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
     assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.h"}]).all()
 
 
+@pytest.mark.long
 def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_missing() -> None:
     effects = ("J1.moving:Rz:0.01*row=2e-4", "J4.moving:Ry:0.01*row*sin(J5)=2e-4")
     mechanism, made = robot(80, 3, "irb6400r", effects=effects)
@@ -208,6 +209,7 @@ def at_joints(saved: SavedModel, degrees: pd.DataFrame) -> Dataset:
     return dataset_from(degrees.map(str), Path("grid"), saved.mechanism, need_measurement=False)
 
 
+@pytest.mark.long
 def test_of_several_set_ups_and_tools_the_named_ones_are_exported_and_said(tmp_path: Path) -> None:
     mechanism, made = robot(80, 3, "irb6400r", effects=("joint_compliance J2=2e-7",))
     half = np.arange(80) % 2 == 0

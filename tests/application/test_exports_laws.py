@@ -12,6 +12,7 @@ EXPONENTIAL = {".tex": ("e^{", "\\xi_"), ".py": ("np.exp(", "twists["), ".c": ("
 """By suffix: how it is written, and what its line has."""
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_a_bump_is_found_named_and_exported_with_one_exponential() -> None:
     arm = gp.load_mechanism("irb6400r")

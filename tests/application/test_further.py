@@ -24,6 +24,7 @@ def fresh(poses: Poses, truth: Truth, rng: np.random.Generator) -> Poses:
     return replace(there, dataset=replace(data, position=tip + NOISE * rng.normal(size=tip.shape)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [40, 100])
 def test_the_bounds_hold_on_further_poses_and_are_no_wider_than_they_must(count: int) -> None:
     held, over = [], []

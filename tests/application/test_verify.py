@@ -65,6 +65,7 @@ def test_a_model_that_holds_is_said_to(fitted: tuple[gp.Model, Simulation]) -> N
     assert list(found.to_dataframe()["with [mm]"]) == sorted(found.to_dataframe()["with [mm]"], reverse=True)
 
 
+@pytest.mark.long
 def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(
     fitted: tuple[gp.Model, Simulation],
 ) -> None:
@@ -233,6 +234,7 @@ def test_targets_that_were_compensated_are_judged_where_the_machine_went(
     assert sent["correction [mm]"].median() > 0.5
 
 
+@pytest.mark.long
 def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: tuple[gp.Model, Simulation]) -> None:
     model, made = fitted
     found = model.verify(later(made, 9, 5000))

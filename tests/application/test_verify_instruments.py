@@ -39,6 +39,7 @@ def moved(data: Dataset, joint: int, by: float) -> Dataset:
     return replace(data, q=data.q - by * np.eye(data.q.shape[1])[joint])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", POSES)
 def test_a_model_that_holds_is_said_to_in_the_unit_of_the_readings(instrument: str) -> None:
     model, data = fitted(instrument)
@@ -85,6 +86,7 @@ def test_wrong_corners_are_outliers_and_no_change() -> None:
     assert {data.row[7], data.row[90]} <= set(found.record.data.outliers)
 
 
+@pytest.mark.long
 def test_the_command_takes_the_files_of_the_fit_and_leaves_its_pages(tmp_path: Path) -> None:
     model, data = fitted("camera")
     model.save(tmp_path / "model.json")

@@ -36,6 +36,7 @@ def fitted(see: str, seed: int, name: str = "ur5", count: int = 50) -> tuple[Tru
     return truth, calibrate(truth.model, truth.poses, robust=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("see", SEEN)
 def test_deviations_are_neither_small_nor_large(see: str) -> None:
     """Errors whitened by the covariance the fit states have a spread of 1, and so has the noise over its estimate."""

@@ -26,6 +26,7 @@ def test_a_torque_of_no_joint_is_said_to_be_an_input() -> None:
     assert not [f for f in gp.check(arm, frame).findings if "effort_index" in f.text]
 
 
+@pytest.mark.long
 def test_two_arms_before_one_tracker_are_no_mix_up(tmp_path: Path) -> None:
     """The frames of both are no chain, one after the other."""
     links = ((136, 0, 90), (0, 425, 0), (0, 392, 0), (110, 0, 90), (95, 0, -90), (82, 0, 0))

@@ -196,6 +196,7 @@ def test_too_few_poses_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_the_demo_goes_from_nothing_to_the_report(tmp_path: Path) -> None:
     """With two folds instead of the usual five."""

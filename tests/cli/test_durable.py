@@ -39,6 +39,7 @@ def whole(cell: Path) -> tuple[dict[str, Any], float]:
     return results(cell.parent / "whole"), time.monotonic() - started
 
 
+@pytest.mark.long
 def test_killed_at_random_moments_it_goes_on_to_the_same_numbers(
     cell: Path, whole: tuple[dict[str, Any], float], tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
@@ -68,6 +69,7 @@ def test_killed_at_random_moments_it_goes_on_to_the_same_numbers(
     assert results(out) == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("write", [9, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, WRITES))])
 def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
     write: int, cell: Path, whole: tuple[dict[str, Any], float], tmp_path: Path
@@ -108,6 +110,7 @@ def full_after(writes: int) -> Iterator[None]:
         yield
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("places", [range(0, 20, 5), pytest.param(range(20), marks=pytest.mark.slow)], ids=len)
 def test_a_disk_that_fills_up_is_told_and_loses_nothing(
     places: range, cell: Path, whole: tuple[dict[str, Any], float], tmp_path: Path

@@ -70,6 +70,7 @@ def test_every_machine_leaves_a_model_that_predicts(result: tuple[str, Path], ta
     assert kept == {"base compliance", "joint compliance, J2"}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     folder = written(tmp_path / "tables", {f"<b>{k}": v for k, v in machines(3, 2).items()})

@@ -88,6 +88,7 @@ def cut(interrupted: Path, tables: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(interrupted, tmp_path / "out"))
 
 
+@pytest.mark.long
 def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
     tables: Path, expected: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -104,6 +105,7 @@ def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
     assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures", "machines"}
 
 
+@pytest.mark.long
 def test_folders_may_move_together_and_a_damaged_file_is_done_again(
     cut: Path, expected: dict[str, Any], tmp_path: Path
 ) -> None:

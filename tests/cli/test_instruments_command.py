@@ -26,6 +26,7 @@ def simulated(instrument: str, folder: Path) -> tuple[Path, list[object]]:
     return table, [part for name, file in beside.items() if file.exists() for part in (f"--{name}", file)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", OTHERS)
 def test_simulated_readings_are_checked_and_calibrated(instrument: str, tmp_path: Path) -> None:
     table, options = simulated(instrument, tmp_path)

@@ -21,6 +21,7 @@ def quick() -> Iterator[None]:
         yield
 
 
+@pytest.mark.long
 def test_it_follows_a_table_and_leaves_verdict_and_next_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = tmp_path / "cell.csv", tmp_path / "out"
     lines = table(45, effects=("gear_harmonic J4=400 arcsec",)).to_csv(index=False).splitlines(keepends=True)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from cli_cases import robot
 from effect_cases import numbers
 from executor_cases import Elsewhere
@@ -13,6 +14,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.table.split import hold_out
 
 
+@pytest.mark.long
 def test_runs_and_laws_of_curves_may_be_done_anywhere() -> None:
     arm, made = robot(60, 0, "ur5", effects=["shoulder_lift_joint.moving:Ry:tanh(3*sin(shoulder_lift_joint))=0.5 mrad"])
     train, heldout = hold_out(made.dataset, 0.25, np.random.default_rng(0))

@@ -29,6 +29,7 @@ def saturating(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 WINDUP = Family("saturating_windup", "the gear winds up and stops", "its maker", saturating)
 
 
+@pytest.mark.long
 def test_a_family_from_outside_is_found_and_explained() -> None:
     truth, train, heldout = robot("windup", 0)
     arm = truth.model.mechanism

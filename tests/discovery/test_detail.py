@@ -80,6 +80,7 @@ def test_what_is_no_fine_curve_is_not_continued(fewer: int) -> None:
     assert continued(replace(curve, effects=curve.effects[1:])) == ()
 
 
+@pytest.mark.long
 def test_what_is_judged_and_handed_on_is_the_fit_with_all_its_harmonics() -> None:
     arm = mechanism(ARM)
     joint, rng = arm.joints[1], np.random.default_rng(1)

@@ -96,6 +96,7 @@ def test_a_load_in_proportion_to_a_length_is_not_offered_beside_it() -> None:
         assert "x" in names
 
 
+@pytest.mark.long
 def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
     answer = found("windup", 0)
     for entry in answer.rounds:
@@ -116,6 +117,7 @@ def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_
     assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
 
 
+@pytest.mark.long
 def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> None:
     for entry in quick().rounds:
         null = entry.exploration.null_nats

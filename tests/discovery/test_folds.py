@@ -82,6 +82,7 @@ def test_a_table_is_judged_one_way_whatever_the_seed_of_the_search() -> None:
 NOTHING = gp.Search(runs=0, max_effects=0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", ["camera", "planes", "points", "bar"])
 def test_of_few_poses_every_one_is_held_out_once_however_many_rows_show_it(instrument: str) -> None:
     made = simulated(instrument)

@@ -126,11 +126,13 @@ def test_held_out_poses_choose_nothing() -> None:
         np.testing.assert_array_equal(a.exploration.null_nats, b.exploration.null_nats)
 
 
+@pytest.mark.long
 def test_the_number_of_workers_changes_no_number() -> None:
     two = found("gear", 0, replace(QUICK, workers=2))
     assert numbers(two) == numbers(quick())
 
 
+@pytest.mark.long
 def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every round another wave passes by itself, and the joint choice wants none of them."""
     truth, train, heldout = robot("gear", 0)
@@ -165,6 +167,7 @@ def test_limits_of_effects_and_time_are_kept_and_told() -> None:
     assert len(late.findings) == 1
 
 
+@pytest.mark.long
 def test_rows_that_copy_others_count_once() -> None:
     truth, train, heldout = robot("nothing", 0, 40)
     poses = truth.poses.subset(np.concatenate([np.arange(40), train[:10]]))
@@ -178,6 +181,7 @@ def test_rows_that_copy_others_count_once() -> None:
     assert twice.final.theta.tolist() == once.final.theta.tolist()
 
 
+@pytest.mark.long
 def test_a_known_effect_is_in_the_standard_model_and_not_found_again() -> None:
     truth, train, heldout = robot("gear", 0)
     known = Candidate("gear error, 2 per turn, J4", CASES["gear"].effects, "gear_harmonic", 4.0)

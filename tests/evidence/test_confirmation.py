@@ -34,6 +34,7 @@ def test_what_is_confirmed_is_shipped() -> None:
     assert answer.final is answer.found
 
 
+@pytest.mark.long
 def test_what_is_not_confirmed_is_kept_to_be_read_and_the_standard_model_is_shipped() -> None:
     truth, train, heldout = robot("gear", 0)
     answer = discover(
@@ -101,6 +102,7 @@ def test_repeats_are_one_unit_never_parted_and_permuted_together(labelled: bool)
     assert all(len({fold[3 * i], fold[3 * i + 1], fold[3 * i + 2]}) == 1 for i in range(60))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("labelled", [True, False])
 @pytest.mark.parametrize("seed", [3, 4])
 def test_repeats_of_an_innocent_robot_are_no_evidence(labelled: bool, seed: int) -> None:

@@ -73,6 +73,7 @@ def test_tables_repeat_and_differ() -> None:
     assert arm.table(0) != arm.table(0, planted=False)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_base_then_j5_then_j4_are_named_and_beat_the_hand_made_model(seed: int) -> None:

@@ -25,6 +25,7 @@ def test_an_innocent_robot_keeps_its_standard_model() -> None:
     assert counted([row])["false additions"] == {"count": 0, "robots": []}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "families"),
     [
@@ -48,6 +49,7 @@ def test_every_known_robot_says_what_its_effect_is_called() -> None:
     assert set(DECLARED) == set(FAMILIES["known"])
 
 
+@pytest.mark.long
 def test_a_machine_is_asked_for_everything_printed_of_it() -> None:
     row = asked(1)
     assert set(row["z"]) == {"effect", "geometry", "place", "turn", "tool"}
@@ -58,6 +60,7 @@ def test_a_machine_is_asked_for_everything_printed_of_it() -> None:
     assert covered([row])["machines"] == 1
 
 
+@pytest.mark.long
 def test_a_fleet_is_asked_against_the_type_it_was_drawn_from() -> None:
     row = fleet_asked(0)
     assert row["size"] == 5

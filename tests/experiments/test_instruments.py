@@ -28,6 +28,7 @@ def test_exact_readings_are_those_of_the_robot_as_it_is(kind: str) -> None:
     assert 0.3 < np.sqrt(np.mean(off**2)) < 2.0
 
 
+@pytest.mark.long
 def test_a_probe_names_what_is_wrong_and_comes_near_the_bound() -> None:
     row = judge("planes and spheres", 0, True)
     assert row["named"]

@@ -74,6 +74,7 @@ def test_spread_and_its_interval_are_said_in_one_unit(found: FleetResult) -> Non
         assert band(part).endswith(unit)
 
 
+@pytest.mark.long
 def test_an_innocent_fleet_has_no_outlier() -> None:
     found = gp.fleet(MECHANISM, machines(1, 6), [BASE, JOINT], holdout=0.0)
     assert found.record.outliers() == []
@@ -81,6 +82,7 @@ def test_an_innocent_fleet_has_no_outlier() -> None:
     assert {m.own_mm for m in found.record.machines} == {None}
 
 
+@pytest.mark.long
 def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tmp_path: Path) -> None:
     folder = two_joint_arms(tmp_path / "arms", 2)
     found = gp.fleet(None, folder, holdout=0.3)

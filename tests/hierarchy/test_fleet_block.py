@@ -16,6 +16,7 @@ def found() -> FleetResult:
     return gp.fleet(MECHANISM, curved(COUNT, ODD), [CURVE])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("serial", ["C-1", "C-3"])
 def test_alone_a_machine_is_what_calibrate_makes_of_its_table(found: FleetResult, serial: str) -> None:
     alone = gp.calibrate(MECHANISM, curved(COUNT, ODD)[serial], [CURVE])
@@ -23,6 +24,7 @@ def test_alone_a_machine_is_what_calibrate_makes_of_its_table(found: FleetResult
     assert machine.own_mm == pytest.approx(alone.record.ladder[-1].heldout.rms_mm, rel=1e-9)
 
 
+@pytest.mark.long
 def test_harmonics_have_one_row_together_and_none_alone(found: FleetResult) -> None:
     assert all(part.constant for part in found.record.effects)
     (block,) = found.record.blocks
@@ -35,12 +37,14 @@ def test_harmonics_have_one_row_together_and_none_alone(found: FleetResult) -> N
     assert rows.value.isna().all()
 
 
+@pytest.mark.long
 def test_the_machine_with_another_curve_is_named_and_keeps_it(found: FleetResult) -> None:
     assert [(k, part.name) for k, part in found.record.outliers()] == [(ODD, found.record.blocks[0].name)]
     machine = found.record.machines[ODD]
     assert machine.fleet_mm < 1.2 * machine.own_mm
 
 
+@pytest.mark.long
 def test_a_further_machine_with_another_curve_is_said_so(found: FleetResult) -> None:
     told = gp.calibrate(MECHANISM, curved(COUNT, ODD)["C-3"], fleet=found.record, holdout=0.0)
     assert f"unlike its type in {found.record.blocks[0].name}." in told.verdict
@@ -48,6 +52,7 @@ def test_a_further_machine_with_another_curve_is_said_so(found: FleetResult) -> 
     assert "unlike" not in alike.verdict
 
 
+@pytest.mark.long
 def test_together_the_others_are_predicted_better(found: FleetResult) -> None:
     alone, together = (
         np.array([getattr(m, name) for k, m in enumerate(found.record.machines) if k != ODD])

@@ -27,6 +27,7 @@ def inlets(film, orifice, lift=LIFT, clearance=13e-6, passed=1.6) -> np.ndarray:
     return orifice.inlet_pressure(made.flow / passed, made.socket_pressure)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("film", [design_film, spherical_film])
 @pytest.mark.parametrize("orifice", ORIFICES, ids=lambda o: type(o).__name__)
 def test_clearance_and_flow_come_out_within_what_is_stated(film, orifice) -> None:

@@ -32,6 +32,7 @@ def test_growth_is_found_where_its_fit_overflowed() -> None:
     assert [f.candidate.name for f in found.findings] == ["thermal growth of the arm (temperature)"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("on_axis", [True, False], ids=["on the axis", "off the axis"])
 def test_nineteen_in_twenty_of_the_stated_intervals_of_the_placement_hold(on_axis: bool) -> None:
     """225 numbers of 25 rigs; the angles taken as exact would leave a third to a half of them within."""

@@ -88,6 +88,7 @@ def test_offsets_of_the_axes_are_recovered_and_the_rest_is_named_as_dropped(seed
     assert len(fit.dropped) == 27
 
 
+@pytest.mark.long
 def test_the_stated_deviation_of_the_pitch_offset_is_its_scatter() -> None:
     fits = [variable_projection(WITH_OFFSETS, prepare(JOINT, published_table(s)[1])) for s in range(40)]
     scatter = np.std([f.theta[1] for f in fits])

@@ -54,6 +54,7 @@ def test_a_weak_effect_fitted_by_its_catalogue_name_is_there_at_its_size(name: s
     assert fit.sigma < bare.sigma
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "name"),
     [(case, name) for case, (_, name, *_) in weak.CASES.items() if name],

@@ -95,6 +95,7 @@ def test_every_ball_offers_the_joints_effects_over_its_own_angles_from_where_it_
     assert poses.states.unit(lobes.inputs[0]) == "rad"
 
 
+@pytest.mark.long
 def test_the_bad_ball_of_a_hexapod_is_named_and_nothing_of_a_good_one() -> None:
     found = one_machine("hexapod", 3, True)
     assert found["right"]

@@ -42,6 +42,7 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
         np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6 * max(np.abs(numeric).max(), 1e-3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", OTHERS)
 def test_it_calibrates_from_a_start_of_its_own(instrument: str) -> None:
     made = simulated(instrument, 160)

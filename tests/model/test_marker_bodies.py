@@ -35,6 +35,7 @@ def test_a_body_is_placed_by_the_markers_that_are_seen_and_a_wrong_one_does_no_h
         np.testing.assert_allclose(view_pose(BALL, wrong, None), pose, atol=0.02)
 
 
+@pytest.mark.long
 def test_a_camera_that_sees_a_few_markers_of_a_body_calibrates_the_arm() -> None:
     made = simulated("camera", 60)
     saved, mechanism = made.truth.saved, made.truth.mechanism

@@ -206,6 +206,7 @@ def test_arms_are_written_with_their_errors(source: str, file: Path, tmp_path: P
         np.testing.assert_allclose(found[again.slots.index(other)], placed[slots.index(slot)], atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_fit_of_two_arms_is_exported_as_a_urdf_that_says_its_own_error(made, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     result = gp.calibrate(made.truth.mechanism, made.table)
     saved = result.model.saved
