@@ -21,10 +21,11 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.write import frame_of, table_text
 
 NOISE = 2e-5
+Fitted = tuple[gp.Model, Simulation]
 
 
 @pytest.fixture(scope="module")
-def fitted() -> tuple[gp.Model, Simulation]:
+def fitted() -> Fitted:
     arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))
     return gp.calibrate(arm, made.dataset, ["base_compliance"], holdout=0.0).model, made
 
@@ -44,7 +45,7 @@ def later(
     return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
 
 
-def test_while_the_model_holds_chances_are_uniform(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     """Of everything left, and of every pose: over forty later sessions of twenty poses."""
     model, made = fitted
     found = [recheck(settled(usable(model.saved), later(made, seed))) for seed in range(40)]
@@ -56,7 +57,7 @@ def test_while_the_model_holds_chances_are_uniform(fitted: tuple[gp.Model, Simul
     assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_model_that_holds_is_said_to(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_a_model_that_holds_is_said_to(fitted: Fitted) -> None:
     model, made = fitted
     found = model.verify(later(made, 1), tolerance="0.2 mm")
     assert (found.holds, found.passed, found.record.changes) == (True, True, ())
@@ -66,9 +67,7 @@ def test_a_model_that_holds_is_said_to(fitted: tuple[gp.Model, Simulation]) -> N
 
 
 @pytest.mark.long
-def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(
-    fitted: tuple[gp.Model, Simulation],
-) -> None:
+def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(fitted: Fitted) -> None:
     """A random walk along the rows is named as the set-up's; a zero that moved beside it is found."""
     model, made = fitted
     kinds, verdicts = [], []
@@ -84,7 +83,7 @@ def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(
     assert verdicts[1::2] == ["drifted"] * 4
 
 
-def test_a_zero_that_moved_is_named_with_its_size(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_a_zero_that_moved_is_named_with_its_size(fitted: Fitted) -> None:
     model, made = fitted
     for joint, moved in ((1, 1e-4), (2, -1e-4), (2, 5e-3)):
         found = model.verify(later(made, 2, joint=joint, moved=moved))
@@ -94,7 +93,7 @@ def test_a_zero_that_moved_is_named_with_its_size(fitted: tuple[gp.Model, Simula
         assert f"zero of J{joint + 1} moved by" in found.verdict
 
 
-def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: Fitted) -> None:
     model, made = fitted
     for slip in (2e-4, 0.05):
         found = model.verify(later(made, 4, tool=slip))
@@ -102,12 +101,12 @@ def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: tuple[gp.Model, 
         assert abs(found.record.changes[0].value - slip) < 5 * found.record.changes[0].stderr
 
 
-def test_another_machine_is_told_from_one_that_drifted(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_another_machine_is_told_from_one_that_drifted(fitted: Fitted) -> None:
     other = robot(25, seed=9, noise=NOISE)[1]
     assert fitted[0].verify(later(other, 5)).record.verdict == "another machine"
 
 
-def test_a_model_whose_noise_is_known_for_sure_is_judged_as_well(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_a_model_whose_noise_is_known_for_sure_is_judged_as_well(fitted: Fitted) -> None:
     """Also one written before the degrees of freedom of its noise were kept."""
     known = gp.Model(replace(fitted[0].saved, freedom=np.inf))
     assert known.verify(later(fitted[1], 5)).holds
@@ -117,7 +116,7 @@ def test_a_model_whose_noise_is_known_for_sure_is_judged_as_well(fitted: tuple[g
     assert all(pose.chance is not None for pose in drifted.poses)
 
 
-def test_the_zero_that_the_registration_stands_for_is_said_to_be_unseen(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_the_zero_that_the_registration_stands_for_is_said_to_be_unseen(fitted: Fitted) -> None:
     model, made = fitted
     found = model.verify(later(made, 6, joint=0, moved=1e-3))
     assert found.holds
@@ -125,9 +124,7 @@ def test_the_zero_that_the_registration_stands_for_is_said_to_be_unseen(fitted: 
     assert 0.0 < found.record.visible[1].size < 1e-4
 
 
-def test_one_wrong_reading_is_an_outlier_and_no_change_but_beyond_the_tolerance(
-    fitted: tuple[gp.Model, Simulation],
-) -> None:
+def test_one_wrong_reading_is_an_outlier_and_no_change_but_beyond_the_tolerance(fitted: Fitted) -> None:
     model, made = fitted
     dataset = later(made, 7)
     position = dataset.position.copy()
@@ -138,7 +135,7 @@ def test_one_wrong_reading_is_an_outlier_and_no_change_but_beyond_the_tolerance(
     assert [p.row for p in found.record.beyond_tolerance] == [5]
 
 
-def test_repeats_of_a_pose_are_one_measurement(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_repeats_of_a_pose_are_one_measurement(fitted: Fitted) -> None:
     """Ten readings of each of six poses are no sixty poses."""
     model, made = fitted
     six = later(made, 8, 6)
@@ -167,7 +164,7 @@ def write(dataset: Dataset, arm: gp.Mechanism, path: Path) -> Path:
 
 
 def test_the_command_says_it_by_its_status_and_leaves_a_page_a_pdf_and_a_certificate(
-    fitted: tuple[gp.Model, Simulation], tmp_path: Path
+    fitted: Fitted, tmp_path: Path
 ) -> None:
     model, made = fitted
     model.save(tmp_path / "model.json")
@@ -184,7 +181,7 @@ def test_the_command_says_it_by_its_status_and_leaves_a_page_a_pdf_and_a_certifi
         assert (out / "certificate.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_what_cannot_be_judged_is_refused_in_a_line(fitted: tuple[gp.Model, Simulation], tmp_path: Path) -> None:
+def test_what_cannot_be_judged_is_refused_in_a_line(fitted: Fitted, tmp_path: Path) -> None:
     model, made = fitted
     model.save(tmp_path / "model.json")
     arm = model.mechanism
@@ -204,7 +201,7 @@ def test_what_cannot_be_judged_is_refused_in_a_line(fitted: tuple[gp.Model, Simu
         gp.verify(model, good, tolerance=0.1)  # type: ignore[arg-type]
 
 
-def test_the_table_of_the_fit_itself_verifies_nothing(fitted: tuple[gp.Model, Simulation], tmp_path: Path) -> None:
+def test_the_table_of_the_fit_itself_verifies_nothing(fitted: Fitted, tmp_path: Path) -> None:
     arm, made = robot(40, seed=5)
     table = write(made.dataset, arm, tmp_path / "t.csv")
     model = gp.calibrate("irb6400r", table, holdout=0.0).model
@@ -212,9 +209,7 @@ def test_the_table_of_the_fit_itself_verifies_nothing(fitted: tuple[gp.Model, Si
         model.verify(table)
 
 
-def test_targets_that_were_compensated_are_judged_where_the_machine_went(
-    fitted: tuple[gp.Model, Simulation], tmp_path: Path
-) -> None:
+def test_targets_that_were_compensated_are_judged_where_the_machine_went(fitted: Fitted, tmp_path: Path) -> None:
     """The table of `compensate` with what was measured: its corrected values are the joint values."""
     model, made = fitted
     arm = model.mechanism
@@ -235,7 +230,7 @@ def test_targets_that_were_compensated_are_judged_where_the_machine_went(
 
 
 @pytest.mark.long
-def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: tuple[gp.Model, Simulation]) -> None:
+def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: Fitted) -> None:
     model, made = fitted
     found = model.verify(later(made, 9, 5000))
     assert (found.holds, len(found.record.poses), found.record.rows) == (True, 2000, 5000)
@@ -243,9 +238,7 @@ def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: 
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1e3, "1000 times too large"), (1e-3, "1000 times too small")])
-def test_columns_in_another_unit_are_refused_and_no_verdict(
-    fitted: tuple[gp.Model, Simulation], factor: float, said: str
-) -> None:
+def test_columns_in_another_unit_are_refused_and_no_verdict(fitted: Fitted, factor: float, said: str) -> None:
     """A scale of the instrument that is a thousandth would explain them."""
     data = later(fitted[1], 1)
     with pytest.raises(gp.InputError, match=said):

@@ -240,8 +240,7 @@ def test_empty_cells_cost_only_their_own_component() -> None:
     truth = measure("ur5", few("ur5"), 1e-3 * np.ones(5), 16, count=60, geometry=0.0)
     holes = truth.poses.dataset.position.copy()
     holes[5:15, 2] = np.nan
-    poses = prepare(truth.model.mechanism, replace(truth.poses.dataset, position=holes))
-    fit = calibrate(truth.model, poses)
+    fit = calibrate(truth.model, prepare(truth.model.mechanism, replace(truth.poses.dataset, position=holes)))
     assert (np.abs(fit.theta - truth.theta) < 4 * fit.stderr).all()
     assert np.isfinite(fit.error).all()
 
