@@ -1,8 +1,6 @@
 """Exports held against `predict` on fresh poses."""
 
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -49,10 +47,7 @@ def read_back_arms(text: str, frames: str, rigid: Rigid, dataset: Dataset) -> Ar
     """The same of a URDF of several arms; frames: the link of each, in the order of the mechanism's own."""
     tree = branched(rigid.fit.model.mechanism)
     assert tree is not None
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "read_back.urdf"
-        path.write_text(text, encoding="utf-8")
-        mechanism = MechanismChoice(str(path), frames).load()
+    mechanism = MechanismChoice("read_back.urdf", frames, description=text).load()
     own = dict(zip(tree.tips, frames.split(","), strict=True))
     tips = np.array([own.get(name, frames.split(",")[0]) for name in dataset.label("tip").tolist()])
     order = [dataset.joints.index(joint.name) for joint in mechanism.joints]
@@ -67,13 +62,10 @@ def read_back_arms(text: str, frames: str, rigid: Rigid, dataset: Dataset) -> Ar
 def read_back(text: str, suffix: str, frame: str | None, rigid: Rigid, dataset: Dataset) -> Array:
     """Points (N, 3) in the instrument's frame of the mechanism in a file of that text, moved as the measured one is:
     a URDF counts the motions themselves where the table has those of a parallel bar."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"read_back{suffix}"
-        path.write_text(text, encoding="utf-8")
-        mechanism = MechanismChoice(str(path), frame).load()
-        moved = dataset.q @ chain_of(rigid.fit.model.mechanism).motions.T
-        q: Array = np.linalg.lstsq(chain_of(mechanism).motions, moved.T, rcond=None)[0].T.astype(float)
-        flange = se3.chain(mechanism.transforms(q))[-1]
+    mechanism = MechanismChoice(f"read_back{suffix}", frame, description=text).load()
+    moved = dataset.q @ chain_of(rigid.fit.model.mechanism).motions.T
+    q: Array = np.linalg.lstsq(chain_of(mechanism).motions, moved.T, rcond=None)[0].T.astype(float)
+    flange = se3.chain(mechanism.transforms(q))[-1]
     placed = rigid.placement
     tool = np.stack([placed.tool[name] for name in dataset.label("tool").tolist()])
     register = np.stack([placed.registration[name] for name in dataset.label("setup").tolist()])
