@@ -57,7 +57,7 @@ def refits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
     def watched(*given):
         fit = exact(*given)
-        ratios.append(fit.sigma / given[-1])
+        ratios.append(fit.state.sigma / given[-1].sigma)
         return fit
 
     exact = selection.refit
