@@ -45,6 +45,8 @@ def test_what_holds_on_how_many_robots_is_that_of_the_file() -> None:
     assert f"nothing else on {harder['all seven named and nothing else']} robots" in text
     masses = results("models/harder_masses.json")["all seven named and nothing else"]
     assert f"on {masses} where it is given every link's mass wrong" in text
+    fresh = results("models/harder_fresh.json")["all seven named and nothing else"]
+    assert f"(models/harder_fresh.json)) it is {fresh}:" in text
     apart = [robot["seed"] for robot in harder["robots"] if robot["other"]]
     assert f"On the twentieth, {apart[0]}, two\neccentricities are named joint by joint" in text
     means = [robot["mm"]["the loop's own"][2] for robot in harder["robots"]]
