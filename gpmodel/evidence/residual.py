@@ -163,11 +163,11 @@ class Residual:
 
     def _weighed_for(self, sigma: float) -> "Residual":
         """The residual with the rows of its priors weighed for another σ, m."""
-        weight = np.where(np.arange(len(self.values)) < self.measured, 1.0, sigma / self.noise)
-        system, target = self.system * weight[:, None], self.target * weight
-        believed = np.any(system[self.measured :] != 0, axis=0)
-        gram = system.T @ system
-        span = ident.Span.of(system, believed, gram)
+        weight, rows = sigma / self.noise, slice(self.measured, None)
+        system, target = self.system.copy(), self.target.copy()
+        system[rows], target[rows] = weight * system[rows], weight * target[rows]
+        gram = self.gram + (weight**2 - 1.0) * self.system[rows].T @ self.system[rows]
+        span = self.span.weighed(rows, weight)
         return replace(
             self, system=system, target=target, span=span, values=span.remove(target), gram=gram, noise=sigma
         )

@@ -60,6 +60,12 @@ class Span:
         factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
         return cls(plain, columns[:, believed] - plain @ inside, factor)
 
+    def weighed(self, rows: slice, weight: float) -> "Span":
+        """The span where some rows, in which the plain columns are zero, have another weight."""
+        rest = np.array(self.rest)
+        rest[rows] *= weight
+        return Span(self.plain, rest, factored(rest.T @ rest))
+
     @property
     def size(self) -> int:
         """How many columns."""
