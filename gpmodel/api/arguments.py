@@ -4,7 +4,6 @@ import math
 import numbers
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +13,6 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.table.units import parse_quantity
 
 _SI = {"length": "m", "mass": "kg"}
@@ -94,28 +91,6 @@ def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
         if not isinstance(item, str):
             raise InputError(f"{shown(item)}, expected texts, as in {example}", argument)
     return tuple(str(item) for item in items)
-
-
-def evolved(value: object) -> tuple[Representation, ...]:
-    """Representations of programs, each of another name. Raises InputError naming `strategies`."""
-    chosen: list[Representation] = []
-    for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
-        if isinstance(strategy, type) or not isinstance(strategy, Representation):
-            raise InputError(f"{shown(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
-        chosen.append(strategy)
-    if not chosen:
-        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
-    for name, count in Counter(map(label, chosen)).items():
-        if count > 1:
-            raise InputError(f"{count} are called '{name}', expected each name once", "strategies")
-    return tuple(chosen)
-
-
-def selecting(value: object, argument: str) -> SelectionScheme:
-    """Who breeds and lives on. Raises InputError naming the argument."""
-    if isinstance(value, type) or not isinstance(value, SelectionScheme):
-        raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
-    return value
 
 
 def called(value: object, argument: str) -> Callable[..., object]:

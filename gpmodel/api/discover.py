@@ -8,8 +8,9 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import called, evolved, limit, listed, naming, number, selecting, share, shown, texts, whole
+from gpmodel.api.arguments import called, limit, listed, naming, number, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses, measured_joints
+from gpmodel.api.evolve_settings import evolved, selecting
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model

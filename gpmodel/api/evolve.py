@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import among, called, evolved, limit, selecting, share, texts, whole
+from gpmodel.api.arguments import among, called, limit, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, split
 from gpmodel.api.display import Shown, aligned
-from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
+from gpmodel.api.evolve_settings import Effort, Space, default_strategies, evolved, selecting, settings_for
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike

@@ -1,9 +1,12 @@
 """What evolves where: the thesis' settings in Cartesian space, the defaults at a slot."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from gpmodel.api.arguments import listed, shown
+from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.settings import Budget, SelectionScheme, Settings, thesis_settings
@@ -27,6 +30,28 @@ class Effort:
     generations: int | None = None
     seconds: float | None = None
     selection: SelectionScheme | None = None
+
+
+def evolved(value: object) -> tuple[Representation, ...]:
+    """Representations of programs, each of another name. Raises InputError naming `strategies`."""
+    chosen: list[Representation] = []
+    for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
+        if isinstance(strategy, type) or not isinstance(strategy, Representation):
+            raise InputError(f"{shown(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
+        chosen.append(strategy)
+    if not chosen:
+        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
+    for name, count in Counter(map(label, chosen)).items():
+        if count > 1:
+            raise InputError(f"{count} are called '{name}', expected each name once", "strategies")
+    return tuple(chosen)
+
+
+def selecting(value: object, argument: str) -> SelectionScheme:
+    """Who breeds and lives on. Raises InputError naming the argument."""
+    if isinstance(value, type) or not isinstance(value, SelectionScheme):
+        raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
+    return value
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:

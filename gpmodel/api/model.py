@@ -12,7 +12,6 @@ from gpmodel.api.arguments import among, box_limits, called, file_path, number, 
 from gpmodel.api.display import Shown, aligned
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
-from gpmodel.api.verification import VerifyResult, verify_saved
 from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
 from gpmodel.application.model_file import SavedModel, model_content, save_model
@@ -24,13 +23,13 @@ from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.progress import Say, silent
-from gpmodel.report.verification import VerifyRequest
 from gpmodel.table.read import dataset_from
 from gpmodel.texts import SEAL
 from gpmodel.wording import measured
 
 if TYPE_CHECKING:
     from gpmodel.api.exports import ExportsResult
+    from gpmodel.api.verification import VerifyResult
 
 Point = Literal["tool", "frame"]
 POINTS: tuple[Point, ...] = ("tool", "frame")
@@ -163,9 +162,12 @@ class Model(Shown):
 
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
-    ) -> VerifyResult:
+    ) -> "VerifyResult":
         """Whether the model still holds, by a table measured afterwards; see `gpmodel.verify`, which has `cameras`,
         `board` and `surfaces` as well."""
+        from gpmodel.api.verification import verify_saved  # which `predict` need not wait for
+        from gpmodel.report.verification import VerifyRequest
+
         asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
         return verify_saved(self.saved, table, asked, tolerance, in_order, sights)
 

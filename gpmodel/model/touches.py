@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
+import scipy
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array, IntArray, Mask
@@ -225,7 +225,7 @@ def _fitted(body: Artefact, feature: IntArray, points: Array) -> Array:
     best = None
     for turn in Rotation.create_group("O"):
         about = np.concatenate([middle - turn.apply(inside), turn.as_rotvec()])
-        found = optimize.least_squares(misfit, np.zeros(6), args=(about,), max_nfev=40)
+        found = scipy.optimize.least_squares(misfit, np.zeros(6), args=(about,), max_nfev=40)
         if best is None or found.cost < best[0]:
             best = found.cost, numbers_of(frame_of(about) @ frame_of(found.x))
     assert best is not None
