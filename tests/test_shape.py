@@ -5,6 +5,7 @@ import inspect
 import itertools
 import re
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -23,6 +24,12 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 Entry = tuple[Path, ast.ClassDef | None, Function]
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """The syntax tree of a file, read once for all tests."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def name_of(path: Path) -> str:
     return path.relative_to(ROOT / "gpmodel" if path.is_relative_to(ROOT / "gpmodel") else ROOT).as_posix()
 
@@ -30,7 +37,7 @@ def name_of(path: Path) -> str:
 def functions(paths: list[Path]) -> Iterator[Entry]:
     """Every function and method outside the kernels, with its class."""
     for path in paths:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = tree_of(path)
         owner = {f: c for c in ast.walk(tree) if isinstance(c, ast.ClassDef) for f in c.body}
         for node in ast.walk(tree):
             if isinstance(node, Function) and KERNELS not in path.parents:
@@ -72,7 +79,7 @@ def public_functions() -> dict[str, object]:
 def undocumented(path: Path, inherited: set[str]) -> list[str]:
     """Public names of a file without words; a method may have them from the interface it fulfils."""
     out = []
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     for node in tree.body:
         if isinstance(node, Function | ast.ClassDef) and not node.name.startswith("_"):
             out += [node.name] if not ast.get_docstring(node) else []
@@ -84,7 +91,7 @@ def undocumented(path: Path, inherited: set[str]) -> list[str]:
 
 def promised() -> set[str]:
     """Names of the methods that an interface says something about."""
-    classes = [n for p in PRODUCT for n in ast.parse(p.read_text(encoding="utf-8")).body if isinstance(n, ast.ClassDef)]
+    classes = [n for p in PRODUCT for n in tree_of(p).body if isinstance(n, ast.ClassDef)]
     interfaces = [c for c in classes if "Protocol" in {ast.unparse(b) for b in c.bases}]
     return {m.name for c in interfaces for m in c.body if isinstance(m, Function) and ast.get_docstring(m)}
 
@@ -138,12 +145,12 @@ FROM_TEXT = {
 
 
 def test_nothing_is_of_any_type_but_what_is_read_of_text() -> None:
-    names = {p: {n.id for n in ast.walk(ast.parse(p.read_text())) if isinstance(n, ast.Name)} for p in PRODUCT}
+    names = {p: {n.id for n in ast.walk(tree_of(p)) if isinstance(n, ast.Name)} for p in PRODUCT}
     assert {name_of(p) for p in PRODUCT if "Any" in names[p]} <= FROM_TEXT
 
 
 def test_a_name_is_of_one_thing() -> None:
-    bodies = [ast.parse(p.read_text(encoding="utf-8")).body for p in (ROOT / "gpmodel").rglob("*.py")]
+    bodies = [tree_of(p).body for p in (ROOT / "gpmodel").rglob("*.py")]
     classes = [node.name for body in bodies for node in body if isinstance(node, ast.ClassDef)]
     assert sorted({name for name in classes if classes.count(name) > 1}) == []
 
@@ -151,7 +158,7 @@ def test_a_name_is_of_one_thing() -> None:
 def unexplained(path: Path) -> list[str]:
     """Public constants of a file with numbers in them that no sentence follows, at once or after their like: a sentence
     after several has a part of each, divided by semicolons; one after a constant of another kind is that one's."""
-    body = ast.parse(path.read_text(encoding="utf-8")).body
+    body = tree_of(path).body
     out: list[str] = []
     waiting: list[list[str]] = []
     counted = False

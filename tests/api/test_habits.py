@@ -103,6 +103,7 @@ def test_one_rule_for_the_share_held_out() -> None:
             gp.discover("irb6400r", table(60), holdout=share)
 
 
+@pytest.mark.long
 def test_what_was_written_is_read_compared_explained_certified_and_exported(found: gp.Model, tmp_path: Path) -> None:
     found.report(tmp_path / "R")
     again = gp.load_result(tmp_path / "R")

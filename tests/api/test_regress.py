@@ -14,6 +14,7 @@ FRAME = pd.DataFrame({"load": RNG.uniform(1, 3, 60), "oil temp": RNG.uniform(1, 
 LAW = 3.0 * FRAME["load"] * np.exp(-FRAME["oil temp"])
 
 
+@pytest.mark.long
 def test_a_law_is_found_exactly_and_holds_on_rows_it_never_saw() -> None:
     found = gp.regress(FRAME, LAW, seconds=60, seed=1)
     assert set(found.best.program.inputs) == {"load", "oil temp"}

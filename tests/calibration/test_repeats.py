@@ -35,6 +35,7 @@ def fitted(truth: Truth) -> Calibration:
     return calibrate(truth.model, truth.poses, robust=False)
 
 
+@pytest.mark.long
 def test_deviations_are_right_where_poses_are_repeated() -> None:
     truths = [repeated(seed) for seed in range(40)]
     scores = [(fit.theta - truth.theta) / fit.stderr for truth, fit in ((t, fitted(t)) for t in truths)]

@@ -110,6 +110,7 @@ def test_the_model_predicts_the_table_it_came_from(done: Path, measured: Path, t
     assert np.sqrt(np.mean(np.sum(np.square(miss), axis=0))) < 0.06
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_trees_are_evolved_beside_sequences_where_asked(measured: Path, tmp_path: Path) -> None:
     report = discover(measured, "--representation", "linear,tree", "--out", tmp_path / "out", "--holdout", 0.3)

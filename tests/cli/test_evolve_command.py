@@ -58,6 +58,7 @@ def test_both_representations_are_counted_beside_shuffled_runs(space: str, table
     assert len((tmp_path / "programs.txt").read_text().splitlines()) == 4
 
 
+@pytest.mark.long
 def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(table: Path, tmp_path: Path) -> None:
     options = [*QUICK, "--space", "slot", "--standard", "J* R?"]
     run(table, *options, "--out", tmp_path / "whole", "--workers", 2)

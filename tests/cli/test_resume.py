@@ -59,6 +59,7 @@ def test_result_and_table_may_move_together(cut: Path, expected: str, tmp_path: 
     assert "nothing is left to do" in again.stdout
 
 
+@pytest.mark.long
 def test_a_table_that_moved_alone_is_said_again(cut: Path, tmp_path: Path) -> None:
     moved = shutil.move(tmp_path / "cell.csv", tmp_path / "moved.csv")
     assert "cell.csv: the table of this search is no longer there" in one_line(run("discover", "--resume", cut), 2)
@@ -86,6 +87,7 @@ def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path,
     assert {p: p.read_bytes() for p in cut.rglob("*") if p.is_file()} == before
 
 
+@pytest.mark.long
 def test_the_same_asked_again_goes_on_and_something_else_is_refused(cut: Path, expected: str, tmp_path: Path) -> None:
     arguments = [tmp_path / "cell.csv", "--mechanism", "irb6400r", *OPTIONS, "--out", cut]
     line = one_line(run("discover", *arguments, "--quiet", "--seed", 5), 2)
@@ -96,6 +98,7 @@ def test_the_same_asked_again_goes_on_and_something_else_is_refused(cut: Path, e
     assert (cut / "model.json").read_text() == expected
 
 
+@pytest.mark.long
 def test_a_damaged_run_is_named_and_done_again(cut: Path, expected: str) -> None:
     path = cut / FOLDER / "run-1-0001.json"
     content = json.loads(path.read_text())

@@ -109,6 +109,7 @@ def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> No
             assert set(candidate.effects[0].inputs) <= set(answer.poses.states.columns)
 
 
+@pytest.mark.long
 def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_robot_none() -> None:
     first = found("windup", 0).rounds[0].exploration.histogram
     at = first.inputs.index("torque_J3")

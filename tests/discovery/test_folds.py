@@ -100,6 +100,7 @@ def test_of_few_poses_every_one_is_held_out_once_however_many_rows_show_it(instr
     assert 1e3 * in_metres * left.after > 1.01 * rung.train.rms_mm
 
 
+@pytest.mark.long
 def test_repeats_are_no_further_poses() -> None:
     once = gp.simulate("irb6400r", poses=60, seed=1).table
     thrice = once.subset(np.arange(60).repeat(3))

@@ -54,6 +54,7 @@ def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     assert abs(np.corrcoef(shapes)[0, 1]) > 0.99
 
 
+@pytest.mark.long
 def test_laws_are_one_term_and_short() -> None:
     found = laws_of(curve("sin(J2)*abs(J5)", 0.3), ("J2", "J5"))
     assert found
@@ -64,6 +65,7 @@ def test_laws_are_one_term_and_short() -> None:
         assert law.complexity <= LONGEST
 
 
+@pytest.mark.long
 def test_of_noise_no_law_saves_much() -> None:
     problem = curve("J2", 50.0, 3)
     found = laws_of(problem, ("J2", "J5"))

@@ -84,6 +84,7 @@ def test_base_then_j5_then_j4_are_named_and_beat_the_hand_made_model(seed: int) 
     assert loop["max_mm"] <= hand["max_mm"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_a_rigid_robot_is_left_alone() -> None:
     found = outside.one_robot(0, False, FAST)

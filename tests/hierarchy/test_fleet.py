@@ -94,6 +94,7 @@ def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tm
     assert far.functions == {"found"}
 
 
+@pytest.mark.long
 def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) -> None:
     """Of four arms one has a gear error: it is no part of the type, and in the model of that one."""
     folder = two_joint_arms(tmp_path / "arms", 4, geared=(2,))

@@ -110,6 +110,7 @@ def test_it_calibrates_what_it_sees_and_what_it_has_to_find_of_itself() -> None:
     assert np.sqrt(np.mean(errors_on(fit, truth.poses) ** 2)) < 2.2 * NOISE
 
 
+@pytest.mark.long
 def test_the_loop_finds_an_undeclared_effect_from_it() -> None:
     truth = probed(gear(), 0.5, 90)
     train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(0))

@@ -76,6 +76,7 @@ def holds(kind: str, seed: int, refits: list[float]) -> None:
     assert not chosen.kept or chosen.state.sigma < standard.sigma, f"{kind} {seed}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "seeds"), [("rigs", range(5)), ("arms", range(3))])
 def test_no_refit_ends_above_the_linear_choice_and_no_group_is_worth_nats_that_takes_nothing_off(
     kind: str, seeds: range, refits: list[float]
