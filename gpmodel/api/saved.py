@@ -58,9 +58,9 @@ class CompareResult:
     @property
     def verdict(self) -> str:
         """The answer in one sentence."""
-        from gpmodel.report import compare as compared
+        from gpmodel.report.compare_words import verdict
 
-        return compared.verdict(self.found)
+        return verdict(self.found)
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a quantity of both: kind, name, before, after, change, stderr of the change, chance, unit, SI."""
@@ -75,9 +75,9 @@ class CompareResult:
 
     def summary(self) -> str:
         """The comparison in 80 columns."""
-        from gpmodel.report import compare as compared
+        from gpmodel.report.compare_words import text
 
-        return compared.text(self.found)
+        return text(self.found)
 
     def report(self, folder: str | Path) -> None:
         """Leave compare.html in `folder`. Raises InputError when it cannot be written."""

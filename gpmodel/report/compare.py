@@ -1,14 +1,14 @@
 """What changed between two calibrations of a machine, parameter by parameter and effect by effect."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from scipy import special
 
-from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.workspace import same_machine
@@ -17,14 +17,13 @@ from gpmodel.numerics.interval import SIGNIFICANCE, freedom_of_sum, holm
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
-SIDES = ("before", "after")
 Record = ParameterRecord | EffectRecord
 
 
 @dataclass(frozen=True)
 class Change:
     """value ± stderr before and after, SI; stderr: of the difference, None where both are of the same rows; chance: of
-    so large a difference without a change, corrected (Holm)."""
+    so large a difference without a change, corrected for all that is compared (Holm)."""
 
     name: str
     unit: str
@@ -94,12 +93,15 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
     both = (shared / max(before.data.poses, 1), shared / max(after.data.poses, 1))
     freedoms = np.array([[np.inf if r.freedom is None else r.freedom] for r in (before, after)])
     changes = partial(_changes, shared=both, freedoms=freedoms)
+    parameters, effects, placement = _corrected(
+        [changes(first, second), changes(old, new), changes(*_turned_alike(*placed))]
+    )
     return Comparison(
         before=before,
         after=after,
-        parameters=changes(first, second),
-        effects=changes(old, new),
-        placement=changes(*_turned_alike(*placed)),
+        parameters=parameters,
+        effects=effects,
+        placement=placement,
         only_before=tuple(e for n, e in old.items() if n not in new),
         only_after=tuple(e for n, e in new.items() if n not in old),
         incomparable=tuple(sorted(set(first) ^ set(second))),
@@ -156,7 +158,7 @@ def _turned_alike(
 def _changes(
     old: Mapping[str, Record], new: Mapping[str, Record], shared: tuple[float, float], freedoms: Array
 ) -> tuple[Change, ...]:
-    """Every quantity of both, with its chance by a two-sided test of Student's t corrected for their number.
+    """Every quantity of both, with its chance by a two-sided test of Student's t.
 
     shared: of the rows of either, the share that the other has as well: what they say is in both estimates. Of s shared
     rows the covariance is the smaller of (s / n) v of the other, which is exact where one table holds the other
@@ -171,8 +173,14 @@ def _changes(
     ]  # fmt: skip
     ordered = sorted(pairs, key=lambda c: (-c.z, -abs(c.difference) / c.after[1]))
     deviations = np.array([(c.before[1], c.after[1]) for c in ordered]).reshape(-1, 2).T
-    chances = holm(2 * special.stdtr(freedom_of_sum(deviations, freedoms), [-c.z for c in ordered]))
+    chances = 2 * special.stdtr(freedom_of_sum(deviations, freedoms), [-c.z for c in ordered])
     return tuple(replace(c, chance=float(p)) for c, p in zip(ordered, chances, strict=True))
+
+
+def _corrected(lists: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
+    """The lists with their chances corrected for all that is compared: one verdict is spoken over them."""
+    chances = iter(holm(np.array([c.chance for c in chain(*lists)])))
+    return [tuple(replace(c, chance=float(next(chances))) for c in changes) for changes in lists]
 
 
 def _of_difference(before: float, after: float, shared: tuple[float, float]) -> float | None:
@@ -181,69 +189,3 @@ def _of_difference(before: float, after: float, shared: tuple[float, float]) -> 
         return None
     common = min(shared[0] * after**2, shared[1] * before**2)
     return float(np.sqrt(max(before**2 + after**2 - 2.0 * common, abs(before**2 - after**2))))
-
-
-def verdict(found: Comparison) -> str:
-    """One sentence on what changed beyond chance.
-
-    Where not the same parameters were fitted, the others took the missing ones up: their changes are then not counted.
-    """
-    tool = [c for c in found.placement if c.name.startswith("tool")]
-    compared = (*found.effects, *(() if found.incomparable else (*found.parameters, *tool)))
-    changed = [c.name for c in compared if c.significant]
-    parts = [f"{len(changed)} of {len(compared)} quantities changed beyond chance"]
-    if found.of_models:
-        parts = ["The same rows, another model: what differs is of the models, not of the machine"]
-        apart = any(c.difference for c in (*compared, *found.placement))
-        if not (apart or found.incomparable or found.only_before or found.only_after):
-            parts = ["The same rows and the same numbers"]
-    elif found.shared:
-        parts[0] += f"; {found.shared} rows are in both tables, which the σ of the changes allow for"
-    moved = [c.name for c in found.placement if c not in tool and c.significant]
-    parts += [f"the registration moved: {', '.join(moved)}"] if moved else []
-    parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
-    parts += [f"new: {' and '.join(e.name for e in found.only_after)}"] if found.only_after else []
-    parts += [f"gone: {' and '.join(e.name for e in found.only_before)}"] if found.only_before else []
-    parts += ["not the same parameters were fitted, so that none of them is compared"] if found.incomparable else []
-    return "; ".join(parts) + "."
-
-
-def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
-    """What is compared, by heading."""
-    placed = "Tool in the flange, root in the instrument's frame"
-    return ("Effects", found.effects), ("Parameters", found.parameters), (placed, found.placement)
-
-
-def text(found: Comparison) -> str:
-    """The comparison in 80 columns, changes beyond chance marked with a star."""
-    lines = ["[[Verdict]]", wording.wrapped(verdict(found), 4)]
-    sources = zip(SIDES, found.sources, strict=True)
-    lines += ["[[Compared]]", *(wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources)]
-    for title, changes in tables(found):
-        if changes:
-            lines += [f"[[{title}]]", f"    {'':16}{'before':>11}{'after':>12}{'change':>19} {'':10}{'in σ':>5}"]
-            lines += [_row(c) for c in changes]
-    if found.incomparable:
-        said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
-        lines += ["[[Not comparable]]", wording.wrapped(said, 4)]
-    return "\n".join(lines)
-
-
-def cells(c: Change) -> tuple[str, str, str, str]:
-    """Before, after and change ± σ in one unit, which is that of all lengths or all angles, and the unit."""
-    least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
-    largest = max(abs(c.before[0]), abs(c.after[0]), least)
-    factor, unit = wording.OF_LISTS.get(c.unit) or wording.prefix(largest, c.unit)
-    places = min(6, max(0, 1 - int(np.floor(np.log10(factor * least)))))
-    old, new, change = (
-        wording.minus(f"{factor * v:{sign}.{places}f}")
-        for v, sign in ((c.before[0], ""), (c.after[0], ""), (c.difference, "+"))
-    )
-    return old, new, change if c.stderr is None else f"{change} ± {factor * c.stderr:.{places}f}", unit
-
-
-def _row(c: Change) -> str:
-    old, new, change, unit = cells(c)
-    name, mark = wording.short_name(c.name, 16), "*" if c.significant else ""
-    sure = "" if c.stderr is None else f"{c.z:.1f}"
-    return f"    {name:<16}{old:>11}{new:>12}{change:>19} {unit:<10}{sure:>5}{mark}".rstrip()

@@ -8,23 +8,25 @@ import pytest
 from report_runs import discovered
 
 from gpmodel.errors import InputError
-from gpmodel.report.compare import SIGNIFICANCE, cells, compare, text, verdict
+from gpmodel.report.compare import SIGNIFICANCE, compare
 from gpmodel.report.compare_page import html
+from gpmodel.report.compare_words import cells, text, verdict
 from gpmodel.report.schema import DataRecord, MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 
 
 def remeasured(seed: int, shift: float = 0.0) -> Report:
-    """The same machine measured again: every parameter drawn anew within its σ, the first moved by `shift` σ."""
+    """The same machine measured again: every number drawn anew within its σ, the first parameter moved by `shift` σ."""
     report, rng = discovered(), np.random.default_rng(seed)
-    drawn = [
-        dataclasses.replace(p, value=p.value + p.stderr * rng.normal()) if p.stderr else p for p in report.parameters
-    ]
+    drawn, effects, placed = (
+        [dataclasses.replace(p, value=p.value + p.stderr * rng.normal()) if p.stderr else p for p in numbers]
+        for numbers in (report.parameters, report.effects, report.placement)
+    )
     at = next(i for i, p in enumerate(drawn) if p.kept)
     drawn[at] = dataclasses.replace(drawn[at], value=drawn[at].value + shift * drawn[at].stderr)
-    return dataclasses.replace(
-        report, parameters=tuple(drawn), data=of_rows(report, range(seed * 1000, seed * 1000 + 90))
-    )
+    rows = of_rows(report, range(seed * 1000, seed * 1000 + 90))
+    numbers = {"parameters": tuple(drawn), "effects": tuple(effects), "placement": tuple(placed)}
+    return dataclasses.replace(report, data=rows, **numbers)
 
 
 def of_rows(report: Report, rows: Iterable[int]) -> DataRecord:
@@ -87,9 +89,8 @@ def test_a_rotation_vector_past_half_a_turn_is_the_same_orientation() -> None:
 
 
 def test_noise_alone_is_seldom_called_a_change_and_a_shift_is_found() -> None:
-    wrong = sum(
-        any(c.significant for c in compare(remeasured(2 * s), remeasured(2 * s + 1)).parameters) for s in range(200)
-    )
+    pairs = [compare(remeasured(2 * s), remeasured(2 * s + 1)) for s in range(200)]
+    wrong = sum(any(c.significant for c in (*p.parameters, *p.effects, *p.placement)) for p in pairs)
     assert wrong <= 200 * 3 * SIGNIFICANCE
     moved = compare(remeasured(1), remeasured(2, shift=12.0))
     changed = [c.name for c in moved.parameters if c.significant]
