@@ -179,13 +179,12 @@ def factor_of(result: CalibrationResult) -> float:
 
 
 def compared(first: CalibrationResult, second: CalibrationResult) -> Row:
-    """What `compare` calls changed of an unchanged machine: of two tables."""
+    """What `compare` calls changed of an unchanged machine that is set up again alike: of two tables."""
     found = compare(first.record, second.record)
-    every = (*found.effects, *(() if found.incomparable else found.parameters))
+    every = (*found.effects, *(() if found.incomparable else found.parameters), *found.placement)
     return {
-        "change": round(min((c.chance for c in every), default=1.0), 5), "compared": len(every),
-        "change_z": [round(c.difference / c.stderr, 2) for c in every if c.stderr],
-        "placement_change": round(min(c.chance for c in found.placement), 5),
+        "change": round(min(c.chance for c in every), 5), "compared": len(every),
+        "change_z": [round(c.in_deviations, 2) for c in every],
     }  # fmt: skip
 
 

@@ -68,7 +68,6 @@ def covered(rows: list[Row]) -> dict[str, Any]:
     for level in (0.01, 0.05):
         out[f"verify, false at {level}"] = _share([row["verify"] < level for row in rows])
         out[f"compare, false at {level}"] = _share([row["change"] < level for row in rows])
-        out[f"compare, registration false at {level}"] = _share([row["placement_change"] < level for row in rows])
     out["compare, one table"] = _share([row["same_changed"] > 0 for row in rows])
     out["verify, called changed"] = _share([row["verdict"] != "holds" for row in rows])
     without = [row["without_changed"] > 0 for row in rows if "without_changed" in row]

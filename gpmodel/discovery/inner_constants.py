@@ -1,5 +1,6 @@
 """Nonlinear constants of a law as unknowns of the last fit, linearised: a change of one is a column like any other."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -73,14 +74,15 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 
 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
-    """A candidate with other values of some constants inside it, called after them where nobody has named it."""
-    rounded = {constant: float(f"{value:.{DIGITS}g}") for constant, value in values.items()}
+    """A candidate with other values of some constants inside it, called after them where nobody has named it.
+
+    Constants of a template, a lag, a width, a rate, go at most half their way to zero: they have no other sign."""
     if not values:
         return candidate
     inner = candidate.inner
     if inner is not None and set(values) <= set(inner.constants):
-        return candidate.at(inner.at([rounded.get(c, c.value) for c in inner.constants]))
-    texts = _with(_texts(candidate.effects), {c.value: v for c, v in rounded.items()})
+        return candidate.at(inner.at([_rounded(_same_sign(values.get(c, c.value), c)) for c in inner.constants]))
+    texts = _with(_texts(candidate.effects), {c.value: _rounded(v) for c, v in values.items()})
     effects = tuple(
         replace(e, terms=tuple(replace(t, basis=Expression(text)) for t, text in zip(e.terms, own, strict=True)))
         for e, own in zip(candidate.effects, texts, strict=True)
@@ -88,6 +90,16 @@ def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
     if candidate.name != law_name(candidate.effects):
         return replace(candidate, effects=effects)
     return replace(candidate, name=law_name(effects), effects=numbered(effects))
+
+
+def _same_sign(value: float, constant: Constant) -> float:
+    """A value of a constant that is no less than half of what it was."""
+    sign = math.copysign(1.0, constant.value)
+    return sign * max(sign * value, 0.5 * sign * constant.value)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:

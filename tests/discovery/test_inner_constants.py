@@ -10,7 +10,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.inner_constants import inner_changes, moved
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import law_name
+from gpmodel.families.inner import law_name, remembered
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -85,3 +85,13 @@ def test_constants_move_into_the_law_and_its_name() -> None:
     unnamed = replace(candidate, name=law_name(candidate.effects))
     by_width = {c.constant: 0.6 for c in inner_changes(unnamed, [1e-3], poses.states) if c.constant.value == 0.52}
     assert moved(unnamed, by_width).name == "tanh((J3 - 0.2)/0.6) on J3.moving Ry"
+
+
+@pytest.mark.parametrize(("value", "lag"), [(-5.3, "15"), (1.0, "15"), (29.5, "29p5"), (70.0, "70")])
+def test_a_lag_keeps_its_sign_whatever_the_step(value: float, lag: str) -> None:
+    effects = law("lag_T_30*J3").effects
+    inner = remembered("lag_T_30*J3", effects, lambda what, of: "min")
+    assert inner is not None
+    candidate = replace(law("lag_T_30*J3"), inner=inner)
+    (constant,) = inner.constants
+    assert moved(candidate, {constant: value}).effects[0].inputs[0] == f"lag_T_{lag}"
