@@ -4,7 +4,7 @@ import math
 import numbers
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -13,11 +13,12 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.table.units import parse_quantity
+from gpmodel.table.units import SI, parse_quantity
 
-_SI = {"length": "m", "mass": "kg"}
-LARGEST = {"length": 1e3, "mass": 1e6}
-"""Metres and kilograms: of no machine, so that the unit is wrong."""
+LARGEST = {"length": 1e3, "mass": 1e6, "angle": 10.0, "pixels": 1e4}
+"""In SI: of no machine, so that the unit is wrong."""
+NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
+"""In SI: of no reading of an instrument."""
 SHOWN = 60
 """Characters of a value that a message shows; of a longer one it says the type."""
 
@@ -107,21 +108,25 @@ def file_path(value: object, argument: str) -> Path:
     return Path(value)
 
 
-def quantity(value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False) -> float:
+def quantity(
+    value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False,
+    most: Mapping[str, float] = LARGEST,
+) -> float:  # fmt: skip
     """Text with a unit, "0.03 mm", in SI; a mass may be a number in kg. A length of so many metres is nearly always
     meant in mm, so that a bare number is none, but for zero.
 
-    Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero where `positive`.
+    Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero where `positive`,
+    above the `most` of its dimension.
     """
     if dimension == "length" and isinstance(value, numbers.Real) and not isinstance(value, bool) and value != 0:
         raise InputError(f"{shown(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
     number = parse_quantity(value, dimension, argument) if isinstance(value, str) else value
     if not isinstance(number, numbers.Real) or not math.isfinite(number):
-        raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {_SI[dimension]}", argument)
+        raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
-    if number > (largest := LARGEST[dimension]):
-        raise InputError(f"{value}, expected at most {largest:g} {_SI[dimension]}, the unit may be wrong", argument)
+    if number > (largest := most[dimension]):
+        raise InputError(f"{value}, expected at most {largest:g} {SI[dimension]}, the unit may be wrong", argument)
     return float(number)
 
 

@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import called, limit, listed, naming, number, share, shown, texts, whole
+from gpmodel.api.arguments import NOISIEST, called, limit, listed, naming, number, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses, measured_joints
 from gpmodel.api.evolve_settings import evolved, selecting
 from gpmodel.api.fitted import FittedResult
@@ -136,7 +136,7 @@ def discover(
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
         _check_offers(offers, arm, poses.states)
-    floor = None if noise is None else in_metres(noise, poses.dataset, "noise")
+    floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=condition_limit, seed=seed)  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, box_limits, called, file_path, number, point, quantity, whole
+from gpmodel.api.arguments import NOISIEST, among, box_limits, called, file_path, number, point, quantity, whole
 from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -135,7 +135,7 @@ def choose_poses(
     pool = pool_of(arm, wanted, rng, reach)
     if model is None:
         word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
-        spread_of = quantity(noise, "length", "noise", positive=True)
+        spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
         asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
     elif suspect is not None:
         asked = of_suspect(model.saved, record, pool, _suspect(suspect, criterion), rng)

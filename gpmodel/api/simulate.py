@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, naming, number, quantity, shown, texts, whole
+from gpmodel.api.arguments import NOISIEST, among, file_path, naming, quantity, shown, texts, whole
 from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
@@ -18,7 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, TO_SI, scene_of
+from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure
 from gpmodel.table.dataset import Dataset
@@ -31,9 +31,6 @@ Values = str | Sequence[float] | Array
 
 MOST = 1_000_000
 """Poses: what a measured table may hold."""
-
-NOISIEST = 1.0
-"""Metres, of a reading of a tracker."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,8 +88,9 @@ def simulate(
     "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
     or the mechanism's payload, hangs at the tool point. Raises InputError for what cannot be read.
     """
-    spread = _noise(noise, instrument)
-    sigma = quantity(geometry_sigma, "length", "geometry_sigma")
+    dimension, usual = NOISE.get(among(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))
+    spread = quantity(usual if noise is None else noise, dimension, "noise", most=NOISIEST)
+    sigma = quantity(geometry_sigma, "length", "geometry_sigma", most=NOISIEST)
     rng = np.random.default_rng(whole(seed, "seed"))
     arm = mechanism_of(mechanism)
     planted = texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
@@ -123,20 +121,6 @@ def simulate(
             tool_point=tool_point,
         )  # fmt: skip
     return SimulationResult(made.dataset, Model(_truth(made)))
-
-
-def _noise(noise: str | float | None, instrument: str) -> float:
-    """In the unit of the instrument's readings, SI. Raises InputError for an instrument that is unknown."""
-    if instrument not in INSTRUMENTS:
-        raise InputError(f"'{instrument}' is unknown, expected one of {', '.join(INSTRUMENTS)}", "instrument")
-    unit, usual = NOISE.get(instrument, ("mm", 0.03))
-    given = noise if noise is not None else f"{usual} {unit}"
-    if unit == "mm":
-        if (spread := quantity(given, "length", "noise")) > NOISIEST:
-            raise InputError(f"{given}, expected at most {NOISIEST:g} m, the unit may be wrong", "noise")
-        return spread
-    value = convert(given, unit, "noise") * TO_SI[unit] if isinstance(given, str) else given
-    return number(value, "noise", 0.0)
 
 
 def _truth(made: Simulation) -> SavedModel:

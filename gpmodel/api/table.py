@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, quantity, shown
+from gpmodel.api.arguments import LARGEST, file_path, quantity, shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
@@ -22,7 +22,7 @@ from gpmodel.table.cells import read_frame
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.specification import EXPECTED, specification
-from gpmodel.table.units import JOINT_UNITS, factor_like, split_quantity
+from gpmodel.table.units import DIMENSIONS, JOINT_UNITS, factor_like, split_quantity
 from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
@@ -111,15 +111,14 @@ def dataset_of(
     return with_payload(dataset, payload)
 
 
-def in_metres(value: str | float, dataset: Dataset, name: str) -> float:
+def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str, float] = LARGEST) -> float:
     """A size of one reading, m, of text with a unit; of pixels and inclinations what they count as. Raises InputError,
-    naming the argument, where it is none of a reading of the table."""
-    number, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
+    naming the argument, where it is none of a reading of the table, or above the `most` of its dimension."""
+    _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
-        sizes = [factor_like(u, kind.unit) for u in (unit, kind.unit)]
-        if number > 0 and kind.unit != "m" and kind.metres is not None and sizes[0] and sizes[1]:
-            return number * kind.metres * sizes[0] / sizes[1]
-    return quantity(value, "length", name, positive=True)
+        if kind.metres is not None and factor_like(unit, kind.unit) is not None:
+            return kind.metres * quantity(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
+    return quantity(value, "length", name, positive=True, most=most)
 
 
 def told_of_reading(source: TableLike, progress: Say) -> None:

@@ -15,10 +15,8 @@ from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import numbers_of
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
-NOISE = {"camera": ("px", 0.1), "hand camera": ("px", 0.1), "inclinometer": ("deg", 0.002)}
-"""Unit and usual size of their noise; of all others that of a tracker."""
-TO_SI = {"px": 1.0, "deg": np.pi / 180.0}
-"""What these units are in the model's own."""
+NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
+"""Dimension and usual size of their noise; of all others that of a tracker."""
 POOL = 60
 """Random poses drawn for every one that is taken: a board faces a camera at one in ten."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02

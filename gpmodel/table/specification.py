@@ -10,7 +10,12 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.table.units import convert, parse_quantity
 
-EXPECTED = "expected the largest error of a coordinate, an offset and a slope or one of them, as in '15um + 6um/m'"
+LARGEST = 1.0
+"""Metres, and metres a metre: of no instrument."""
+EXPECTED = (
+    "expected the largest error of a coordinate, an offset and a slope or one of them, at most 1 m and 1 m/m, "
+    "as in '15um + 6um/m'"
+)
 SHOWN = 60
 """Characters of a text that a message shows."""
 COVERAGE = 2.0
@@ -55,6 +60,6 @@ def specification(text: str) -> Specification:
                 offset += parse_quantity(part, "length", "instrument")
     except InputError:
         offset = math.nan
-    if not (math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < offset + slope):
+    if not (math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < max(offset, slope) <= LARGEST):
         raise InputError(f"{text[:SHOWN]!r}, {EXPECTED}", "instrument")
     return Specification(offset, slope)

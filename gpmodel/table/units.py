@@ -20,7 +20,9 @@ _POWER = re.compile(r"(?:[^\W\d_]|[°%])\s*(?:\*\*|\^)\s*[-+]?\d{1,2}(?![\d.])(?
 _RAISED = re.compile(r"\*\*|\^|[\d)][⁻⁰¹²³⁴-⁹]|[⁰¹²³⁴-⁹]{3}")
 LONGEST = 60
 """Characters of a unit."""
-_SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2"}
+SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
+"""Units by dimension."""
+DIMENSIONS = {unit: dimension for dimension, unit in SI.items()}
 
 
 JOINT_UNITS = {"revolute": "rad", "prismatic": "m"}
@@ -31,6 +33,7 @@ JOINT_UNITS = {"revolute": "rad", "prismatic": "m"}
 def _registry() -> pint.UnitRegistry:
     registry: pint.UnitRegistry = pint.UnitRegistry()
     registry.define("sccm = centimeter ** 3 / minute")
+    registry.define("px = pixel")  # not the 1/96 inch of style sheets
     return registry
 
 
@@ -91,13 +94,14 @@ def factor(unit: str, dimension: str, where: str) -> float:
 
     Raises InputError naming `where` when the unit is unknown or of another dimension.
     """
-    si = _SI[dimension]
+    si = SI[dimension]
     if known_unit(unit) and unit != "1":
         registry = _registry()
         own, wanted = (registry.get_root_units(u)[1] for u in (unit, si))
         if own == wanted:
             return float(registry.Quantity(1.0, unit).to(si).magnitude)
-    examples = {"length": "[mm], [m], [um] or [in]", "angle": "[deg] or [rad]", "mass": "[kg] or [lb]"}
+    examples = {"length": "[mm], [m], [um] or [in]", "angle": "[deg] or [rad]", "mass": "[kg] or [lb]",
+                "pixels": "[px]"}  # fmt: skip
     raise InputError(f"'[{unit}]' is no unit of {dimension}; write {examples[dimension]}", where)
 
 
@@ -137,7 +141,7 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
     """`60kg`, `0.03 mm` in SI. Raises InputError when there is no number or no unit."""
     split = split_quantity(text)
     if split is None:
-        example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg"}[dimension]
+        example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg", "pixels": "0.1px"}[dimension]
         raise InputError(f"'{text}' is no quantity; write a number and its unit, as in {example}", where)
     return split[0] * factor(split[1], dimension, where)
 

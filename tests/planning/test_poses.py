@@ -171,5 +171,5 @@ def test_command_writes_a_table_that_is_read_again(tmp_path: Path) -> None:
 def test_no_more_poses_are_chosen_than_anybody_measures() -> None:
     with pytest.raises(InputError, match="1000000, expected a whole number from 1 to 10000"):
         choose_poses("irb6400r", 1_000_000)
-    with pytest.raises(InputError, match="1e300 mm, expected at most 1000 m, the unit may be wrong"):
+    with pytest.raises(InputError, match="1e300 mm, expected at most 1 m, the unit may be wrong"):
         choose_poses("irb6400r", 20, noise="1e300 mm")

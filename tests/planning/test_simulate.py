@@ -97,7 +97,11 @@ def test_inputs_that_cannot_be_read(text: str) -> None:
     [
         ({"effects": ["base_compliance=1e300 rad/Nm"]}, "effects: errors that move a frame by"),
         ({"poses": 10**12}, "poses: 1000000000000, expected a whole number from 1 to 1000000"),
-        ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1000 m, the unit may be wrong"),
+        ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1 m, the unit may be wrong"),
+        ({"noise": "1e5 px", "instrument": "camera"}, r"noise: 1e5 px, expected at most 1000 px"),
+        ({"noise": "0.1 px"}, r"noise: '\[px\]' is no unit of length"),
+        ({"noise": "0.03 mm", "instrument": "camera"}, r"noise: '\[mm\]' is no unit of pixels; write \[px\]"),
+        ({"geometry_sigma": "2 m"}, r"geometry_sigma: 2 m, expected at most 1 m"),
         ({"noise": "1 km"}, r"noise: 1 km, expected at most 1 m, the unit may be wrong"),
     ],
 )
