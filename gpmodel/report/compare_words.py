@@ -46,7 +46,7 @@ def text(found: Comparison) -> str:
     lines += ["[[Compared]]", *(wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources)]
     for title, changes in tables(found):
         if changes:
-            lines += [f"[[{title}]]", f"    {'':16}{'before':>11}{'after':>12}{'change':>19} {'':10}{'in σ':>5}"]
+            lines += [f"[[{title}]]", f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"]
             lines += [_row(c) for c in changes]
     if found.incomparable:
         said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
@@ -71,4 +71,4 @@ def _row(c: Change) -> str:
     old, new, change, unit = cells(c)
     name, mark = wording.short_name(c.name, 16), "*" if c.significant else ""
     sure = "" if c.stderr is None else f"{c.z:.1f}"
-    return f"    {name:<16}{old:>11}{new:>12}{change:>19} {unit:<10}{sure:>5}{mark}".rstrip()
+    return f"    {name:<16}{old:>11} {new:>11} {change:>18} {unit:<10}{sure:>5}{mark}".rstrip()
