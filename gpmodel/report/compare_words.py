@@ -16,7 +16,8 @@ def verdict(found: Comparison) -> str:
     tool = [c for c in found.placement if c.name.startswith("tool")]
     compared = (*found.effects, *(() if found.incomparable else (*found.parameters, *tool)))
     changed = [c.name for c in compared if c.significant]
-    parts = [f"{len(changed)} of {len(compared)} quantities changed beyond chance"]
+    many = f"{len(compared)} quantit{'y' if len(compared) == 1 else 'ies'}"
+    parts = [f"{len(changed)} of {many} changed beyond chance" if changed else f"No change beyond chance in {many}"]
     if found.of_models:
         parts = ["The same rows, another model: what differs is of the models, not of the machine"]
         apart = any(c.difference for c in (*compared, *found.placement))
@@ -24,8 +25,7 @@ def verdict(found: Comparison) -> str:
             parts = ["The same rows and the same numbers"]
     elif found.shared:
         parts[0] += f"; {found.shared} rows are in both tables, which the σ of the changes allow for"
-    moved = [c.name for c in found.placement if c not in tool and c.significant]
-    parts += [f"the registration moved: {', '.join(moved)}"] if moved else []
+    parts += ["the registration moved"] if any(c.significant for c in found.placement if c not in tool) else []
     parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
     parts += [f"new: {' and '.join(e.name for e in found.only_after)}"] if found.only_after else []
     parts += [f"gone: {' and '.join(e.name for e in found.only_before)}"] if found.only_before else []
