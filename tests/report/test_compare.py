@@ -124,7 +124,7 @@ def test_parameters_that_only_one_could_fit_are_not_compared() -> None:
     assert found.incomparable == (kept.name,)
     assert kept.name not in {c.name for c in found.parameters}
     assert "fitted in one only" in text(found)
-    assert verdict(found).startswith(f"0 of {len(found.effects)} quantities")
+    assert verdict(found).startswith(f"No change beyond chance in {len(found.effects)} quantity;")
 
 
 def test_text_and_page_show_every_change_in_80_columns() -> None:
