@@ -14,7 +14,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import checked_length, checked_mass
+from gpmodel.mechanism.quantities import LARGEST, checked, checked_mass
 from robots.links import placement
 from robots.urdf_file import parse_xml
 
@@ -129,7 +129,8 @@ def read_tree(path: Path) -> UrdfTree:
                     f"expected one of {', '.join(sorted(moving))}"
                 )
         if twice or len(roots) != 1:
-            raise ValueError(f"links are no tree: {twice[0] if twice else roots} of them with {len(roots)} roots")
+            said = f"'{twice[0]}' hangs on two joints" if twice else f"{', '.join(roots) or 'none'} without a parent"
+            raise ValueError(f"links are no tree: {said}; expected one without, and a joint for every other")
         tree = UrdfTree(_title(robot.get("name", "")), roots[0], masses, joints)
         if len(tree.frames) < len(masses):
             raise ValueError("joints form a loop")
@@ -142,10 +143,11 @@ def origin_of(element: ET.Element) -> Array:
     """The transform (4, 4) of its <origin>. Raises ValueError."""
     origin = element.find("origin")
     xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
-    shift = _vector(xyz, "xyz")
-    for length in shift.tolist():
-        checked_length(length, f"an <origin> of a <{element.tag}>")
-    return placement(shift, _vector(rpy, "rpy"))
+    shift, turn = _vector(xyz, "xyz"), _vector(rpy, "rpy")
+    for values, dimension in ((shift, "length"), (turn, "angle")):
+        for value in values.tolist():
+            checked(value, dimension, f"an <origin> of a <{element.tag}>")
+    return placement(shift, turn)
 
 
 def _name(element: ET.Element) -> str:
@@ -186,6 +188,14 @@ def _joint(joint: ET.Element) -> UrdfJoint:
             raise ValueError(f"joint '{name}' has no <limit>; expected its limits")
         lower, upper = (_number(limit.get(side, "0"), f"the {side} limit of '{name}'") for side in ("lower", "upper"))
         limits = (lower, upper)
+        if kind == "revolute":  # where there is none, files say so by a large number
+            limits = (
+                -math.inf if lower < -LARGEST["angle"] else lower,
+                math.inf if upper > LARGEST["angle"] else upper,
+            )
+        else:
+            for end in limits:
+                checked(end, "length", f"a limit of joint '{name}'")
     follows = None if mimic is None else Mimic(
         mimic.get("joint", ""),
         _number(mimic.get("multiplier", "1"), "the multiplier of a <mimic>"),

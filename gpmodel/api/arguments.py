@@ -13,10 +13,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.table.units import SI, parse_quantity
+from gpmodel.mechanism.quantities import LARGEST, SI
+from gpmodel.table.units import parse_quantity
 
-LARGEST = {"length": 1e3, "mass": 1e6, "angle": 10.0, "pixels": 1e4}
-"""In SI: of no machine, so that the unit is wrong."""
 NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
 """In SI: of no reading of an instrument."""
 SHOWN = 60
@@ -125,7 +124,7 @@ def quantity(
         raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
-    if number > (largest := most[dimension]):
+    if abs(number) > (largest := most[dimension]):
         raise InputError(f"{value}, expected at most {largest:g} {SI[dimension]}, the unit may be wrong", argument)
     return float(number)
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import LARGEST, file_path, quantity, shown
+from gpmodel.api.arguments import file_path, quantity, shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.quantities import LARGEST
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations

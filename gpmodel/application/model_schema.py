@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.quantities import LARGEST_LENGTH
+from gpmodel.mechanism.quantities import LARGEST
 
 KIND, SCHEMA = "gpmodel model", 3
 SCHEMAS = (2, SCHEMA)
@@ -160,8 +160,8 @@ class ModelPart(msgspec.Struct, frozen=True):
         _check_covariance(self.covariance)
         for name, rows in self.tool.items():
             for value in np.array(rows)[:3, 3]:
-                if abs(value) > LARGEST_LENGTH:
-                    raise ValueError(f"{value:g} m, expected at most {LARGEST_LENGTH:g} m - at `$.tool[{name!r}]`")
+                if abs(value) > LARGEST["length"]:
+                    raise ValueError(f"{value:g} m, expected at most {LARGEST['length']:g} m - at `$.tool[{name!r}]`")
         for name, (low, high) in self.ranges.items():
             if low > high:
                 raise ValueError(f"expected the lower value first - at `$.ranges[{name!r}]`")

@@ -1,30 +1,29 @@
 """What gravity, masses and lengths can be: the one g, and the one rule for what no part of a machine is."""
 
-import math
-
 from gpmodel.errors import InputError
 
 GRAVITY = 9.81
 """m/s²: that of middle latitudes. Standard gravity is 9.80665; on Earth it is 9.78 to 9.83, so that loads, and with
 them compliances, are right to 0.3 % anywhere."""
 
-LARGEST_LENGTH = 1e3
-"""m: longer than any part of a machine; what is longer is a wrong unit."""
+SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
+"""Units by dimension."""
 
-LARGEST_MASS = 5e4
-"""kg: more than any payload or link of a robot or machine tool; what is heavier is a wrong unit."""
+LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e4}
+"""In SI: more than any part, joint, link, payload, gravity or image of a machine has; what is more is a wrong unit."""
+
+
+def checked(value: float, dimension: str, where: str) -> float:
+    """A value in SI of a machine. Raises InputError naming `where` when it is beyond LARGEST or no number."""
+    if not abs(value) <= LARGEST[dimension]:
+        most = f"{LARGEST[dimension]:g} {SI[dimension]}"
+        raise InputError(f"{where}: {value:g} {SI[dimension]}; expected at most {most}, the unit may be wrong")
+    return value
 
 
 def checked_mass(mass: float, where: str, argument: str = "") -> float:
-    """A mass, kg. Raises InputError naming `where` when it is negative, over LARGEST_MASS or no number."""
-    if not 0.0 <= mass <= LARGEST_MASS or not math.isfinite(mass):
+    """A mass, kg. Raises InputError naming `where` when it is negative, beyond LARGEST or no number."""
+    if not 0.0 <= mass <= LARGEST["mass"]:
         said = f"{where}: " if where else ""
-        raise InputError(f"{said}{mass:g} kg; expected a mass from 0 to {LARGEST_MASS:g} kg", argument)
+        raise InputError(f"{said}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
     return mass
-
-
-def checked_length(length: float, where: str) -> float:
-    """A length of a machine, m. Raises InputError naming `where` when it is beyond LARGEST_LENGTH or no number."""
-    if not abs(length) <= LARGEST_LENGTH:
-        raise InputError(f"{where}: {length:g} m; expected at most {LARGEST_LENGTH:g} m, the unit may be wrong")
-    return length

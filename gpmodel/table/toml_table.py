@@ -9,7 +9,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import checked_length
+from gpmodel.mechanism.quantities import checked
 from gpmodel.table.units import factor
 
 UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), "acceleration": ("m_s2",)}
@@ -62,9 +62,8 @@ class TomlTable:
         if not good or isinstance(value, list) != (size is not None) or len(numbers) != (size or 1):
             raise InputError(f"{self.where}: {found[0]} is {value!r}, expected {expected}")
         scale = factor(found[0].removeprefix(f"{key}_").replace("m_s2", "m/s**2"), dimension, self.where)
-        if dimension == "length":
-            for x in numbers:
-                checked_length(float(x) * scale, f"{self.where}: {found[0]}")
+        for x in numbers:
+            checked(float(x) * scale, dimension, f"{self.where}: {found[0]}")
         return value * scale if size is None else np.array(value, dtype=np.float64) * scale
 
     def choice(self, key: str, choices: tuple[Any, ...], default: Any = None) -> Any:

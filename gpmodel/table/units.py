@@ -9,6 +9,7 @@ import pint
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import SI
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
 _QUANTITY = re.compile(r"^\s*(?P<value>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")
@@ -20,8 +21,6 @@ _POWER = re.compile(r"(?:[^\W\d_]|[°%])\s*(?:\*\*|\^)\s*[-+]?\d{1,2}(?![\d.])(?
 _RAISED = re.compile(r"\*\*|\^|[\d)][⁻⁰¹²³⁴-⁹]|[⁰¹²³⁴-⁹]{3}")
 LONGEST = 60
 """Characters of a unit."""
-SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
-"""Units by dimension."""
 DIMENSIONS = {unit: dimension for dimension, unit in SI.items()}
 
 

@@ -77,6 +77,12 @@ MECHANISMS = {
         "joint 'second' mimics 'nope', which is no moving joint of the file; expected one of first, second",
     ),
     "an arm of 1e200 m": (ARM.replace("0.5 0 0", "0 0 1e200"), "1e+200 m; expected at most 1000 m"),
+    "a frame turned by 1e300": (ARM.replace('"0.5 0 0"', '"0.5 0 0" rpy="1e300 0 0"'), "1e+300 rad; expected at most"),
+    "two parents": (
+        ARM.replace("</robot>", '<joint name="c" type="fixed"><parent link="l0"/><child link="l2"/></joint></robot>'),
+        "'l2' hangs on two joints",
+    ),
+    "two roots": (ARM.replace("</robot>", '<link name="l9"/></robot>'), "l0, l9 without a parent; expected one"),
 }
 
 
@@ -87,12 +93,29 @@ def test_joints_and_lengths_of_no_machine_are_refused(case: str, tmp_path: Path)
     assert said in one_line(run("poses", "--mechanism", tmp_path / "arm.urdf", "-n", 3), 2)
 
 
-def test_a_denavit_hartenberg_row_of_1e300_mm_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "arm.toml").write_text("convention = 'standard'\n[[joint]]\na_mm = 1e300\n[[joint]]\na_mm = 100\n")
-    assert "expected at most 1000 m" in one_line(run("poses", "--mechanism", tmp_path / "arm.toml", "-n", 3), 2)
+ROWS = {
+    "a_mm = 1e300": "1e+297 m; expected at most 1000 m",
+    "alpha_deg = 1e300": "rad; expected at most 1000 rad",
+    "lower_deg = -1e300\nupper_deg = 9": "rad; expected at most 1000 rad",
+    "a_mm = 5\n[tool]\nxyz_m = [5000, 0, 0]": "5000 m; expected at most 1000 m",
+}
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_denavit_hartenberg_rows_of_no_machine_are_refused(row: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(f"convention = 'standard'\n[[joint]]\na_mm = 100\n[[joint]]\n{row}\n")
+    assert ROWS[row] in one_line(run("poses", "--mechanism", tmp_path / "arm.toml", "-n", 3), 2)
+
+
+def test_gravity_in_millimetres_is_refused(tmp_path: Path) -> None:
+    rows = "[[joint]]\na_mm = 100\n" * 2
+    (tmp_path / "arm.toml").write_text(f"convention = 'standard'\ngravity_m_s2 = [0, 0, -9810]\n{rows}")
+    said = one_line(run("poses", "--mechanism", tmp_path / "arm.toml", "-n", 3), 2)
+    assert "-9810 m/s**2; expected at most 100 m/s**2" in said
 
 
 OPTIONS = {
+    ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--rows", 50): "--rows: needs --watch",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--batch", 5): "--batch: needs --watch",
     ("discover", "--resume", "somewhere", "--watch"): "--watch: follows a TABLE from its first row",
