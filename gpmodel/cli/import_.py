@@ -3,19 +3,22 @@
 from pathlib import Path
 
 import click
+import pandas as pd
 
+from gpmodel.api.arguments import quantity
 from gpmodel.cli.console import write_frame
 from gpmodel.cli.options import mechanism_options, quiet_option
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.described import boards_of, cameras_of
+from gpmodel.model.pixel import WORLD
 from gpmodel.table.figaroh import figaroh_table, is_figaroh
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.imported import Imported
 from gpmodel.table.opencv import camera_or_corners
 from gpmodel.table.robot_calibration import calibrated_urdf
 from gpmodel.table.ros_bag import bag_table, is_bag
-from gpmodel.table.units import parse_quantity
 from gpmodel.table.ur_conf import calibrated_rows
 from gpmodel.texts import toml_text
 
@@ -52,29 +55,47 @@ def import_table(
     """
     if out is not None and out.exists() and out.samefile(file):
         raise InputError(f"--out {out}: is the file itself; expected another name")
+    given = {"map_file": map_file, "mechanism": mechanism, "joints": joints, "square": square, "topic": topic,
+             "nominal": nominal}  # fmt: skip
+    read: tuple[str, ...]
     if map_file is not None:
-        made = Imported(import_file(file, read_map(map_file)))
+        made, read = Imported(import_file(file, read_map(map_file))), ("map_file",)
     elif is_bag(file):
-        made = bag_table(file, mechanism, topic)
+        made, read = bag_table(file, mechanism, topic), ("mechanism", "topic")
     elif file.suffix.lower() == ".conf":
-        made = calibrated_rows(file, nominal)
+        made, read = calibrated_rows(file, nominal), ("nominal",)
     elif file.suffix.lower() in (".yaml", ".yml") and nominal is not None:
-        made = calibrated_urdf(file, nominal)
+        made, read = calibrated_urdf(file, nominal), ("nominal",)
     elif file.suffix.lower() in (".yaml", ".yml"):
-        made = camera_or_corners(file, joints, None if square is None else parse_quantity(square, "length", "square"))
+        size = None if square is None else quantity(square, "length", "square", positive=True)
+        made, read = camera_or_corners(file, joints, size), ("joints", "square")
     elif is_figaroh(file):
-        made = figaroh_table(file, mechanism)
+        made, read = figaroh_table(file, mechanism), ("mechanism",)
     else:
-        raise InputError(f"{file.name}: of no layout that is known here; expected --map MAP.toml beside it")
+        raise InputError(f"{file}: of no layout that is known here; expected --map MAP.toml beside it")
+    if surplus := [name for name, value in given.items() if value is not None and name not in read]:
+        raise InputError(f"says nothing of {file.name}; leave it away", surplus[0])
+    _check(made, file)
     _write(made, file, out, quiet)
 
 
+def _check(made: Imported, file: Path) -> None:
+    """Raises InputError where the cameras and boards that would be written could not be read again."""
+    parts = {"cameras": made.content, **made.described} if isinstance(made.content, dict) else made.described
+    try:
+        for name, content in parts.items():
+            {"cameras": cameras_of, "board": boards_of}[name](content, lambda *_: WORLD)
+    except InputError as error:
+        raise InputError(f"{file.name}: {error}") from None
+
+
 def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
-    if isinstance(made.content, str):
+    if not isinstance(made.content, pd.DataFrame):
+        text = made.content if isinstance(made.content, str) else toml_text(made.content)
         if out is None:
-            click.echo(made.content, nl=False)
+            click.echo(text, nl=False)
         else:
-            write_text(out, made.content)
+            write_text(out, text)
         said, path = "written", out
     else:
         path = write_frame(made.content, out, f"{file.stem}.table.csv")

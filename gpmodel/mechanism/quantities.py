@@ -9,7 +9,7 @@ them compliances, are right to 0.3 % anywhere."""
 SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
 """Units by dimension."""
 
-LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e4}
+LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
 """In SI: more than any part, joint, link, payload, gravity or image of a machine has; what is more is a wrong unit."""
 
 

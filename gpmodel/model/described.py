@@ -6,6 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import checked
 from gpmodel.model.pixel import Board, Camera
 from gpmodel.model.surfaces import aligned
 from gpmodel.model.touches import Feature
@@ -18,6 +19,11 @@ KINDS = ("cameras", "board", "surfaces")
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
 """Numbers of a lens by what `solve` calls them."""
 
+MOST_BENT = 1e4
+"""A coefficient of distortion; k3 of a narrow lens may be some hundreds."""
+MOST_MARKERS = 1000
+"""Along a side of a board."""
+
 Slot = Callable[[str, str], int]
 """A link's name, and where it is written, to the slot that carries it."""
 
@@ -27,11 +33,17 @@ def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
     out = []
     for name, table in _named(content, "cameras", "camera"):
         focal, centre = table.numbers("focal_px", 2), table.numbers("centre_px", 2)
+        for pixels in (*(() if focal is None else focal), *(() if centre is None else centre)):
+            checked(float(pixels), "pixels", table.where)
+        if focal is not None and not (focal > 0.0).all():
+            raise InputError(f"{table.where}: focal_px is {focal.tolist()}, expected more than zero")
         known = np.zeros(9)
         known[:2], known[2:4] = (np.zeros(2) if part is None else part for part in (focal, centre))
         bent = table.take("distortion", [])
-        if not isinstance(bent, list) or len(bent) > 5 or not all(isinstance(v, int | float) for v in bent):
-            raise InputError(f"{table.where}: distortion is {bent!r}, expected at most 5 numbers, [k1, k2, p1, p2, k3]")
+        numbers = isinstance(bent, list) and all(isinstance(v, int | float) and abs(v) <= MOST_BENT for v in bent)
+        if not numbers or len(bent) > 5:
+            said = f"expected at most 5 numbers up to {MOST_BENT:g}, [k1, k2, p1, p2, k3]"
+            raise InputError(f"{table.where}: distortion is {bent!r}, {said}")
         known[4 : 4 + len(bent)] = bent
         asked = table.take("solve", ["focal", "centre", "distortion"] if focal is None else [])
         if not isinstance(asked, list) or not set(asked) <= set(SOLVED):
@@ -49,10 +61,11 @@ def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Ar
     for name, table in _named(content, "board", "board"):
         points = table.take("points_mm", None)
         if points is None:
-            columns, rows = int(table.number("columns")), int(table.number("rows"))
-            pitch = table.quantity("pitch", "length", None)
-            if pitch is None or columns < 2 or rows < 2:
-                raise InputError(f"{table.where}: expected pitch_mm, columns and rows, two at least")
+            columns, rows = (int(table.number(side)) for side in ("columns", "rows"))
+            pitch = table.quantity("pitch", "length", 0.0)
+            if not (pitch > 0.0 and 2 <= columns <= MOST_MARKERS and 2 <= rows <= MOST_MARKERS):
+                said = f"pitch_mm above zero, columns and rows from 2 to {MOST_MARKERS}"
+                raise InputError(f"{table.where}: expected {said}")
             markers = {str(i): pitch * np.array([i % columns, i // columns, 0.0]) for i in range(columns * rows)}
         else:
             part = TomlTable(points, f"{table.where}: [points_mm]")
@@ -69,18 +82,17 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
     """Of [plane.NAME], [sphere.NAME] and [line.NAME]: those of one artefact, whose places to each other are known, and
     spheres of known diameter that stand anywhere. probe_diameter_mm: of the ball that touches."""
     whole = TomlTable(content, "surfaces")
-    probe = 0.5 * whole.quantity("probe_diameter", "length", 0.0)
+    probe = 0.5 * _not_negative(whole, "probe_diameter", 0.0)
     fixed: list[Feature] = []
     free: list[Feature] = []
     for name, table in _tables(whole, "plane"):
-        normal, offset = table.needed("normal", 3), table.quantity("offset", "length", 0.0)
-        normal = normal / np.linalg.norm(normal)
+        normal, offset = _direction(table, "normal"), table.quantity("offset", "length", 0.0)
         fixed.append(Feature("on_plane", name, aligned(offset * normal, normal), probe))
     for name, table in _tables(whole, "line"):
-        along, through = table.needed("direction", 3), table.quantity("point", "length", np.zeros(3), 3)
-        fixed.append(Feature("on_line", name, aligned(through, along / np.linalg.norm(along))))
+        along, through = _direction(table, "direction"), table.quantity("point", "length", np.zeros(3), 3)
+        fixed.append(Feature("on_line", name, aligned(through, along)))
     for name, table in _tables(whole, "sphere"):
-        radius = 0.5 * table.quantity("diameter", "length", np.nan) + probe
+        radius = 0.5 * _not_negative(table, "diameter", np.nan) + probe
         centre = table.quantity("centre", "length", None, 3)
         frame = se3.shift(np.zeros(3) if centre is None else centre)
         if centre is not None and np.isnan(radius):
@@ -88,6 +100,23 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
         (free if centre is None else fixed).append(Feature("on_sphere", name, frame, radius))
     whole.done()
     return tuple(fixed), tuple(free)
+
+
+def _direction(table: TomlTable, key: str) -> Array:
+    """A unit vector (3,)."""
+    vector = table.needed(key, 3)
+    length = np.linalg.norm(vector)
+    if not 0.0 < length < np.inf:
+        raise InputError(f"{table.where}: {key} is {vector.tolist()}, expected a direction")
+    return np.asarray(vector / length)
+
+
+def _not_negative(table: TomlTable, key: str, default: float) -> float:
+    """A length, m."""
+    value = float(table.quantity(key, "length", default))
+    if value < 0.0:
+        raise InputError(f"{table.where}: {key} is {1e3 * value:g} mm, expected zero or more")
+    return value
 
 
 def _named(content: object, what: str, word: str) -> list[tuple[str, TomlTable]]:

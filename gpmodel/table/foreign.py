@@ -13,13 +13,15 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
-from gpmodel.table.cells import numbers, read_frame
+from gpmodel.table.cells import LARGEST, numbers, read_frame
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.imported import cells, rotation_vectors
 from gpmodel.table.units import factor, known_unit, split_header
 from gpmodel.texts import read_toml
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
+FAR_FROM_ONE = 0.05
+"""Of the norm of a quaternion: written with two digits each, they are nearer."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 
 
@@ -122,7 +124,11 @@ def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path
         if count == 3 and unit is None:
             raise InputError(f"{where}: '{text}' has no unit; write '{text} [deg]'")
         parts.append(values if count == 4 else values * factor(unit or "1", "angle", where))
-    return rotation_vectors(reader, np.column_stack(parts))
+    rows = np.column_stack(parts)
+    norms = np.linalg.norm(rows, axis=1)
+    if count == 4 and (wrong := np.flatnonzero(np.abs(norms - 1.0) > FAR_FROM_ONE)).size:
+        raise InputError(f"{where}: row {wrong[0] + 1}: quaternion of norm {norms[wrong[0]]:g}, expected 1")
+    return rotation_vectors(reader, rows)
 
 
 def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Array, str | None]:
@@ -138,7 +144,11 @@ def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Arr
         _column(frame, name, path, where)
     assert formula is not None
     parts = {i: numbers(_column(frame, i, path, where), f"{path.name}, column '{i}'") for i in formula.inputs}
-    return np.array(formula(pd.DataFrame(parts).to_records())), unit
+    values = np.array(formula(pd.DataFrame(parts).to_records()))
+    given = np.isfinite(np.column_stack([*parts.values()])).all(axis=1)
+    if (wrong := np.flatnonzero(given & ~(np.abs(values) <= LARGEST))).size:
+        raise InputError(f"{where}: '{name}' is {values[wrong[0]]:g} in row {wrong[0] + 1}, expected a measured value")
+    return values, unit
 
 
 def _column(frame: pd.DataFrame, name: str, path: Path, where: str) -> pd.Series:

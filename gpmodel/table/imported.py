@@ -15,10 +15,10 @@ from gpmodel.table.units import JOINT_UNITS
 
 @dataclass(frozen=True)
 class Imported:
-    """content: a table of text cells, or the text of a TOML file. described: what stands beside a table, "cameras" and
-    "board", as their TOML files have it."""
+    """content: a table of text cells, the text of a mechanism's file, or cameras as a TOML file has them. described:
+    what stands beside a table, "cameras" and "board", likewise."""
 
-    content: pd.DataFrame | str
+    content: pd.DataFrame | str | dict[str, object]
     described: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
 

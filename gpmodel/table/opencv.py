@@ -11,9 +11,11 @@ import pandas as pd
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.table.cells import read_frame
+from gpmodel.table.cells import numbers, read_frame
+from gpmodel.table.dataset import LABELS
 from gpmodel.table.imported import Imported, cells
-from gpmodel.texts import read_text, toml_text
+from gpmodel.table.units import split_header
+from gpmodel.texts import read_text
 
 LARGEST = 64 << 20
 """Bytes: corners of ten thousand views."""
@@ -28,7 +30,7 @@ def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> 
     """
     content = _read(path)
     if "image_points" not in content:
-        return Imported(toml_text({"camera": {_name(content, path): _lens(content, path)}}))
+        return Imported({"camera": {_name(content, path): _lens(content, path)}})
     if joints is None or square is None:
         raise InputError(f"{path.name}: holds corners; expected --joints POSES.csv and --square SIZE beside them")
     points = _matrix(content, "image_points", path)
@@ -40,6 +42,12 @@ def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> 
     if len(pixels) != len(poses) * corners:
         views = len(pixels) // corners
         raise InputError(f"{joints.name}: {len(poses)} rows, {views} views in {path.name}; expected a row a view")
+    for header, column in poses.items():
+        if str(header) not in LABELS:
+            _, unit = split_header(str(header))
+            if unit is None:
+                raise InputError(f"{joints.name}, column '{header}': no unit; write for example '{header} [deg]'")
+            numbers(column, f"{joints.name}, column '{header}'")
     name = _name(content, path)
     table = poses.loc[poses.index.repeat(corners)].reset_index(drop=True)
     table = table.assign(camera=name, marker=[str(i) for i in range(corners)] * len(poses))

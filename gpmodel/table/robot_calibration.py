@@ -16,13 +16,14 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import LARGEST
 from gpmodel.numerics import se3
 from gpmodel.table.imported import Imported
 from gpmodel.texts import read_text
 
-LARGEST = 16 << 20
+LARGEST_FILE = 16 << 20
 """Bytes of a URDF."""
-EXPECTED = "robot_calibration's offsets, a line `NAME: number` each"
+EXPECTED = "robot_calibration's offsets, a line `NAME: number` each, of at most 1000 m or rad"
 
 
 def calibrated_urdf(path: Path, nominal: Path) -> Imported:
@@ -30,9 +31,11 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     joints."""
     offsets = _offsets(path)
     try:
-        robot = ET.fromstring(read_text(nominal, LARGEST, "a URDF file"))
+        robot = ET.fromstring(read_text(nominal, LARGEST_FILE, "a URDF file"))
     except ET.ParseError as error:
         raise InputError(f"{nominal.name}: is no XML ({error}); expected the URDF that was calibrated") from None
+    if robot.tag != "robot":
+        raise InputError(f"{nominal.name}: the root element is <{robot.tag}>, expected <robot> as in a URDF file")
     used: set[str] = set()
     for joint in robot.findall("joint"):
         name = joint.get("name", "")
@@ -45,7 +48,9 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
             )
             used |= found
     if not used:
-        raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {', '.join([*offsets][:8])}")
+        raise InputError(
+            f"{path.name}: no offset of a joint of {nominal.name}; it has {', '.join([*offsets][:8]) or 'none'}"
+        )
     left = ", ".join(sorted(offsets.keys() - used))
     note = f"{nominal.name} with the offsets of {path.name}" + (f"; of no joint here: {left}" if left else "")
     robot.insert(0, ET.Comment(f" {note.replace('--', '- -')} "))
@@ -54,7 +59,7 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
 
 def _offsets(path: Path) -> dict[str, float]:
     out: dict[str, float] = {}
-    for number, line in enumerate(read_text(path, LARGEST, EXPECTED).splitlines(), 1):
+    for number, line in enumerate(read_text(path, LARGEST_FILE, EXPECTED).splitlines(), 1):
         if not (text := line.partition("#")[0].strip()) or text == "---":
             continue
         name, found, value = text.rpartition(":")
@@ -62,7 +67,7 @@ def _offsets(path: Path) -> dict[str, float]:
             out[name.strip()] = float(value) if found else math.nan
         except ValueError:
             out[name.strip()] = math.nan
-        if not math.isfinite(out[name.strip()]):
+        if not abs(out[name.strip()]) <= LARGEST["length"]:
             raise InputError(f"{path.name}, line {number}: {text[:60]!r}; expected {EXPECTED}")
     return out
 

@@ -12,10 +12,11 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.quantities import LARGEST
 from gpmodel.table.imported import Imported
 from gpmodel.texts import read_text
 
-LARGEST = 1 << 20
+LARGEST_FILE = 1 << 20
 """Bytes; the file has a thousand."""
 ROWS = ("theta", "d", "a", "alpha")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -47,13 +48,16 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 def _lines(path: Path) -> dict[str, Array]:
     """Lists of numbers by the name before them; others are left out."""
     found = {}
-    for name, text in re.findall(r"^\s*(\w+)\s*=\s*\[([^\]]*)\]", read_text(path, LARGEST, "a UR .conf file"), re.M):
+    for name, text in re.findall(
+        r"^\s*(\w+)\s*=\s*\[([^\]]*)\]", read_text(path, LARGEST_FILE, "a UR .conf file"), re.M
+    ):
         if name.removeprefix("delta_") in ROWS:
             try:
                 values = np.array([float(part) for part in text.split(",")])
             except ValueError:
                 values = np.zeros(0)
-            if len(values) != len(NAMES) or not np.isfinite(values).all():
-                raise InputError(f"{path.name}: {name} is [{text.strip()[:60]}]; expected {len(NAMES)} numbers")
+            if len(values) != len(NAMES) or not (np.abs(values) <= LARGEST["length"]).all():
+                said = f"{path.name}: {name} is [{text.strip()[:60]}]"
+                raise InputError(f"{said}; expected {len(NAMES)} numbers of at most {LARGEST['length']:g} m or rad")
             found[name] = values
     return found
