@@ -77,8 +77,10 @@ def finished_folder(out: Path) -> Iterator[Path]:
             yield draft
             draft.chmod(0o777 & ~_umask())
             if out.exists():
-                for path in sorted(p for p in draft.rglob("*") if p.is_file()):
-                    target = out / path.relative_to(draft)
+                moves = {p: out / p.relative_to(draft) for p in sorted(draft.rglob("*")) if p.is_file()}
+                if clash := [t for t in moves.values() if t.is_dir() or t.parent.is_file()]:
+                    raise WriteError(f"{clash[0]}: a file and a folder of one name; expected another --out")
+                for path, target in moves.items():
                     target.parent.mkdir(parents=True, exist_ok=True)
                     os.replace(path, target)
             else:

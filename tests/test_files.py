@@ -33,6 +33,19 @@ def test_drafts_of_dead_processes_are_swept_away_and_of_living_ones_are_not(dead
     assert {p.name for p in tmp_path.iterdir()} == kept | {"whole"}
 
 
+def write_both(out: Path) -> None:
+    with files.finished_folder(out) as draft:
+        (draft / "a").write_text("new")
+        (draft / "b").write_text("new")
+
+
+def test_a_folder_where_a_file_belongs_leaves_all_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "out" / "b").mkdir(parents=True)
+    with pytest.raises(WriteError, match="a file and a folder of one name"):
+        write_both(tmp_path / "out")
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["b"]
+
+
 def half_written(out: Path) -> None:
     with files.finished_folder(out) as draft:
         (draft / "new").write_text("new")

@@ -110,6 +110,9 @@ def calibrate(
     table = specified(read_table(table, arm), instrument)
     arm, poses = checked_poses(arm, table, geometry if known is None else ())
     groups = [*measured_joints(joints, arm), *(named_group(effect, arm, poses) for effect in named_effects)]
+    names = [effect.name for _, group in groups for effect in group]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"'{twice[0]}' is named twice, expected each effect once", "effects")
     train, held = split(poses.dataset, fraction, seed)
     seen, unseen = poses.subset(train), poses.subset(held)
     note = ""

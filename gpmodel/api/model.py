@@ -110,7 +110,7 @@ class Model(Shown):
         in `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.
         """
-        degrees = number(max_move, "max_move", 0.0)
+        degrees = number(max_move, "max_move", 0.0, 360.0)
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
         saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(whole(seed, "seed"))
         saved = of_frame(saved) if among(point, POINTS, "point") == "frame" else saved
@@ -148,13 +148,13 @@ class Model(Shown):
         """
         with extra_for("an export", "report"):
             from gpmodel.api.exports import ExportsResult
-            from gpmodel.application.exports.grid import NODES
+            from gpmodel.application.exports.grid import MOST_NODES, NODES
             from gpmodel.application.exports.make import GRID, exports_of
             from gpmodel.application.exports.sample import Place
 
         limits = None if box is None else box_limits(box, "box")
         place = Place.of(self.saved, setup, tool)
-        count = NODES if nodes is None else whole(nodes, "nodes", 2)
+        count = NODES if nodes is None else whole(nodes, "nodes", 2, MOST_NODES)
         made = exports_of(self.saved, place, box=limits, nodes=count, seed=whole(seed, "seed"))
         if box is not None and GRID in made.refused:
             raise InputError(made.refused[GRID], "box")

@@ -16,13 +16,14 @@ from gpmodel.application.model_file import SavedModel, unfitted
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure
-from gpmodel.table.dataset import Dataset
-from gpmodel.table.units import convert, known_unit, split_header
+from gpmodel.table.dataset import LABELS, Dataset
+from gpmodel.table.units import convert, joint_column, known_unit, split_header
 from gpmodel.table.write import frame_of, table_text
 from gpmodel.texts import toml_text
 
@@ -112,6 +113,7 @@ def simulate(
             raise InputError(f"{instrument} takes poses of its own; expected how many", "poses")
         scene = scene_of(instrument, arm, random_poses(arm, POOL * count, rng), count, tool_point, rng)
     q = scene.q if scene else random_poses(arm, count, rng) if given is None else given.q
+    _check_columns(columns, q, arm)
     with naming("effects"):
         made = measure(
             arm, q, planted, rng, scene=scene,
@@ -121,6 +123,18 @@ def simulate(
             tool_point=tool_point,
         )  # fmt: skip
     return SimulationResult(made.dataset, Model(_truth(made)))
+
+
+def _check_columns(columns: Sequence[tuple[str, str, Array]], q: Array, arm: Mechanism) -> None:
+    """Raises InputError for columns that could not be read again as inputs."""
+    joints = dict(joint_column(j.name, j.kind, values) for j, values in zip(arm.joints, q.T, strict=True))
+    inputs = pd.DataFrame(dict(enumerate(values for *_, values in columns)), index=range(len(q)))
+    inputs.columns = pd.Index([f"{name} [{unit}]" for name, unit, _ in columns])
+    with naming("inputs"):
+        read = dataset_of(pd.concat([pd.DataFrame(joints), inputs], axis=1), arm, need_measurement=False)
+        measured = [name for name, *_ in columns if name not in (*read.extra_units, *LABELS, "payload")]
+        if measured:
+            raise InputError(f"'{measured[0]}' is what an instrument reads, expected another name")
 
 
 def _truth(made: Simulation) -> SavedModel:
@@ -146,6 +160,8 @@ def _column(header: str, values: Values, count: int, rng: np.random.Generator) -
     if isinstance(values, str):
         if ":" in values:
             low, high = (convert(v, unit, "inputs") for v in values.split(":", 1))
+            if low > high:
+                raise InputError(f"'{values}', expected the smaller value first, as in 20:30", "inputs")
             return name, unit, rng.uniform(low, high, count)
         return name, unit, rng.choice([convert(v, unit, "inputs") for v in values.split("|")], count)
     try:

@@ -127,9 +127,12 @@ def selection_of(truncation: float | None, tournament: int | None) -> SelectionS
     """What the two options ask for, None where neither does. Raises InputError where both do."""
     if truncation is not None and tournament is not None:
         raise InputError("--tournament as well, expected one of the two", "truncation")
-    if truncation is not None:
-        return Truncation(truncation)
-    return None if tournament is None else Tournament(tournament)
+    try:
+        if truncation is not None:
+            return Truncation(truncation)
+        return None if tournament is None else Tournament(tournament)
+    except InputError as error:
+        raise InputError(error.said, "tournament" if truncation is None else "truncation") from None
 
 
 def strategies_named(

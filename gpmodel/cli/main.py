@@ -96,6 +96,9 @@ class CommandGroup(click.Group):
             sys.exit(status if isinstance(status, int) else DONE)
         except click.Abort as stopped:
             _end(INTERRUPTED, "; ".join(["interrupted", *stopped.args]))
+        except click.exceptions.NoArgsIsHelpError as asked:
+            click.echo(asked.format_message())
+            sys.exit(DONE)
         except click.ClickException as error:
             where = (
                 f"; see {error.ctx.command_path} --help" if isinstance(error, click.UsageError) and error.ctx else ""
@@ -105,7 +108,7 @@ class CommandGroup(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(DONE)
         except (GpModelError, OSError) as error:
-            _end(BAD_INPUT, str(error), arguments)
+            _end(BAD_INPUT, str(error if isinstance(error, GpModelError) else InputError(str(error))), arguments)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
             place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"

@@ -25,8 +25,8 @@ TOOL_OFFSET = 0.15
 LEVER = 1.0
 """Metres, the standard deviation of each coordinate of the instrument's place; metres a tool point is off the flange;
 and metres at which a radian of geometry counts as a metre."""
-FARTHEST = 1e3
-"""Metres, or radians, that errors may move a frame by."""
+FARTHEST = 1.0
+"""Metres, or radians, that errors may move a frame by: beyond, it is another machine."""
 
 
 @dataclass(frozen=True)

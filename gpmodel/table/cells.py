@@ -22,6 +22,8 @@ LARGEST = 1e20
 LARGEST_FILE = 128 << 20
 """Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
 
+EMPTY = "{}: the file is empty; expected a header line and one row per pose"
+
 COMMENTS = ("#", "//", "%", "!")
 """How comments begin; no name of a column does."""
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
@@ -34,7 +36,7 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     """
     raw = read_limited(path, LARGEST_FILE, "a measured table")
     if not raw.strip():
-        raise InputError(f"{path.name}: the file is empty; expected a header line and one row per pose")
+        raise InputError(EMPTY.format(path.name))
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in (".xlsx", ".xls"):
         try:
@@ -45,6 +47,8 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
             raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
         except InputError:
             raise
+        except IndexError:
+            raise InputError(EMPTY.format(path.name)) from None
         except Exception as error:  # zip, xml and openpyxl errors of many kinds
             raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
         _check_names(header.tolist(), path)
@@ -79,11 +83,12 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     if "\0" in text:
         raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
     header = text.lstrip().splitlines()[0]
-    if header.startswith(COMMENTS):
-        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; expected names with units, as J1 [deg]")
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
-    _check_names(next(csv.reader([header], delimiter=separator, skipinitialspace=True)), path)
+    names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
+    if header.startswith(COMMENTS) or not np.isnan(pd.to_numeric(names[0].replace(",", "."), errors="coerce")):
+        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; expected names with units, as J1 [deg]")
+    _check_names(names, path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -108,7 +113,7 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
 def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:
     """Raises InputError where the last of the lines `last` has fewer cells than the other, or its last cell fewer
     decimals than all above it have."""
-    decimals = frame.iloc[:, -1].str.replace(",", ".").str.partition(".")[2].str.len()
+    decimals = frame.iloc[:, -1].str.extract(r"^[^.,]*[.,]?(.*)$")[0].str.len()
     shorter = decimals.iloc[:-1].nunique() == 1 and decimals.iloc[-1] < decimals.iloc[0]
     if shorter or last[1].count(separator) < last[0].count(separator):
         end = last[1][-20:].strip()

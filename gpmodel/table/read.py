@@ -25,6 +25,8 @@ ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
 """By the units that temperatures come in."""
 
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
+_OWN = ("x", "y", "z", "rx", "ry", "rz", "payload")
+"""Names that say what a column is, beside LABELS."""
 _NAMELESS = re.compile(r"^Unnamed: \d+$")
 
 
@@ -101,6 +103,8 @@ class _Cells:
             self.payload_given = True
             for row, mass in enumerate(self.payload.tolist(), 1):
                 checked_mass(mass, f"{where}, row {row}")
+        elif name.lower() in (*_OWN, *LABELS):
+            raise InputError(f"{where}: written '{name.lower()}' where it is meant so; expected that, or another name")
         elif unit is not None or _has_numbers(column):
             self._take_extra(name, unit, numbers(column, where), where)
         else:

@@ -122,7 +122,8 @@ def test_a_wrong_argument_of_a_model_is_one_line_that_names_it(method: str, fit:
     argument, values = METHODS[method]
     for value in values:
         refused(lambda value=value: getattr(fit.model, method)(value), argument)
-    for more in ({"max_move": "far"}, {"seed": 0.5}) if method == "compensate" else ():
+    refused(lambda: fit.model.export(nodes=10**6), "nodes")
+    for more in ({"max_move": "far"}, {"max_move": 1e300}, {"seed": 0.5}) if method == "compensate" else ():
         refused(lambda more=more: fit.model.compensate(TABLE, **more), next(iter(more)))
 
 

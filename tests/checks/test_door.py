@@ -115,6 +115,7 @@ def test_gravity_in_millimetres_is_refused(tmp_path: Path) -> None:
 
 
 OPTIONS = {
+    ("simulate", "--mechanism", "ur5", "--out", "t.xlsx"): "--out: t.xlsx: a table is written as .csv; expected such",
     ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--rows", 50): "--rows: needs --watch",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--batch", 5): "--batch: needs --watch",

@@ -51,6 +51,9 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "length unit on a joint": (renamed(J1_deg="J1 [mm]"), ("column 'J1'", "no unit of angle")),
     "joint missing": (lambda: GOOD.drop(columns="J4 [deg]"), ("'J4' is missing", "J1, J2")),
     "joint extra": (lambda: GOOD.assign(**{"J7 [deg]": "0"}), ("'J7' is one too many", "J6")),
+    "x in capitals": (renamed(x_mm="X [mm]"), ("column 'X'", "written 'x'")),
+    "a payload in capitals": (lambda: GOOD.assign(**{"Payload [kg]": "9"}), ("column 'Payload'", "written 'payload'")),
+    "groups in capitals": (lambda: GOOD.assign(Group="a"), ("column 'Group'", "written 'group'")),
     "torque in a unit of mass": (lambda: GOOD.assign(**{"torque_J2 [kg]": "9"}), ("column 'torque_J2' [kg]", "[N*m]")),
     "repeats that are none": (
         lambda: GOOD.assign(repeat=[str(i // 2) for i in range(len(GOOD))]),
@@ -121,6 +124,7 @@ FILES = {
     "empty": (b"", "the file is empty"),
     "blank": (b"\n \n", "the file is empty"),
     "binary": (b"\x00\x01\x02" * 40, "is no text"),
+    "no header": (b"1.5,2,3\n4,5,6\n", "line 1: '1.5,2,3' is no header; expected names with units"),
     "ragged": (b"J1 [deg];J2 [deg]\n1;2;3\n", "more cells than the header"),
     "cut between cells": (b"J1 [deg],x [mm],y [mm]\n1,2.50,3\n4,5.00,6\n7,8.0", "ends within a row, at '7,8.0'"),
     "cut in the last cell": (b"J1 [deg],x [mm]\n1,2.50\n4,5.00\n7,8.0", "ends within a row, at '7,8.0'"),
@@ -136,36 +140,6 @@ def test_bad_file_is_refused(case: str, tmp_path: Path) -> None:
     line = one_line(run("check", path, "--mechanism", "irb6400r"), 2)
     assert "measured.csv" in line
     assert said in line
-
-
-OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
-    "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "has no instance")),
-    "effect of too many instances": (("--effect", "transmission_ripple"), ("transmission_ripple", "name one")),
-    "effect at an unknown slot": (("--effect", "J9.moving:Rz:1"), ("slot 'J9.moving' is unknown", "J1.fixed")),
-    "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
-    "effect of an unknown input": (("--effect", "J1.moving:Rz:sin(temperature)"), ("'temperature' is not known", "J1")),
-    "effect that is no expression": (("--effect", "J1.moving:Rz:sin("), ("was never closed",)),
-    "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("cannot read", "functions are")),
-    "effect infinite at a pose": (("--effect", "J1.moving:Rz:1/(row-3)"), ("infinite or undefined",)),
-    "standard fits nothing": (("--standard", "J9 *"), ("'J9 *'", "J1 Tx")),
-    "unknown option": (("--efect", "x"), ("--efect", "calibrate --help")),
-    "holdout of everything": (("--holdout", "1"), ("--holdout",)),
-    "payload without unit": (("--payload", "60"), ("--payload", "'60' is no quantity")),
-    "payload in metres": (("--payload", "60m"), ("--payload", "no unit of mass")),
-    "payload centre of two": (("--payload-com", "0,0mm"), ("--payload-com", "three lengths")),
-    "unknown frame": (("--frame", "gripper"), ("gripper", "flange")),
-}
-
-
-@pytest.mark.parametrize("case", OPTIONS)
-def test_bad_option_is_refused(case: str, tmp_path: Path) -> None:
-    options, said = OPTIONS[case]
-    path = write(GOOD, tmp_path / "measured.csv")
-    line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--out", tmp_path / "out", *options), 2)
-    for words in said:
-        assert words in line
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["measured.csv"]
 
 
 MECHANISMS = {
@@ -197,26 +171,6 @@ def test_bad_mechanism_is_refused(case: str, tmp_path: Path) -> None:
     line = one_line(run("calibrate", path, "--mechanism", where, "--out", tmp_path / "out"), 2)
     assert said in line
     assert not (tmp_path / "out").exists()
-
-
-NAMED = {
-    "--population": ("evolve", "--population", "20"),
-    "--operators": ("evolve", "--operators", "magic"),
-    "--representation": ("evolve", "--representation", "graph"),
-    "--holdout": ("calibrate", "--holdout", "0.999"),
-    "--noise": ("discover", "--noise", "3"),
-    "--instrument": ("check", "--instrument", "Leica"),
-    "--mechanism": ("check", "--mechanism", "hal9000"),
-}
-
-
-@pytest.mark.parametrize("option", NAMED)
-def test_the_line_opens_with_the_name_of_the_option(option: str, tmp_path: Path) -> None:
-    path = write(GOOD, tmp_path / "measured.csv")
-    command, *options = NAMED[option]
-    mechanism = () if option == "--mechanism" else ("--mechanism", "irb6400r")
-    out = () if command == "check" else ("--out", tmp_path / "out")
-    assert one_line(run(command, path, *mechanism, *out, *options), 2).startswith(f"gpmodel: {option}: ")
 
 
 def test_missing_table_names_the_file(tmp_path: Path) -> None:

@@ -34,6 +34,12 @@ def run(*arguments: str) -> Result:
     return CliRunner().invoke(joint, arguments, catch_exceptions=False)
 
 
+def test_the_group_alone_shows_its_commands() -> None:
+    done = CliRunner().invoke(main, ["joint"])
+    assert done.exit_code == 0
+    assert all(f"\n  {name}" in done.stdout for name in COMMANDS)
+
+
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, str]]:
     """Each command run once with the thesis' joint: its DIR and what it printed."""

@@ -86,7 +86,12 @@ def test_same_seed_same_table_other_seed_another(tmp_path: Path) -> None:
     assert texts[0].startswith("shoulder_pan_joint [deg],")
 
 
-@pytest.mark.parametrize("text", ["temperature", "temperature [degC]", "t [blorp]=1:2", "t [s]=a:b", "t [s]=1|x"])
+@pytest.mark.parametrize(
+    "text",
+    ["temperature", "temperature [degC]", "t [blorp]=1:2", "t [s]=a:b", "t [s]=1|x", "t [s]=5:1", " [s]=1:2",
+     "temperature [degC]=-400:20", "load [N]=1e300", "payload [kg]=-5:5", "x [mm]=1:2", "J1 [deg]=1:2",
+     "distance_A [mm]=1:2"],
+)  # fmt: skip
 def test_inputs_that_cannot_be_read(text: str) -> None:
     line = one_line(run("simulate", "--mechanism", "irb6400r", "--input", text), 2)
     assert "--input" in line
@@ -96,6 +101,7 @@ def test_inputs_that_cannot_be_read(text: str) -> None:
     ("asked", "said"),
     [
         ({"effects": ["base_compliance=1e300 rad/Nm"]}, "effects: errors that move a frame by"),
+        ({"effects": ["gear_harmonic J4=360 deg"]}, "effects: errors that move a frame by"),
         ({"poses": 10**12}, "poses: 1000000000000, expected a whole number from 1 to 1000000"),
         ({"noise": "1e300 mm"}, r"noise: 1e300 mm, expected at most 1 m, the unit may be wrong"),
         ({"noise": "1e5 px", "instrument": "camera"}, r"noise: 1e5 px, expected at most 1000 px"),

@@ -21,6 +21,9 @@ from gpmodel.table.units import joint_column
 NODES = 5
 """Along each side of the box: errors of linear interpolation fall with its square."""
 
+MOST_NODES = 100
+"""A million corrections are more than any controller holds, and take an hour."""
+
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
 """Half sides of a box where none is given, in spreads of the measured points: each holds about three times the one
 before, the last is nearly half of the workspace across."""

@@ -49,7 +49,8 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
     if name is None:
         return next(iter(known))
     if name not in known:
-        raise InputError(f"'{name}' is unknown to the model, expected {', '.join(map(repr, known))}", argument)
+        said = ", ".join(repr(k) for k in known if k) or "none: it has one without a name"
+        raise InputError(f"'{name}' is unknown to the model, expected {said}", argument)
     return name
 
 
