@@ -67,12 +67,7 @@ class RegimeCurve:
     def force(self, displacement: ArrayLike) -> Array:
         """Measured tension [N] at `displacement` [m]."""
         basis = regime_basis(displacement, self.contact_end, self.transition_end, self.film_end, self.stand_off)
-        return basis @ [
-            self.peak_force,
-            self.film_stiffness,
-            self.transition_stiffness,
-            self.contact_stiffness,
-        ]
+        return basis @ [self.peak_force, self.film_stiffness, self.transition_stiffness, self.contact_stiffness]
 
     @property
     def magnet_coefficient(self) -> float:
@@ -111,11 +106,7 @@ def contact_tension(stiffness: float, displacement: ArrayLike) -> Array:
 
 
 def rest_displacement(
-    geometry: FilmGeometry,
-    orifice: Orifice,
-    inlet: float,
-    preload: float,
-    stand_off: float,
+    geometry: FilmGeometry, orifice: Orifice, inlet: float, preload: float, stand_off: float
 ) -> float:
     """Displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
 

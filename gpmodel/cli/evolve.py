@@ -56,12 +56,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.option("--operators", default=None, help="thesis, smooth, slot, physics, or names.")
 @click.option("--truncation", type=Number(above=0.0), default=None, help="Share of the best that breeds: 0.05.")
 @click.option("--tournament", type=click.IntRange(1), default=None, help="Or the best of so many drawn, each time.")
-@click.option(
-    "--crossover",
-    type=click.FloatRange(0.0, 0.999),
-    default=None,
-    help="Rate an element; trees: share.",
-)
+@click.option("--crossover", type=click.FloatRange(0.0, 0.999), default=None, help="Rate an element; trees: share.")
 @click.option("--mutation", type=click.FloatRange(0.0, 0.999), default=None, help="Rate an element of a sequence.")
 @click.option("--length", type=int, default=None, help="Elements of a sequence.")
 @click.option("--depth", type=int, default=None, help="Of a tree, at most.")

@@ -88,11 +88,7 @@ class Targets:
         """The problem at one site."""
         rows = slice(site, site + 1)
         return replace(
-            self,
-            weight=self.weight[rows],
-            cross=self.cross[rows],
-            pull=self.pull[rows],
-            names=self.names[rows],
+            self, weight=self.weight[rows], cross=self.cross[rows], pull=self.pull[rows], names=self.names[rows]
         )
 
     def gains(self, values: Array) -> Array:

@@ -37,11 +37,7 @@ class Evolution:
     settings: Settings = field(repr=False)
 
 
-def evolve(
-    problem: Problem,
-    settings: Settings,
-    rng: np.random.Generator,
-) -> Evolution:
+def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Evolution:
     """Search until the generations or the seconds of the budget are over.
 
     The result depends on the problem, the settings and the generator only, whatever the number of threads

@@ -107,20 +107,7 @@ BY_CODE: dict[int, Operator] = {operator.code: operator for operator in ARITHMET
 SETS: dict[str, tuple[str, ...]] = {
     "thesis": tuple(operator.name for operator in ARITHMETIC if operator.code <= 17),
     "smooth": tuple(operator.name for operator in ARITHMETIC if operator.smooth and operator.code <= 17),
-    "slot": (
-        "add",
-        "subtract",
-        "multiply",
-        "divide",
-        "min",
-        "max",
-        "abs",
-        "square",
-        "sin",
-        "cos",
-        "exp",
-        "tanh",
-    ),
+    "slot": ("add", "subtract", "multiply", "divide", "min", "max", "abs", "square", "sin", "cos", "exp", "tanh"),
     "physics": ("reciprocal", "add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
 }
 """Named subsets: ``thesis`` (Table 5.1), ``smooth`` (continuous first derivative, section 5.2.3), ``slot``

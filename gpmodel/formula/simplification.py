@@ -26,11 +26,7 @@ def simplify(program: Program) -> Program:
     if _is_written(program):
         return program
     best = program
-    for largest, change in (
-        (_ONE_OPERATOR, _unchanged),
-        (LARGEST_PIECE, _unchanged),
-        (LARGEST_PIECE, _by_levels),
-    ):
+    for largest, change in ((_ONE_OPERATOR, _unchanged), (LARGEST_PIECE, _unchanged), (LARGEST_PIECE, _by_levels)):
         try:
             pieces, outputs = in_pieces(best, largest)
             changed = {symbol: change(expression) for symbol, expression in pieces.items()}

@@ -20,14 +20,7 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
-from gpmodel.report.origin import (
-    Origin,
-    data_record,
-    floor_mm,
-    instrument_record,
-    mechanism_record,
-    versions,
-)
+from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
 from gpmodel.report.schema import Kind, MimicRecord, Report, StepRecord
 from gpmodel.report.schema_poses import ReadingRecord
 

@@ -81,11 +81,7 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
 
 
 def _arrows(
-    figure: Figure,
-    points: Array,
-    residuals: Sequence[tuple[Array, str]],
-    magnification: float,
-    key: float,
+    figure: Figure, points: Array, residuals: Sequence[tuple[Array, str]], magnification: float, key: float
 ) -> None:
     axes = figure.subplots()
     i, j = 0, 1

@@ -8,14 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.selection.active import Active
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
-from gpmodel.selection.moves import (
-    backward_eliminated,
-    first_better,
-    found,
-    split,
-    stepwise,
-    with_optimal_variances,
-)
+from gpmodel.selection.moves import backward_eliminated, first_better, found, split, stepwise, with_optimal_variances
 from gpmodel.selection.scan import Replacements
 
 MOST_SWAPS = 4

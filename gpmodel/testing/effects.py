@@ -28,12 +28,7 @@ INSTRUMENT_AT = (-1.0, -3.5, 0.5)
 
 
 def check_family(
-    family: Family,
-    mechanism: Mechanism,
-    *,
-    inputs: Mapping[str, Array] | None = None,
-    poses: int = 24,
-    seed: int = 0,
+    family: Family, mechanism: Mechanism, *, inputs: Mapping[str, Array] | None = None, poses: int = 24, seed: int = 0
 ) -> None:
     """A family's candidates on a mechanism: named, finite, savable, and what the model does with them, signs included.
 
@@ -55,12 +50,7 @@ def check_family(
 
 
 def check_effect(
-    effect: Effect,
-    mechanism: Mechanism,
-    *,
-    inputs: Mapping[str, Array] | None = None,
-    poses: int = 24,
-    seed: int = 0,
+    effect: Effect, mechanism: Mechanism, *, inputs: Mapping[str, Array] | None = None, poses: int = 24, seed: int = 0
 ) -> None:
     """A single effect: as `check_family` checks those of a family."""
     _check_effect(effect, mechanism, *_scene(mechanism, inputs or {}, poses, seed))

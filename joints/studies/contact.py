@@ -32,11 +32,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     exact = hertz(force, ball, support, angle)
     onset = float(first_yield_pressure(s["yield_stress"], min(ball.poisson, support.poisson)))
 
-    cases: dict[str, HertzContact] = {
-        "as printed": printed,
-        "printed formulas, true radii": fitted,
-        "exact": exact,
-    }
+    cases: dict[str, HertzContact] = {"as printed": printed, "printed formulas, true radii": fitted, "exact": exact}
     rows = [(name, *_numbers(case, force, s["allowed_stress"], onset)) for name, case in cases.items()]
     coefficients = {
         "equivalent_radius_m": printed.equivalent_radius,

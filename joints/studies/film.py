@@ -57,10 +57,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
         {
             "film_guide.png": figures.film_guide(flat, sphere),
             "film_inlet.png": figures.film_inlet(
-                inlets,
-                lift,
-                edge_gap(geometry, lift),
-                spherical_film(geometry, preload, orifice, lifts),
+                inlets, lift, edge_gap(geometry, lift), spherical_film(geometry, preload, orifice, lifts)
             ),
             "film_pressure.png": figures.film_pressure(geometry, preload, float(displacement.max())),
         },

@@ -69,11 +69,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
     rows.append(("magnet_coefficient", coefficient * 1e6, error * 1e6, "N mm^2"))
     return Study(
         (
-            Table(
-                "Predicted",
-                _PREDICTED,
-                [tuple(predicted.values())],
-            ),
+            Table("Predicted", _PREDICTED, [tuple(predicted.values())]),
             Table(
                 f"Regimes of {source}: rms residual {fit.rms:.3g} N, {fit.status}",
                 ("Quantity", "Value", "Standard error", "Unit"),

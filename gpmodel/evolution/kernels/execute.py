@@ -27,14 +27,7 @@ def _within(row: Array, limit: float, width: int) -> bool:
 
 
 @inlined
-def execute(
-    words: IntArray,
-    count: int,
-    constants: Array,
-    rows: Array,
-    base: int,
-    width: int,
-) -> None:
+def execute(words: IntArray, count: int, constants: Array, rows: Array, base: int, width: int) -> None:
     """Fill ``rows[base + k, :width]`` with the value of instruction k."""
     for k in range(count):
         code = words[k] & 0xFFFF

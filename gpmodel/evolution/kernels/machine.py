@@ -79,11 +79,7 @@ def allowed_instructions(
 
 @inlined
 def reaching_instructions(
-    pairs: NDArray[np.uint16],
-    count: int,
-    read_of: NDArray[np.uint32],
-    written_of: NDArray[np.uint32],
-    outputs: int,
+    pairs: NDArray[np.uint16], count: int, read_of: NDArray[np.uint32], written_of: NDArray[np.uint32], outputs: int
 ) -> int:
     """Where, in ``pairs``, the instructions begin that can reach the first ``outputs`` registers.
 
