@@ -7,40 +7,26 @@ import click
 from gpmodel.api.calibrate import calibrate as fit
 from gpmodel.api.results import check_writable
 from gpmodel.api.table import read_table
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, what_next
-from gpmodel.cli.options import (
-    holdout_option,
-    in_order_option,
-    instrument_option,
-    joints_option,
-    mechanism_options,
-    out_folder_option,
-    quiet_option,
-    seed_option,
-    sights_options,
-    standard_option,
-    table_argument,
-)
 from gpmodel.mechanism.source import LoadedMechanism
 
 
 @click.command()
-@table_argument
-@mechanism_options()
+@shared.table_argument
+@shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
-@click.option(
-    "--fleet", type=click.Path(path_type=Path), metavar="FLEET", help="fleet.json of its type: what is known."
-)
-@joints_option
-@sights_options
-@standard_option
-@click.option("--condition-limit", type=float, help="Of the standard model. [default: cross-validated]")
-@holdout_option
-@instrument_option
-@in_order_option
-@seed_option
-@out_folder_option
-@quiet_option
+@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json of its type: what is known.")
+@shared.joints_option
+@shared.sights_options
+@shared.standard_option
+@shared.condition_limit_option
+@shared.holdout_option
+@shared.instrument_option
+@shared.in_order_option
+@shared.seed_option
+@shared.out_folder_option
+@shared.quiet_option
 def calibrate(
     table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None,
     joints: tuple[str, ...], standard: tuple[str, ...],

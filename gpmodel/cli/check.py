@@ -6,27 +6,19 @@ import click
 
 from gpmodel.api.check import check as judge
 from gpmodel.api.table import read_table
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.options import (
-    instrument_option,
-    mechanism_options,
-    out_folder_option,
-    quiet_option,
-    sights_options,
-    standard_option,
-    table_argument,
-)
 from gpmodel.mechanism.source import LoadedMechanism
 
 
 @click.command()
-@table_argument
-@mechanism_options()
-@sights_options
-@standard_option
-@instrument_option
-@out_folder_option
-@quiet_option
+@shared.table_argument
+@shared.mechanism_options()
+@shared.sights_options
+@shared.standard_option
+@shared.instrument_option
+@shared.out_folder_option
+@shared.quiet_option
 def check(
     table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], instrument: str | None, folder: Path | None,
     quiet: bool, **sights: str | None,

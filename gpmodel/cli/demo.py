@@ -8,7 +8,7 @@ import click
 
 from gpmodel.cli.console import progress_line, what_next
 from gpmodel.cli.discover import discover_request, settings
-from gpmodel.cli.options import quiet_option, seed_option, workers_option
+from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Threads
@@ -20,7 +20,7 @@ MECHANISM = "irb6400r"
 
 
 @click.command()
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("demo-report"), show_default=True)
+@click.option("--out", "folder", type=PATH, default=Path("demo-report"), show_default=True)
 @click.option("--no-open", is_flag=True, help="Leave the page closed.")
 @seed_option
 @workers_option

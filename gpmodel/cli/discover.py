@@ -11,23 +11,10 @@ import click
 from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult
 from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.evolve import strategies_named
-from gpmodel.cli.options import (
-    SIGHTS,
-    Number,
-    in_order_option,
-    instrument_option,
-    joints_option,
-    mechanism_options,
-    quiet_option,
-    representation_option,
-    resume_option,
-    scheduler_option,
-    seed_option,
-    sights_options,
-    workers_option,
-)
+from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import Request, Typed
 from gpmodel.cli.watch import Watch, on_screen
 from gpmodel.discovery.search import Search
@@ -50,35 +37,34 @@ WATCHED = 0.5
 
 
 @click.command()
-@click.argument("table", type=click.Path(path_type=Path), required=False)
-@mechanism_options(required=False)
+@click.argument("table", type=shared.PATH, required=False)
+@shared.mechanism_options(required=False)
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
               help="How hard to look: GP runs of each representation in a round; 0: catalogue alone.")  # fmt: skip
-@representation_option("linear")
-@click.option("--minutes", "--stop-after", "minutes", type=Number(above=0.0), default=None, metavar="T",
+@shared.representation_option("linear")
+@click.option("--minutes", "--stop-after", "minutes", type=shared.Number(above=0.0), metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
-@sights_options
-@click.option("--holdout", type=float, default=None, metavar="SHARE",
+@shared.sights_options
+@click.option("--holdout", type=float, metavar="SHARE",
               help=f"Share of poses that choose nothing. [default: {USUAL}; under {FEW}: --folds {FOLDS}]")  # fmt: skip
-@click.option("--folds", type=click.IntRange(2), default=None, metavar="K",
+@click.option("--folds", type=click.IntRange(2), metavar="K",
               help="All poses choose; errors from K choices, each without a part of them.")  # fmt: skip
-@in_order_option
-@click.option("--noise", default=None, metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
-@instrument_option
-@joints_option
-@click.option("--condition-limit", type=float, default=None, help="Of the standard model. [default: cross-validated]")
+@shared.in_order_option
+@click.option("--noise", metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
+@shared.instrument_option
+@shared.joints_option
+@shared.condition_limit_option
 @click.option("--no-catalogue", is_flag=True, help="Offer no named family: what is found is what was evolved.")
-@seed_option
-@workers_option
-@scheduler_option
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=None,
-              help="Folder of the results. [default: discovery]")  # fmt: skip
-@resume_option
+@shared.seed_option
+@shared.workers_option
+@shared.scheduler_option
+@click.option("--out", "folder", type=shared.PATH, help="Folder of the results. [default: discovery]")
+@shared.resume_option
 @click.option("--watch", is_flag=True,
               help="Follow a TABLE that grows: verdict and next poses after every batch of rows.")  # fmt: skip
-@click.option("--batch", type=click.IntRange(1), default=None, help="Of --watch: rows. [default: 10]")
-@click.option("--rows", type=click.IntRange(1), default=None, help="Of --watch: it ends at so many. [default: never]")
-@quiet_option
+@click.option("--batch", type=click.IntRange(1), help="Of --watch: rows. [default: 10]")
+@click.option("--rows", type=click.IntRange(1), help="Of --watch: it ends at so many. [default: never]")
+@shared.quiet_option
 def discover(
     table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
     folder: Path | None, resume: Path | None, watch: bool, batch: int | None, rows: int | None, quiet: bool,

@@ -12,23 +12,8 @@ from gpmodel.api.evolve import SPACES, EvolutionResult
 from gpmodel.api.evolve import evolve as run
 from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
 from gpmodel.api.table import read_table
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.options import (
-    SIGHTS,
-    Number,
-    holdout_option,
-    in_order_option,
-    mechanism_options,
-    out_folder_option,
-    quiet_option,
-    representation_option,
-    resume_option,
-    scheduler_option,
-    seed_option,
-    sights_options,
-    standard_option,
-    workers_option,
-)
 from gpmodel.cli.request import Request, Typed
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
@@ -44,33 +29,33 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 
 
 @click.command()
-@click.argument("table", type=click.Path(path_type=Path), required=False)
-@mechanism_options(required=False)
-@representation_option("linear,tree")
+@click.argument("table", type=shared.PATH, required=False)
+@shared.mechanism_options(required=False)
+@shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
-@click.option("--population", type=click.IntRange(4), default=None, help="[default: 65536 linear, 8192 tree]")
-@click.option("--generations", type=click.IntRange(0), default=None, help="[default: 100]")
-@click.option("--seconds", type=Number(above=0.0), default=None, help="Time a run, at most.")
+@click.option("--population", type=click.IntRange(4), help="[default: 65536 linear, 8192 tree]")
+@click.option("--generations", type=click.IntRange(0), help="[default: 100]")
+@click.option("--seconds", type=shared.Number(above=0.0), help="Time a run, at most.")
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Of each representation.")
-@click.option("--operators", default=None, help="thesis, smooth, slot, physics, or names.")
-@click.option("--truncation", type=Number(above=0.0), default=None, help="Share of the best that breeds: 0.05.")
-@click.option("--tournament", type=click.IntRange(1), default=None, help="Or the best of so many drawn, each time.")
-@click.option("--crossover", type=click.FloatRange(0.0, 0.999), default=None, help="Rate an element; trees: share.")
-@click.option("--mutation", type=click.FloatRange(0.0, 0.999), default=None, help="Rate an element of a sequence.")
-@click.option("--length", type=int, default=None, help="Elements of a sequence.")
-@click.option("--depth", type=int, default=None, help="Of a tree, at most.")
+@click.option("--operators", help="thesis, smooth, slot, physics, or names.")
+@click.option("--truncation", type=shared.Number(above=0.0), help="Share of the best that breeds: 0.05.")
+@click.option("--tournament", type=click.IntRange(1), help="Or the best of so many drawn, each time.")
+@click.option("--crossover", type=click.FloatRange(0.0, 0.999), help="Rate an element; trees: share.")
+@click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate an element of a sequence.")
+@click.option("--length", type=int, help="Elements of a sequence.")
+@click.option("--depth", type=int, help="Of a tree, at most.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
-@sights_options
-@standard_option
-@holdout_option
-@in_order_option
-@seed_option
-@workers_option
-@scheduler_option
-@out_folder_option
-@resume_option
-@quiet_option
+@shared.sights_options
+@shared.standard_option
+@shared.holdout_option
+@shared.in_order_option
+@shared.seed_option
+@shared.workers_option
+@shared.scheduler_option
+@shared.out_folder_option
+@shared.resume_option
+@shared.quiet_option
 def evolve(
     table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
     folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
@@ -107,7 +92,7 @@ def settings() -> object:
 def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
     """Run what was asked."""
     options, mechanism = dict(request.options), request.choice.load()
-    sights = {name: options.pop(name) for name in SIGHTS}
+    sights = {name: options.pop(name) for name in shared.SIGHTS}
     dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"), **sights)
     names, truncation, tournament = (options.pop(name) for name in ("representation", "truncation", "tournament"))
     varied = {name: options.pop(name) for name in VARIED}

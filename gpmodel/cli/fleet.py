@@ -7,17 +7,8 @@ import click
 
 from gpmodel.api.fleet import fleet as calibrate_fleet
 from gpmodel.api.mechanism import load_mechanism
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.options import (
-    holdout_option,
-    mechanism_options,
-    out_folder_option,
-    quiet_option,
-    resume_option,
-    scheduler_option,
-    seed_option,
-    workers_option,
-)
 from gpmodel.cli.request import Typed
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
@@ -30,18 +21,18 @@ from gpmodel.report.fleet import PAGE
 
 
 @click.command()
-@click.argument("tables", metavar="DIR", type=click.Path(path_type=Path), required=False)
-@mechanism_options(required=False)
+@click.argument("tables", metavar="DIR", type=shared.PATH, required=False)
+@shared.mechanism_options(required=False)
 @click.option(
     "--effect", "effects", multiple=True, metavar="NAME", help="As of calibrate, or none. [default: found on most]"
 )
-@holdout_option
-@seed_option
-@workers_option
-@scheduler_option
-@out_folder_option
-@resume_option
-@quiet_option
+@shared.holdout_option
+@shared.seed_option
+@shared.workers_option
+@shared.scheduler_option
+@shared.out_folder_option
+@shared.resume_option
+@shared.quiet_option
 def fleet(
     tables: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
     folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,

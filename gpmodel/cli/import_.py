@@ -7,7 +7,7 @@ import pandas as pd
 
 from gpmodel.api.arguments import quantity
 from gpmodel.cli.console import write_frame
-from gpmodel.cli.options import mechanism_options, quiet_option
+from gpmodel.cli.options import PATH, mechanism_options, quiet_option
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
@@ -24,14 +24,14 @@ from gpmodel.texts import toml_text
 
 
 @click.command("import")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--map", "map_file", type=click.Path(path_type=Path), help="TOML: [columns], [orientation].")
+@click.argument("file", type=PATH)
+@click.option("--map", "map_file", type=PATH, help="TOML: [columns], [orientation].")
 @mechanism_options(required=False)
-@click.option("--joints", type=click.Path(path_type=Path), help="Of corners: joint values, a row a view.")
+@click.option("--joints", type=PATH, help="Of corners: joint values, a row a view.")
 @click.option("--square", metavar="SIZE", help="Of corners: from one to the next, as in 24mm.")
 @click.option("--topic", help="Of a ROS bag: the measurements, where several topics hold some.")
-@click.option("--nominal", type=click.Path(path_type=Path), help="What a calibration corrects: urcontrol.conf, a URDF.")
-@click.option("--out", type=click.Path(path_type=Path), default=None, help="The table, .csv. [default: print it]")
+@click.option("--nominal", type=PATH, help="What a calibration corrects: urcontrol.conf, a URDF.")
+@click.option("--out", type=PATH, help="The table, .csv. [default: print it]")
 @quiet_option
 def import_table(
     file: Path, map_file: Path | None, mechanism: Mechanism | None, joints: Path | None, square: str | None,

@@ -8,29 +8,19 @@ from gpmodel.api.model import Point, load_model, model_file
 from gpmodel.api.verify import verify as judge
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
+from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line, session_note, write_frame
-from gpmodel.cli.options import (
-    Number,
-    in_order_option,
-    out_file_option,
-    out_folder_option,
-    quiet_option,
-    seed_option,
-    session_option,
-    sights_options,
-)
 from gpmodel.files import write_text
 
 
 @click.command()
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("poses", type=click.Path(path_type=Path))
-@click.option("--as-measured", is_flag=True,
-              help="With the instrument's errors that were found: what it would read.")  # fmt: skip
-@session_option
-@in_order_option
-@out_file_option
-@quiet_option
+@shared.model_argument
+@click.argument("poses", type=shared.PATH)
+@click.option("--as-measured", is_flag=True, help="With the instrument's errors that were found: what it would read.")
+@shared.session_option
+@shared.in_order_option
+@shared.out_file_option
+@shared.quiet_option
 def predict(
     model: Path, poses: Path, as_measured: bool, session: bool, in_order: bool, out: Path | None, quiet: bool
 ) -> None:
@@ -63,18 +53,18 @@ PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 
 
 @click.command()
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("targets", type=click.Path(path_type=Path))
-@click.option("--max-move", type=Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
+@shared.model_argument
+@click.argument("targets", type=shared.PATH)
+@click.option("--max-move", type=shared.Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
               help="No joint is moved by more.")  # fmt: skip
 @click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
               help="That x, y, z are of: the measured point, or the origin of the measured link (flange).")  # fmt: skip
-@session_option
-@in_order_option
-@seed_option
-@click.option("--out", type=click.Path(path_type=Path), default=None,
+@shared.session_option
+@shared.in_order_option
+@shared.seed_option
+@click.option("--out", type=shared.PATH,
               help="A .csv file or a folder; .mod (RAPID) or .dat (KRL) of a program. [default: print]")  # fmt: skip
-@quiet_option
+@shared.quiet_option
 def compensate(
     model: Path,
     targets: Path,
@@ -114,17 +104,16 @@ def compensate(
 
 
 @click.command()
-@click.argument("result", metavar="RESULT", type=click.Path(path_type=Path))
-@click.option("--box", default=None, metavar="X:X,Y:Y,Z:Z",
+@click.argument("result", metavar="RESULT", type=shared.PATH)
+@click.option("--box", metavar="X:X,Y:Y,Z:Z",
               help="Of the lookup grid in the root frame, as in 800:1200,-200:200,300:700mm.")  # fmt: skip
 @click.option("--nodes", default=NODES, show_default=True, type=click.IntRange(2), help="Of it along each side.")
-@click.option("--setup", default=None, metavar="NAME",
+@click.option("--setup", metavar="NAME",
               help="Whose registration model.py and model.c have, of several. [default: the first]")  # fmt: skip
-@click.option("--tool", default=None, metavar="NAME",
-              help="Whose point they and the grid have, of several. [default: the first]")  # fmt: skip
-@seed_option
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder. [default: RESULT]")
-@quiet_option
+@click.option("--tool", metavar="NAME", help="Whose point they and the grid have, of several. [default: the first]")
+@shared.seed_option
+@click.option("--out", "folder", type=shared.PATH, help="Folder. [default: RESULT]")
+@shared.quiet_option
 def export(
     result: Path, box: str | None, nodes: int, setup: str | None, tool: str | None, seed: int, folder: Path | None,
     quiet: bool,
@@ -148,13 +137,13 @@ CHANGED = 3
 
 
 @click.command()
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("table", type=click.Path(path_type=Path))
-@click.option("--tolerance", default=None, metavar="LENGTH", help="No row may be farther off: 0.1mm, 0.5px.")
-@in_order_option
-@sights_options
-@out_folder_option
-@quiet_option
+@shared.model_argument
+@shared.table_argument
+@click.option("--tolerance", metavar="LENGTH", help="No row may be farther off: 0.1mm, 0.5px.")
+@shared.in_order_option
+@shared.sights_options
+@shared.out_folder_option
+@shared.quiet_option
 def verify(
     model: Path, table: Path, tolerance: str | None, in_order: bool, folder: Path | None, quiet: bool,
     **sights: str | None,

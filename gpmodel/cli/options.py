@@ -33,38 +33,27 @@ class Number(click.ParamType):
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
+PATH = click.Path(path_type=Path)
+"""A file or a folder, which need not be there."""
 seed_option = click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random."
 )
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 workers_option = click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=None,
-    help="Threads; the numbers do not depend on it. [default: all cores]",
+    "--workers", type=click.IntRange(1), help="Threads; the numbers do not depend on it. [default: all cores]"
 )
 scheduler_option = click.option(
-    "--scheduler",
-    default=None,
-    metavar="ADDRESS",
+    "--scheduler", metavar="ADDRESS",
     help="Where the work goes: local:N processes, or dask at tcp://host:8786. [default: threads]",
-)
+)  # fmt: skip
 resume_option = click.option(
-    "--resume",
-    type=click.Path(path_type=Path),
-    default=None,
-    help="Folder of an interrupted run to go on with; nothing else is needed.",
+    "--resume", type=PATH, help="Folder of an interrupted run to go on with; nothing else is needed."
 )
 out_folder_option = click.option(
-    "--out",
-    "folder",
-    type=click.Path(path_type=Path),
-    default=None,
-    help="Folder for the results; nothing is written without it.",
+    "--out", "folder", type=PATH, help="Folder for the results; nothing is written without it."
 )
-out_file_option = click.option(
-    "--out", type=click.Path(path_type=Path), default=None, help="A .csv file, or a folder for it. [default: print it]"
-)
+page_option = click.option("--out", "folder", type=PATH, help="Folder for a page of it.")
+out_file_option = click.option("--out", type=PATH, help="A .csv file, or a folder for it. [default: print it]")
 standard_option = click.option(
     "--standard", multiple=True, default=("*",), metavar="PATTERN", help="Geometry fitted: 'J* R?', or none."
 )
@@ -72,15 +61,14 @@ holdout_option = click.option(
     "--holdout", default=0.3, show_default=True, type=float, help="Share of the poses nothing is chosen on."
 )
 in_order_option = click.option(
-    "--in-order",
-    is_flag=True,
+    "--in-order", is_flag=True,
     help="The rows are in the order in which the poses are taken: one may depend on those before.",
-)
+)  # fmt: skip
 instrument_option = click.option(
-    "--instrument",
-    default=None,
-    metavar="LIMIT",
-    help="Its specification, the largest error of a coordinate: '15um + 6um/m'.",
+    "--instrument", metavar="LIMIT", help="Its specification, the largest error of a coordinate: '15um + 6um/m'."
+)
+condition_limit_option = click.option(
+    "--condition-limit", type=float, help="Of the standard model. [default: cross-validated]"
 )
 joints_option = click.option(
     "--joint", "joints", multiple=True, metavar="BALL=RESULT", help="A ball joint measured alone: its prior here."
@@ -106,11 +94,21 @@ SIGHTS = {
 def sights_options(command: Command) -> Command:
     """Adds --cameras, --board and --surfaces."""
     for name, text in reversed(SIGHTS.items()):
-        command = click.option(f"--{name}", default=None, metavar="FILE", help=f"TOML: {text}")(command)
+        command = click.option(f"--{name}", metavar="FILE", help=f"TOML: {text}")(command)
     return command
 
 
-table_argument = click.argument("table", type=click.Path(path_type=Path))
+table_argument = click.argument("table", type=PATH)
+model_argument = click.argument("model", type=PATH)
+
+
+MECHANISM = (
+    ("mechanism", "NAME", "Built-in name, .urdf, or .toml (DH rows, a joint)."),
+    ("frame", None, "Measured link, or A,B of two arms. [default: the last]"),
+    ("payload", "MASS", "Mass at the tool in every row, as in 60kg."),
+    ("payload-com", "X,Y,Z", "Its centre in the measured link: 0,0,90mm."),
+)
+"""Options that say what is measured, what they take and their help."""
 
 
 def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
@@ -119,34 +117,18 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
     def add(command: Command) -> Command:
         @wraps(command)
         def wrapped(
-            *args: object,
-            mechanism: str | None,
-            frame: str | None,
-            payload: str | None,
-            payload_com: str | None,
+            *args: object, mechanism: str | None, frame: str | None, payload: str | None, payload_com: str | None,
             **rest: object,
-        ) -> object:
+        ) -> object:  # fmt: skip
             said = {"frame": frame, "payload": payload, "payload_com": payload_com}
             if not mechanism and (alone := next((name for name, value in said.items() if value is not None), None)):
                 raise InputError("belongs to a mechanism; expected --mechanism M beside it", alone)
             loaded = mechanism and load_mechanism(mechanism, payload, frame=frame, payload_com=payload_com)
             return command(*args, mechanism=loaded, **rest)
 
-        options = (
-            click.option(
-                "--mechanism",
-                required=required,
-                metavar="NAME",
-                help="Built-in name, .urdf, or .toml (DH rows, a joint).",
-            ),
-            click.option("--frame", default=None, help="Measured link, or A,B of two arms. [default: the last]"),
-            click.option("--payload", default=None, metavar="MASS", help="Mass at the tool in every row, as in 60kg."),
-            click.option(
-                "--payload-com", default=None, metavar="X,Y,Z", help="Its centre in the measured link: 0,0,90mm."
-            ),
-        )
-        for option in reversed(options):
-            wrapped = option(wrapped)
+        for name, metavar, text in reversed(MECHANISM):
+            needed = required and name == "mechanism"
+            wrapped = click.option(f"--{name}", required=needed, metavar=metavar, help=text)(wrapped)
         return wrapped  # type: ignore[return-value]
 
     return add

@@ -6,7 +6,7 @@ import click
 
 from gpmodel.api.poses import AFTER, BEFORE, CONE, MOST, Criterion, choose_poses
 from gpmodel.cli.console import path_for, progress_line
-from gpmodel.cli.options import mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.cli.options import PATH, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
 
@@ -14,21 +14,17 @@ from gpmodel.mechanism.source import LoadedMechanism
 @click.command()
 @mechanism_options(required=False)
 @click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="How many poses.")
-@click.option("--after", default=None, metavar="RESULT", type=click.Path(path_type=Path),
-              help="The next poses after what calibrate or discover left here.")  # fmt: skip
-@click.option("--suspect", type=click.IntRange(1), default=None, metavar="N",
-              help="Of --after: the poses that decide its suspect N.")  # fmt: skip
-@click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))), default=None,
+@click.option("--after", metavar="RESULT", type=PATH, help="The next poses after what calibrate or discover left here.")
+@click.option("--suspect", type=click.IntRange(1), metavar="N", help="Of --after: the poses that decide its suspect N.")
+@click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
-@click.option("--above", default=None, metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
-@click.option("--box", default=None, metavar="X:X,Y:Y,Z:Z", help="Of the tool point: 800:1200,-200:200,300:700mm.")
-@click.option("--instrument", default=None, metavar="X,Y,Z", help="Its place in the root frame: 3000,0,1500mm.")
+@click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
+@click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Of the tool point: 800:1200,-200:200,300:700mm.")
+@click.option("--instrument", metavar="X,Y,Z", help="Its place in the root frame: 3000,0,1500mm.")
 @click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
               help="Where the target looks in the measured frame.")  # fmt: skip
-@click.option(
-    "--cone", default=None, type=float, metavar="DEG", help=f"It is seen within this angle of that. [default: {CONE:g}]"
-)
-@click.option("--tool-point", default=None, metavar="X,Y,Z", help="In the measured frame. [default: its origin]")
+@click.option("--cone", type=float, metavar="DEG", help=f"It is seen within this angle of that. [default: {CONE:g}]")
+@click.option("--tool-point", metavar="X,Y,Z", help="In the measured frame. [default: its origin]")
 @click.option("--collisions/--no-collisions", default=True, help="Leave out poses in which the arm meets itself.")
 @click.option("--noise", default="0.03mm", show_default=True, metavar="LENGTH", help="Of one coordinate.")
 @seed_option

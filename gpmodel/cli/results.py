@@ -9,13 +9,13 @@ import click
 from gpmodel.api.certificate import certificate as certify
 from gpmodel.api.saved import compare as changes
 from gpmodel.api.saved import explain as finding
-from gpmodel.cli.options import quiet_option
+from gpmodel.cli.options import PATH, page_option, quiet_option
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.saved import read_report
 
 
 @click.command()
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="DIR", type=PATH)
 @quiet_option
 def report(folder: Path, quiet: bool) -> None:
     """Write the pages, poses.csv and the figures again from DIR/report.json; nothing is fitted."""
@@ -28,9 +28,9 @@ def report(folder: Path, quiet: bool) -> None:
 
 
 @click.command()
-@click.argument("before", metavar="A", type=click.Path(path_type=Path))
-@click.argument("after", metavar="B", type=click.Path(path_type=Path))
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder for a page of it.")
+@click.argument("before", metavar="A", type=PATH)
+@click.argument("after", metavar="B", type=PATH)
+@page_option
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
     """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
@@ -42,9 +42,9 @@ def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None
 
 
 @click.command()
-@click.argument("result", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("result", metavar="DIR", type=PATH)
 @click.argument("number", metavar="N", type=click.IntRange(1))
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="Folder for a page of it.")
+@page_option
 @quiet_option
 def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None:
     """Say finding N of the results in DIR in words: where it sits, how large it is at the tool, what would cause it,
@@ -65,12 +65,10 @@ def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 @click.command()
-@click.argument("result", metavar="DIR", type=click.Path(path_type=Path))
-@click.option("--particulars", type=click.Path(path_type=Path), help="TOML file of the options below.")
-@click.option(
-    "--tolerance", default=None, metavar="LENGTH", help="No pose may be off by more, as in 0.1mm: pass or fail."
-)
-@click.option("--out", "folder", type=click.Path(path_type=Path), default=None, help="[default: DIR]")
+@click.argument("result", metavar="DIR", type=PATH)
+@click.option("--particulars", type=PATH, help="TOML file of the options below.")
+@click.option("--tolerance", metavar="LENGTH", help="No pose may be off by more, as in 0.1mm: pass or fail.")
+@click.option("--out", "folder", type=PATH, help="[default: DIR]")
 @particulars_options
 @quiet_option
 def certificate(

@@ -16,7 +16,7 @@ from gpmodel.planning.scenes import INSTRUMENTS
 @mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME=VALUE", help="'gear_harmonic J4=20 arcsec'.")
 @click.option("--poses", default=90, show_default=True, type=click.IntRange(1), help="Random poses within the limits.")
-@click.option("--noise", default=None, help="Standard deviation of one reading. [default: 0.03mm, 0.1px, 0.002deg]")
+@click.option("--noise", help="Standard deviation of one reading. [default: 0.03mm, 0.1px, 0.002deg]")
 @click.option(
     "--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="What measures."
 )
