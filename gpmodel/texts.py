@@ -18,6 +18,8 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
 
     Raises InputError, saying what was `expected`: it cannot be read, is a device or a pipe, or is larger.
     """
+    if "\0" in str(path):
+        raise InputError(f"{str(path)!r}: no name of a file; expected {expected}")
     try:
         kind = path.stat().st_mode
         if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):

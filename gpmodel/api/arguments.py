@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 
@@ -47,10 +47,15 @@ def whole(value: object, argument: str, least: int = 0, most: float = math.inf) 
     return int(value)
 
 
+def _real(value: object) -> TypeGuard[float]:
+    """Whether it is a finite number; a truth is none."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool) and math.isfinite(value)
+
+
 def share(value: object, argument: str, *, positive: bool = False) -> float:
     """A share from 0 to below 1, above 0 where `positive`. Raises InputError naming the argument."""
     wanted = "above 0 and below 1" if positive else "from 0 to below 1"
-    if not isinstance(value, numbers.Real) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
+    if not _real(value) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
         raise InputError(f"{shown(value)}, expected a share {wanted}, as in 0.3", argument)
     return float(value)
 
@@ -62,7 +67,7 @@ def limit(value: object, argument: str, least: float) -> float | None:
 
 def number(value: object, argument: str, least: float, most: float = math.inf) -> float:
     """A finite number from `least` up, to `most`. Raises InputError naming the argument."""
-    if not isinstance(value, numbers.Real) or not math.isfinite(value) or not least <= float(value) <= most:
+    if not _real(value) or not least <= float(value) <= most:
         to = "up" if most == math.inf else f"to {most:g}"
         raise InputError(f"{shown(value)}, expected a finite number from {least:g} {to}", argument)
     return float(value)
@@ -117,10 +122,10 @@ def quantity(
     Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero where `positive`,
     above the `most` of its dimension.
     """
-    if dimension == "length" and isinstance(value, numbers.Real) and not isinstance(value, bool) and value != 0:
+    if dimension == "length" and _real(value) and value != 0:
         raise InputError(f"{shown(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
     number = parse_quantity(value, dimension, argument) if isinstance(value, str) else value
-    if not isinstance(number, numbers.Real) or not math.isfinite(number):
+    if not _real(number):
         raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
@@ -145,9 +150,9 @@ def point(value: object, argument: str) -> tuple[float, ...]:
         raise InputError(f"{shown(value)}, expected three lengths with a unit, as in 0,0,120mm", argument)
     out = [parse_quantity(p, "length", argument) if isinstance(p, str) else p for p in parts]
     largest = LARGEST["length"]
-    if not all(isinstance(p, numbers.Real) and abs(float(p)) <= largest for p in out):
+    if not all(_real(p) and abs(p) <= largest for p in out):
         raise InputError(f"{shown(value)}, expected three lengths of at most {largest:g} m", argument)
-    return tuple(float(p) for p in out if isinstance(p, numbers.Real))
+    return tuple(float(p) for p in out if _real(p))
 
 
 def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:

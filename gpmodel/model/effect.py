@@ -25,6 +25,8 @@ class Term:
     def __post_init__(self) -> None:
         if self.axis not in AXES:
             raise InputError(f"axis '{self.axis}' is unknown; available: {', '.join(AXES)}")
+        if not callable(self.basis):
+            raise InputError(f"{self.basis!r} is no basis; expected an Expression, as in Expression('sin(2*J4)')")
 
 
 @dataclass(frozen=True)

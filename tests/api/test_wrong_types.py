@@ -21,7 +21,7 @@ RESULTS = {
 }
 NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT = None, "nonsense", 7.5, [7], pd.DataFrame(), object()
 ANY = (NOTHING, TEXT, NUMBER, LIST, FRAME, OBJECT)
-NO_NUMBER = (TEXT, LIST, FRAME, OBJECT, float("nan"))
+NO_NUMBER = (TEXT, LIST, FRAME, OBJECT, float("nan"), True)
 NO_TEXTS = (NOTHING, TEXT, NUMBER, LIST, OBJECT, np.array(7.5))
 NO_FILE = (NOTHING, NUMBER, LIST, FRAME, "")
 
@@ -162,6 +162,18 @@ def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> N
 def test_an_expression_is_a_text(value: object) -> None:
     with pytest.raises(gp.InputError, match=r"is no expression; write for example 'sin\(2\*J4\)'"):
         gp.Expression(value)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [NOTHING, NUMBER, "sin(J4)", LIST])
+def test_a_basis_is_an_expression(value: object) -> None:
+    with pytest.raises(gp.InputError, match=r"is no basis; expected an Expression, as in Expression\('sin\(2\*J4\)'\)"):
+        gp.effect_at("mine", "J4.moving", "Rz", value)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("read", [gp.load_mechanism, gp.load_model, lambda name: gp.read_table(name, ARM)])
+def test_a_name_that_no_file_has_is_one_line(read: Callable[[str], object]) -> None:
+    with pytest.raises(gp.InputError):
+        read("a\0b")
 
 
 def test_an_effect_that_cannot_be_here_is_refused_before_the_search() -> None:
