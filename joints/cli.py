@@ -52,7 +52,9 @@ def _command(name: str) -> click.Command:
         metavar="DIR",
         help="Write joint_<name>.json and figures/*.png to DIR.",
     )
-    @click.option("--seed", default=0, show_default=True, help="Seed of simulated measurements.")
+    @click.option(
+        "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of simulated measurements."
+    )
     @click.option("--defaults", is_flag=True, help="Print the TOML table of the thesis' joint and stop.")
     def run(toml: Path | None, json_file: Path | None, out: Path | None, seed: int, defaults: bool) -> None:
         from gpmodel.files import write_bytes

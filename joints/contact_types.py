@@ -4,7 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from gpmodel.errors import InputError
+from joints.limits import positive, require
 from joints.settings import DATA, quantity, read_toml
 
 KEYS = ("name", "contact", "supports", "friction", "predicted_max", "sphere_fit_max", "calibrated_max", "figure")
@@ -43,8 +46,13 @@ def _entry(entry: dict[str, Any], where: str) -> ContactType:
         problem = f"no '{missing[0]}'" if missing else f"unknown key '{unknown[0]}'"
         raise InputError(f"{where}: {problem}; expected {', '.join(KEYS)}")
     lengths = {k: _length(entry[k], f"{where}: {k}") for k in KEYS if k.endswith("_max")}
-    return ContactType(**{**entry, **lengths})
+    try:
+        found = msgspec.convert({**entry, **lengths}, ContactType)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {error}") from None
+    require(found.supports >= 0, f"{where}: supports", found.supports, "at least 0")
+    return found
 
 
 def _length(text: Any, where: str) -> float | None:
-    return None if text == "" else quantity(text, "10 um", where)
+    return None if text == "" else float(positive(where, quantity(text, "10 um", where), "m"))

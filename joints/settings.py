@@ -10,6 +10,10 @@ from gpmodel.table.units import factor_like, split_quantity
 from gpmodel.texts import read_toml as read_table
 from joints.limits import require
 
+LONGEST, MOST = 100.0, 1e15
+"""Metres of anything of a joint but the radius of what is nearly flat, and whatever else in SI: elastic moduli and
+resistances of orifices are some 1e11."""
+
 DATA = Path(__file__).parent / "data"
 
 Settings = dict[str, Any]
@@ -25,9 +29,13 @@ def quantity(text: Any, like: str, where: str) -> float:
     """
     given, example = (split_quantity(t) if isinstance(t, str) else None for t in (text, like))
     unit = factor_like(given[1], example[1]) if given and example else None
-    if given is None or unit is None:
+    if given is None or example is None or unit is None:
         raise InputError(f"{where}: {text!r}, expected a quantity with its unit, such as '{like}'")
-    return given[0] * unit
+    value, usual = given[0] * unit, example[0] * (factor_like(example[1], example[1]) or 1.0)
+    most, name = (LONGEST, "m") if factor_like(given[1], "m") else (MOST, "in SI")
+    if not abs(value) <= (most := max(most, usual)):
+        raise InputError(f"{where}: {text!r}, expected at most {most:g} {name}, the unit may be wrong")
+    return value
 
 
 def load_settings(study: str, path: Path | None = None) -> Settings:

@@ -10,6 +10,7 @@ from spherical_cases import JOINT
 from gpmodel.errors import InputError
 from joints.budget import ErrorSource, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types
+from joints.settings import DATA
 
 
 def budget(*sources: ErrorSource, seed: int = 0, poses: int = 100, draws: int = 1000):
@@ -100,10 +101,23 @@ def test_contact_types_hold_the_figures_the_text_prints() -> None:
     assert types["rolling"].calibrated_max == pytest.approx(8e-6)
 
 
-def test_a_contact_type_without_a_key_is_refused(tmp_path: Path) -> None:
+TYPES = (DATA / "contact_types.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[[type]]\nname = "magnetic"\n', "type 1: no 'contact'"),
+        (TYPES.replace('name = "point"', "name = true"), "type 1: Expected `str`, got `bool`"),
+        (TYPES.replace("supports = 3", "supports = -1", 1), "type 1: supports = -1, expected at least 0"),
+        (TYPES.replace('"22 um"', '"-22 um"'), "sphere_fit_max = -2.2e-05, expected above 0 m"),
+        (TYPES.replace('"22 um"', '"5 km"'), "sphere_fit_max: '5 km', expected at most 100 m"),
+    ],
+)
+def test_a_contact_type_that_is_none_is_refused(text: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "types.toml"
-    path.write_text('[[type]]\nname = "magnetic"\n')
-    with pytest.raises(InputError, match="type 1: no 'contact'"):
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
         contact_types(path)
 
 
