@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from joints.studies.study import Study, Table
 
+PATH = click.Path(path_type=Path)
 _HELP = {
     "design": "One page for a joint: every limit, and the one that governs.",
     "preload": "Magnetic preload, its limits over the joint angle, and the choice of socket, ring and magnet.",
@@ -42,16 +43,9 @@ def joint() -> None:
 
 def _command(name: str) -> click.Command:
     @click.command(name, help=_HELP[name])
-    @click.argument("toml", required=False, type=click.Path(path_type=Path))
-    @click.option(
-        "--json", "json_file", type=click.Path(path_type=Path), help="Write every number to FILE.", metavar="FILE"
-    )
-    @click.option(
-        "--out",
-        type=click.Path(path_type=Path),
-        metavar="DIR",
-        help="Write joint_<name>.json and figures/*.png to DIR.",
-    )
+    @click.argument("toml", required=False, type=PATH)
+    @click.option("--json", "json_file", type=PATH, help="Write every number to FILE.", metavar="FILE")
+    @click.option("--out", type=PATH, metavar="DIR", help="Write joint_<name>.json and figures/*.png to DIR.")
     @click.option(
         "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of simulated measurements."
     )
@@ -82,7 +76,7 @@ for _name in _HELP:
 
 
 @joint.command("mechanism", help="The joint of a TOML file as --mechanism takes it: what it is, or why it is none.")
-@click.argument("toml", required=False, type=click.Path(path_type=Path))
+@click.argument("toml", required=False, type=PATH)
 @click.option("--defaults", is_flag=True, help="Print the TOML file of the built-in joint and stop.")
 def _mechanism(toml: Path | None, defaults: bool) -> None:
     from joints.description import read_joint, spherical_joint

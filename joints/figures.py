@@ -71,8 +71,7 @@ def preload_rings(magnets: Sequence[Magnet], seat: MagnetSeat, best: Sequence[Pr
             xytext=(6, 6),
         )
     ax.set(xlabel="ring angle [deg]", ylabel="preload of the fullest ring [N]")
-    ax.set_ylim(0, 1.2 * max(design.preload for design in best))
-    ax.set_title("Preload against ring angle")
+    ax.set(ylim=(0, 1.2 * max(design.preload for design in best)), title="Preload against ring angle")
     ax.legend(title="magnet")
     return figure
 
@@ -131,8 +130,7 @@ def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> 
     ax.plot(inlet / ATMOSPHERE, gap * 1e6, "--", color="C0", label="edge gap, flat plate")
     ax.plot(sphere.inlet_pressure / ATMOSPHERE, sphere.displacement * 1e6, label="displacement, sphere")
     ax.set(xlabel="inlet pressure above atmosphere [atm]", ylabel="[um]")
-    ax.set(xlim=(0, inlet[-1] / ATMOSPHERE), ylim=(0, 1.1 * lift[-1] * 1e6))
-    ax.set_title("Lift against inlet pressure")
+    ax.set(xlim=(0, inlet[-1] / ATMOSPHERE), ylim=(0, 1.1 * lift[-1] * 1e6), title="Lift against inlet pressure")
     ax.legend()
     return figure
 

@@ -1,6 +1,5 @@
-"""Measured curves: CSV columns with their units in the header, in SI."""
+"""Measured curves: tables with their units in the header, in SI."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,44 +7,23 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.units import factor_like, split_header
 
 
 def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
-    """Columns {name: example unit} of the CSV at `path`, such as `displacement [um],force [N]`, in SI.
+    """Columns {name: example unit} of the table at `path`, such as `displacement [um],force [N]`, in SI.
 
     Raises InputError that names the column and the row for a missing column, unit or number.
     """
-    try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read, expected a CSV file") from error
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
-    if len(rows) < 2:
-        raise InputError(f"{path}: no rows, expected a header and numbers")
-    header = [cell.strip() for cell in rows[0]]
-    curve = {}
+    frame, curve = read_frame(path)[0], dict[str, Array]()
+    heads = {str(head): split_header(str(head)) for head in frame.columns}
     for name, unit in columns.items():
-        found = [i for i, cell in enumerate(header) if split_header(cell)[0] == name]
-        expected = f"expected a column '{name} [{unit}]'"
-        given = split_header(header[found[0]])[1] if len(found) == 1 else None
-        if given is None:
-            raise InputError(f"{path}: columns {', '.join(header)}, {expected}")
-        factor = factor_like(given, unit)
+        found = next((head for head, (called, given) in heads.items() if called == name and given is not None), "")
+        factor = factor_like(heads[found][1] or "", unit) if found else None
         if factor is None:
-            raise InputError(f"{path}: column '{header[found[0]]}', {expected}")
-        curve[name] = factor * np.array(
-            [_number(row, found[0], f"{path}: row {i}, column '{name}'") for i, row in enumerate(rows[1:], 2)]
-        )
+            raise InputError(f"{path}: columns {', '.join(heads)}, expected a column '{name} [{unit}]'")
+        curve[name] = factor * numbers(frame[found], f"{path}: column '{name}'")
+        if (empty := np.flatnonzero(np.isnan(curve[name]))).size:
+            raise InputError(f"{path}: column '{name}', row {empty[0] + 1}: empty, expected a number")
     return curve
-
-
-def _number(row: list[str], index: int, where: str) -> float:
-    cell = row[index].strip() if index < len(row) else ""
-    try:
-        value = float(cell)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise InputError(f"{where}: '{cell}', expected a number")
-    return value

@@ -35,13 +35,9 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     cases: dict[str, HertzContact] = {"as printed": printed, "printed formulas, true radii": fitted, "exact": exact}
     rows = [(name, *_numbers(case, force, s["allowed_stress"], onset)) for name, case in cases.items()]
     coefficients = {
-        "equivalent_radius_m": printed.equivalent_radius,
-        "cos_theta": printed.cos_theta,
-        "theta_rad": printed.theta,
-        "alpha": printed.alpha,
-        "beta": printed.beta,
-        "lambda": printed.lam,
-    }
+        "equivalent_radius_m": printed.equivalent_radius, "cos_theta": printed.cos_theta, "theta_rad": printed.theta,
+        "alpha": printed.alpha, "beta": printed.beta, "lambda": printed.lam,
+    }  # fmt: skip
     forces = np.linspace(force / 50, 2 * force, 100)
     return Study(
         (
@@ -73,15 +69,6 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
 
 def _numbers(case: HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
     """A row of the table: what _KEYS say."""
-    secant = force / float(case.approach) * N_PER_UM
-    peak = float(case.pressure)
-    return (
-        float(case.semi_major) * MICRO,
-        float(case.semi_minor) * MICRO,
-        peak * 1e-9,
-        float(case.approach) * MICRO,
-        secant,
-        1.5 * force / float(case.approach) * N_PER_UM,
-        peak / allowed,
-        peak / onset,
-    )
+    major, minor, peak, approach = map(float, (case.semi_major, case.semi_minor, case.pressure, case.approach))
+    stiffness = (force / approach * N_PER_UM, 1.5 * force / approach * N_PER_UM)
+    return major * MICRO, minor * MICRO, peak * 1e-9, approach * MICRO, *stiffness, peak / allowed, peak / onset

@@ -12,16 +12,8 @@ from joints.studies.study import MICRO, Study, Table
 def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
     """Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type."""
     types = contact_types(path)
-    rows = [
-        (
-            t.name,
-            t.contact,
-            t.friction,
-            *(_um(v) for v in (t.predicted_max, t.sphere_fit_max, t.calibrated_max)),
-            t.figure,
-        )
-        for t in types
-    ]
+    largest = ((t.predicted_max, t.sphere_fit_max, t.calibrated_max) for t in types)
+    rows = [(t.name, t.contact, t.friction, *map(_um, of), t.figure) for t, of in zip(types, largest, strict=True)]
     columns = ("type", "contact", "friction", "predicted [um]", "sphere fit [um]", "calibrated [um]", "source")
     return Study(
         tables=(Table("Largest residual by contact type", columns, rows, "empty: not printed in the text"),),

@@ -2,7 +2,7 @@
 
 import base64
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,26 +45,17 @@ def _parts(design: JointDesign) -> tuple[Table, ...]:
     """What the thermal loop is made of, and the film guide of a fluid joint."""
     thermal = design.settings["thermal"]
     loop = [LoopPart(**part) for part in thermal["part"]]
-    rows = [
-        (
-            p.name,
-            p.growth_per_kelvin * MICRO,
-            float(allowed_temperature_change(thermal["tolerance"], p.growth_per_kelvin)),
-        )
-        for p in loop
-    ]
+    rates = [(part.name, part.growth_per_kelvin) for part in loop]
+    rows = [(n, r * MICRO, float(allowed_temperature_change(thermal["tolerance"], r))) for n, r in rates]
     tables = [Table("Thermal loop", ("Part", "Growth [um/K]", "Allowed change [K]"), rows)]
     if design.settings["demand"]["contact"] == "fluid":
         s, lifts = design.settings["film"], np.array(design.settings["film"]["displacements"])
         preload = total_preload([MagnetRing(**ring) for ring in design.settings["preload"]["ring"]])
         guide = design_film(film_geometry(s), preload, orifice_law(s["orifice"]), lifts)
         columns = (
-            lifts * MICRO,
-            guide.gap * MICRO,
-            guide.flow / SCCM,
-            guide.inlet_pressure / ATMOSPHERE,
+            lifts * MICRO, guide.gap * MICRO, guide.flow / SCCM, guide.inlet_pressure / ATMOSPHERE,
             guide.stiffness_constant_inlet * N_PER_UM,
-        )
+        )  # fmt: skip
         heads = ("Lift [um]", "Gap [um]", "Flow [sccm]", "Inlet [atm]", "Stiffness [N/um]")
         film, mass, magnets = moving_film(design.settings)
         begins = 1e9 * film.hammering_pocket(mass, magnets) / s["orifices"]
@@ -98,19 +89,11 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
     loader = PackageLoader(__name__.partition(".")[0])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     limits = [
-        {
-            "topic": x.topic,
-            "quantity": x.quantity,
-            "used": f"{x.used:.3g}",
-            "there": f"{x.there:.3g}",
-            "unit": _micro(x.unit),
-            "percent": f"{100 * x.share:.0f}" if x.share >= 0.01 else "< 1",
-            "over": x.share > 1,
-            "width": f"{100 * min(x.share, 1):.1f}",
-            "governs": x is design.governing,
-        }
+        {"topic": x.topic, "quantity": x.quantity, "used": f"{x.used:.3g}", "there": f"{x.there:.3g}",
+         "unit": _micro(x.unit), "percent": f"{100 * x.share:.0f}" if x.share >= 0.01 else "< 1", "over": x.share > 1,
+         "width": f"{100 * min(x.share, 1):.1f}", "governs": x is design.governing}
         for x in design.limits
-    ]
+    ]  # fmt: skip
     return environment.get_template("design.html.j2").render(
         name=design.joint.name,
         contact=design.settings["demand"]["contact"],
@@ -118,13 +101,7 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
         verdict=_micro(f"{design.verdict[0].upper()}{design.verdict[1:]}."),
         limits=limits,
         tables=[
-            {
-                "title": t.title,
-                "columns": [_micro(c) for c in t.columns],
-                "rows": [[_text(c) for c in r] for r in t.rows],
-                "note": t.note,
-            }
-            for t in parts
+            replace(t, columns=list(map(_micro, t.columns)), rows=[list(map(_text, r)) for r in t.rows]) for t in parts
         ],
         figures=[{"name": name, "data": base64.b64encode(png(figure)).decode()} for name, figure in drawn.items()],
         version=__version__,

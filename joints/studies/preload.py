@@ -46,7 +46,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     designs = rank_designs(wanted["socket_angles"], wanted["ring_angles"], magnets, seat)[: wanted["keep"]]
     best = [continuous_optimum(magnet, seat, max(wanted["socket_angles"])) for magnet in magnets]
 
-    published = published_preloads()
+    published, least = published_preloads(), float(ball_fixed_limit(preload, angles).min())
     data = {
         "preload_N": preload,
         "socket_fixed_worst_N": socket_fixed.min(),
@@ -63,12 +63,7 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
     }
     return Study(
         (
-            _pulls(
-                preload,
-                (float(ball_fixed_limit(preload, angles).min()), socket_fixed.min()),
-                support_preload,
-                (towards.min(), limits.min()),
-            ),
+            _pulls(preload, (least, socket_fixed.min()), support_preload, (towards.min(), limits.min())),
             Table(
                 "Designs on the grid, best first (Tables 3.1 and 4.1)",
                 _HEADS,
@@ -88,19 +83,9 @@ def preload_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 _HEADS = (
-    "Socket [deg]",
-    "Preload [N]",
-    "Ring [deg]",
-    "Magnet [mm]",
-    "Count",
-    "Cost [$]",
-    "Area published [%]",
-    "Pressure published [psi]",
-    "[atm]",
-    "Area cap [%]",
-    "Pressure cap [psi]",
-    "[atm] ",
-)
+    "Socket [deg]", "Preload [N]", "Ring [deg]", "Magnet [mm]", "Count", "Cost [$]", "Area published [%]",
+    "Pressure published [psi]", "[atm]", "Area cap [%]", "Pressure cap [psi]", "[atm] ",
+)  # fmt: skip
 
 
 def _pulls(preload: float, sliding: tuple[float, float], support: float, rolling: tuple[float, float]) -> Table:
@@ -124,14 +109,10 @@ def _thesis(published: Sequence[PublishedPreload]) -> Table:
     return Table(
         "Predicted and measured in the thesis (Figs 3.25, 3.30, 4.31)",
         ("Joint", "Predicted [N]", "Measured [N]", "Stack, computed", "Source"),
-        [(p.name, p.predicted, _or_blank(p.measured), p.stacked, p.source) for p in published],
+        [(p.name, p.predicted, "" if p.measured is None else p.measured, p.stacked, p.source) for p in published],
         "measured: empty where only a picture shows it, all within 10 %; "
         "stack: times one layer's pull, by the field of a cylinder",
     )
-
-
-def _or_blank(value: float | None) -> float | str:
-    return "" if value is None else value
 
 
 def _row(design: PreloadDesign) -> tuple[object, ...]:

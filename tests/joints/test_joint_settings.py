@@ -96,12 +96,12 @@ def test_curves_are_read_in_si_whatever_the_order_of_columns(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no rows, expected a header and numbers"),
+        ("", "the file is empty; expected a header line"),
         ("displacement [um],force\n1,2\n", r"expected a column 'force \[N\]'"),
         ("displacement [um]\n1\n", r"columns displacement \[um\], expected a column 'force \[N\]'"),
-        ("displacement [um],force [mm]\n1,2\n", r"column 'force \[mm\]', expected a column 'force \[N\]'"),
-        ("displacement [um],force [N]\n1,2\n1,x\n", "row 3, column 'force': 'x', expected a number"),
-        ("displacement [um],force [N]\n1\n", "row 2, column 'force': '', expected a number"),
+        ("displacement [um],force [mm]\n1,2\n", r"columns displacement \[um\], force \[mm\], expected a column 'force \[N\]'"),
+        ("displacement [um],force [N]\n1,2\n1,x\n", "column 'force', row 2: 'x' is no number; expected a number"),
+        ("displacement [um],force [N]\n1,\n2,3\n", "column 'force', row 1: empty, expected a number"),
     ],
 )
 def test_bad_curves_are_refused(tmp_path: Path, text: str, words: str) -> None:
