@@ -1,14 +1,14 @@
 """A fitted model in the forms that others read, each with its error."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from gpmodel.api.display import Shown
 from gpmodel.application.exports.make import Exports
 from gpmodel.files import finished_folder, write_text
+from gpmodel.report.fitted import optional
 from gpmodel.report.schema import ExportRecord
 from gpmodel.wording import wrapped
 
@@ -24,22 +24,16 @@ class ExportsResult(Shown):
     def records(self) -> tuple[ExportRecord, ...]:
         """The same as report.json has them."""
         return tuple(
-            ExportRecord(e.file, e.what, _mm(e.rms), _mm(e.largest), _mm(e.heldout), e.missing)
+            ExportRecord(
+                e.file, e.what, optional(1e3 * e.rms), optional(1e3 * e.largest), optional(1e3 * e.heldout), e.missing
+            )
             for e in self.exports.made
         )
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a file: what it is, errors against predict and on held-out poses [mm], what is missing in it."""
-        return pd.DataFrame(
-            {
-                "file": [r.file for r in self.records],
-                "what": [r.what for r in self.records],
-                "RMS [mm]": [r.rms_mm for r in self.records],
-                "max [mm]": [r.max_mm for r in self.records],
-                "held-out RMS [mm]": [r.heldout_rms_mm for r in self.records],
-                "missing": ["; ".join(r.missing) for r in self.records],
-            }
-        )
+        heads = ["file", "what", "RMS [mm]", "max [mm]", "held-out RMS [mm]", "missing"]
+        return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
     def summary(self) -> str:
         """A line a file: its errors against predict, mm; what is missing; what could not be made, and why."""
@@ -66,10 +60,6 @@ class ExportsResult(Shown):
 
     def __repr__(self) -> str:
         return f"<exports of {self.mechanism}: {', '.join(r.file for r in self.records)}>"
-
-
-def _mm(metres: float) -> float | None:
-    return 1e3 * metres if np.isfinite(metres) else None
 
 
 def _said(value: float | None) -> str:

@@ -232,16 +232,16 @@ def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, dam
     q = np.array(start.q)
     eye = np.eye(q.shape[1])
     for _ in range(DAMPED_ITERATIONS):
-        look = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)
-        first, second = look.jacobian[:, :3], LENGTH * look.jacobian[:, 3:]
+        miss, jacobian = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)
+        first, second = jacobian[:, :3], LENGTH * jacobian[:, 3:]
         inverse_first = np.linalg.pinv(first, rcond=1e-6)
-        step = (inverse_first @ look.miss[:, :3, None])[:, :, 0]
+        step = (inverse_first @ miss[:, :3, None])[:, :, 0]
         free = eye - inverse_first @ first
         turning = second @ free
-        wanted = LENGTH * look.miss[:, 3:] - (second @ step[:, :, None])[:, :, 0]
+        wanted = LENGTH * miss[:, 3:] - (second @ step[:, :, None])[:, :, 0]
         pull = damping**2 * (free @ (q + step - start.q)[:, :, None])[:, :, 0]
         square = np.swapaxes(turning, 1, 2) @ turning + damping**2 * eye
         right = (np.swapaxes(turning, 1, 2) @ wanted[:, :, None])[:, :, 0] - pull
         q = q + step + (free @ np.linalg.solve(square, right[:, :, None]))[:, :, 0]
-    look = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)
-    return q, np.linalg.norm(look.miss[:, :3], axis=1)
+    miss = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)[0]
+    return q, np.linalg.norm(miss[:, :3], axis=1)

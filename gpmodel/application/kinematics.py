@@ -1,7 +1,7 @@
 """Where the tool is in the mechanism's root frame, and joint values that bring it somewhere."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -35,14 +35,6 @@ SEEDS = 24
 """Starts in all before a target is called not reached."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """At joint values: what is missing to the target (N, 6), m and rad, and its change (N, 6, n) per joint value."""
-
-    miss: Array
-    jacobian: Array
-
-
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
     """Tool poses in the root frame, nominal or real, and what moves them."""
     root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
@@ -55,13 +47,14 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
     return poses, observe(saved.model, poses, saved.theta, root)
 
 
-def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> Look:
-    """What is missing to targets (N, 4, 4) in the root frame; exact for the nominal mechanism, and off by the size of
-    the errors for the real one, whose joints are taken to move it as they would the nominal one."""
+def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
+    """What is missing (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its change (N, 6, n) per joint
+    value; exact for the nominal mechanism, and off by the size of the errors for the real one, whose joints are taken
+    to move it as they would the nominal one."""
     observed = tips(saved, dataset, nominal=nominal)[1]
     turn = target[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2)
     miss = np.hstack([target[:, :3, 3] - observed.tip[:, :3, 3], se3.rotation_vector(turn)])
-    return Look(miss, _jacobian(saved.mechanism, observed))
+    return miss, _jacobian(saved.mechanism, observed)
 
 
 def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
@@ -80,8 +73,8 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
     weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
 
     def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        found = look_at(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal=nominal)
-        return found.miss * weight, found.jacobian * weight[:, None]
+        miss, jacobian = look_at(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal=nominal)
+        return miss * weight, jacobian * weight[:, None]
 
     return _levenberg(look, np.array(dataset.q))
 

@@ -41,17 +41,16 @@ def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
 
 def text(found: Comparison) -> str:
     """The comparison in 80 columns, changes beyond chance marked with a star."""
-    lines = ["[[Verdict]]", wording.wrapped(verdict(found), 4)]
     sources = zip(SIDES, found.sources, strict=True)
-    lines += ["[[Compared]]", *(wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources)]
-    for title, changes in tables(found):
-        if changes:
-            lines += [f"[[{title}]]", f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"]
-            lines += [_row(c) for c in changes]
-    if found.incomparable:
-        said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
-        lines += ["[[Not comparable]]", wording.wrapped(said, 4)]
-    return "\n".join(lines)
+    heads = f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"
+    said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
+    blocks = (
+        ("Verdict", [wording.wrapped(verdict(found))]),
+        ("Compared", [wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources]),
+        *((title, [heads, *map(_row, changes)] if changes else []) for title, changes in tables(found)),
+        ("Not comparable", [wording.wrapped(said)] if found.incomparable else []),
+    )
+    return wording.titled(blocks)
 
 
 def cells(c: Change) -> tuple[str, str, str, str]:

@@ -143,16 +143,13 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 def _known(calibration: Calibration, poses: Poses) -> IntArray:
     data, placement = poses.dataset, calibration.placement
-    known = np.isin(data.label("setup"), list(placement.registration)) & np.isin(
-        data.label("tool"), list(placement.tool)
-    )
-    return np.flatnonzero(known)
+    here = (("setup", placement.registration), ("tool", placement.tool))
+    return np.flatnonzero(np.all([np.isin(data.label(column), list(known)) for column, known in here], axis=0))
 
 
 def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
     """Errors and residuals pose by pose, of a ladder fitted to the rows `train`."""
-    heldout = np.ones(len(poses), dtype=bool)
-    heldout[train] = False
+    heldout = ~np.isin(np.arange(len(poses)), train)
     fits = {step.name: step.calibration for step in steps}
     last = steps[-1].calibration
     shown = {n: fits[n] for n in (REGISTRATION, STANDARD) if n in fits} | {"final": last}

@@ -173,7 +173,6 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
 
 def _shapes(discovery: Discovery, names: Mapping[str, str]) -> tuple[ShapeRecord, ...]:
     poses, last = discovery.poses, discovery.steps[-1].calibration
-    heldout = np.zeros(len(poses), dtype=bool)
-    heldout[discovery.heldout] = True
+    heldout = np.isin(np.arange(len(poses)), discovery.heldout)
     found = (shape_record(last, poses, finding.candidate, heldout, names) for finding in discovery.findings)
     return tuple(replace(shape, effect=i) for i, shape in enumerate(found) if shape)

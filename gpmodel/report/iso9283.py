@@ -43,8 +43,7 @@ def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positio
     Of held-out poses, or of the fitted ones where these are fewer than FEWEST, as far off as if they had been left out;
     None where FEWEST poses were not measured FEWEST times.
     """
-    heldout = np.ones(len(poses), dtype=bool)
-    heldout[train] = False
+    heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))
     held = [k for k in every if heldout[k].all()]
     fitted = [k for k in every if not heldout[k].any()]

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.arrays import Array
+from gpmodel.report.fitted import optional
 from gpmodel.report.picture import numbers
 from gpmodel.report.schema import Report
 
@@ -31,7 +32,7 @@ def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[P
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)
     poses = [
-        PoseError(row, held, row in outliers, _or_none(b), _or_none(a))
+        PoseError(row, held, row in outliers, optional(b), optional(a))
         for row, held, b, a in zip(rows, report.plots.heldout_mask, before, after, strict=False)
     ]
     return tuple(sorted(poses, key=lambda p: -(p.after if p.after is not None else -1.0)))
@@ -72,7 +73,3 @@ def _errors(report: Report, step: str) -> Array:
     out = np.empty(len(held))
     out[held], out[~held] = numbers(sides.heldout), numbers(sides.train)
     return out
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -193,12 +193,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
 
 def by_row(record: Verification) -> pd.DataFrame:
     """One row a row of the table, the largest error with the model first, as verify.csv has it."""
-    rows = [
-        {"row": p.row, "without [mm]": p.without_mm, "with [mm]": p.with_mm, "promised [mm]": p.promised_mm,
-         "chance": p.chance, "outside": p.outside, "outlier": p.outlier, "missed [mm]": p.missed_mm}
-        for p in record.worst_first
-    ]  # fmt: skip
-    return pd.DataFrame(rows)
+    return pd.DataFrame(record.worst_first).rename(columns=lambda name: name.replace("_mm", " [mm]"))
 
 
 def to_json(record: Verification) -> str:

@@ -144,18 +144,18 @@ def _errors(record: Verification, errors: ErrorsMm) -> str:
 
 def text(record: Verification) -> str:
     """Verdict, what it rests on, and the worst rows, in 80 columns."""
-    lines = ["[[Verdict]]", wording.wrapped(verdict(record), 4), "[[Errors]]"]
-    for title, errors in (("without the model", record.without), ("with the model", record.after)):
-        lines.append(f"    {title:<19}{_errors(record, errors)}")
-    lines.append(f"    {'promised':<19}RMS {size(record, record.promised_mm)}")
-    lines.append("[[Why]]")
-    lines += [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]
-    lines += [
-        "[[Worst rows]]",
-        f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}",
-    ]
-    lines += [_row(record, p) for p in record.worst_first[:MOST_PRINTED]]
-    return "\n".join(lines)
+    errors = (
+        ("without the model", _errors(record, record.without)), ("with the model", _errors(record, record.after)),
+        ("promised", f"RMS {size(record, record.promised_mm)}"),
+    )  # fmt: skip
+    heads = f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}"
+    blocks = (
+        ("Verdict", [wording.wrapped(verdict(record))]),
+        ("Errors", [f"    {title:<19}{said}" for title, said in errors]),
+        ("Why", [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]),
+        ("Worst rows", [heads, *(_row(record, p) for p in record.worst_first[:MOST_PRINTED])]),
+    )
+    return wording.titled(blocks)
 
 
 def _row(record: Verification, pose: PoseRecord) -> str:

@@ -99,7 +99,7 @@ def test_curves_are_read_in_si_whatever_the_order_of_columns(tmp_path: Path) -> 
         ("", "the file is empty; expected a header line"),
         ("displacement [um],force\n1,2\n", r"expected a column 'force \[N\]'"),
         ("displacement [um]\n1\n", r"columns displacement \[um\], expected a column 'force \[N\]'"),
-        ("displacement [um],force [mm]\n1,2\n", r"columns displacement \[um\], force \[mm\], expected a column 'force \[N\]'"),
+        ("displacement [um],force [mm]\n1,2\n", r"\[um\], force \[mm\], expected a column 'force \[N\]'"),
         ("displacement [um],force [N]\n1,2\n1,x\n", "column 'force', row 2: 'x' is no number; expected a number"),
         ("displacement [um],force [N]\n1,\n2,3\n", "column 'force', row 1: empty, expected a number"),
     ],

@@ -117,7 +117,7 @@ def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: 
     """Poses near the middle (3,), by the smallest singular value of their Jacobians, the largest first."""
     near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
     frames = tips(saved, data.subset(near), nominal=True)[1].tip
-    jacobian = look_at(saved, data.subset(near), frames, nominal=True).jacobian
+    jacobian = look_at(saved, data.subset(near), frames, nominal=True)[1]
     return near[np.argsort(-np.linalg.svd(jacobian, compute_uv=False)[:, -1])]
 
 

@@ -1,6 +1,6 @@
 """The forward model as NumPy source, as C99 and its terms as LaTeX."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.resources import files
 from typing import Literal
@@ -25,18 +25,17 @@ _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), 
 
 def numpy_text(forward: Forward, note: str) -> str:
     """A module with predict(q, **inputs)."""
-    weighs = [f"weights = {_weights(forward, None, 'np.ones(len(q))', 'np.zeros(len(q))')}"]
-    for k in _own_weights(forward):
-        weighs.append(f"weight_of_{k} = {_weights(forward, k, 'np.ones(len(q))', 'np.zeros(len(q))')}")
+    weighs = [f"{name} = [{', '.join(of)}]" for name, of in _weights(forward, "np.ones(len(q))", "np.zeros(len(q))")]
     lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
     lines += [f's_{n} = inputs["{called}"]' for n, called in zip(forward.inputs, input_names(forward), strict=True)]
     lines += weighs + [f"s_{n} = {text}" for n, text in forward.computed.items()]
     terms = [f"twists[{t.slot}, :, {t.axis}] += {_term(t, 'numpy')}" for t in forward.lines]
+    registration, tool = _placed(forward)
     return _filled("model.py.txt", {
         "NOTE": note, "JOINTS": list(forward.saved.columns), "INPUTS": _defaults(forward),
         "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
         "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
-        "GRAVITY": forward.gravity.tolist(), "REGISTRATION": _registration(forward), "TOOL": _tool(forward),
+        "GRAVITY": forward.gravity.tolist(), "REGISTRATION": registration, "TOOL": tool,
         "COLUMNS": _indented(lines), "TERMS": _indented(terms),
     })  # fmt: skip
 
@@ -49,15 +48,11 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
     joints, bodies = _joints(forward), _bodies(forward)
     lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
     lines += [f"const double s_{n} = inputs[{k}];" for k, n in enumerate(forward.inputs)]
-    lines += [f"const double weights[BODIES] = {_braces(_weights(forward, None, '1.0', '0.0'))};"]
-    lines += [
-        f"const double weight_of_{k}[BODIES] = {_braces(_weights(forward, k, '1.0', '0.0'))};"
-        for k in _own_weights(forward)
-    ]
+    lines += [f"const double {name}[BODIES] = {_braces(of)};" for name, of in _weights(forward, "1.0", "0.0")]
     lines += [f"const double s_{n} = {text};" for n, text in forward.computed.items()]
     lines += [f"(void)s_{n};" for n in (*joints, *forward.inputs)] + ["(void)weights;"]
     terms = [f"twists[{t.slot}][{t.axis}] += {_term(t, 'c99')};" for t in forward.lines]
-    moves = _moves(forward)
+    moves, (registration, tool) = _moves(forward), _placed(forward)
     return _filled("model.c.txt", _said(forward, note) | {
         "N": len(joints), "M": len(forward.inputs), "S": len(moves), "B": len(bodies),
         "ASKED": 6 if len(joints) >= 6 else 3, "LENGTH": LENGTH,
@@ -65,7 +60,7 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
         "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
         "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
         "GRAVITY": _braces(forward.gravity.tolist()),
-        "REGISTRATION": _braces(_registration(forward)), "TOOL": _braces(_tool(forward)),
+        "REGISTRATION": _braces(registration), "TOOL": _braces(tool),
         "CASES": _braces(cases.tolist()), "COLUMNS": _indented(lines), "TERMS": _indented(terms),
     })  # fmt: skip
 
@@ -131,16 +126,13 @@ def _joints(forward: Forward) -> tuple[str, ...]:
 
 
 def _defaults(forward: Forward) -> dict[str, float]:
-    return {name: _carried(forward) if name == "payload" else 0.0 for name in input_names(forward)}
+    carried = float(choice_of(forward.saved.mechanism).payload or 0.0)
+    return {name: carried if name == "payload" else 0.0 for name in input_names(forward)}
 
 
 def input_names(forward: Forward) -> tuple[str, ...]:
     """What has to be given beside the joint values, by the names of the table of the fit."""
     return tuple(translate(name, forward.saved.names) for name in forward.inputs)
-
-
-def _carried(forward: Forward) -> float:
-    return float(choice_of(forward.saved.mechanism).payload or 0.0)
 
 
 def _moves(forward: Forward) -> list[tuple[int, list[float]]]:
@@ -155,26 +147,20 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
     return forward.bodies or (Body(len(forward.chain.slots) - 1, 0.0, np.zeros(3)),)
 
 
-def _own_weights(forward: Forward) -> list[int]:
-    """Bodies that a load names alone."""
-    return [k for k in range(len(forward.bodies)) if any(f"weight_of_{k})" in t for t in forward.computed.values())]
+def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
+    """How much of every body weighs, by name: of all of them, and of each that a load names alone; the last is the
+    payload."""
+    every = [one] * (len(_bodies(forward)) - 1) + ["s_payload"]
+    yield "weights", every
+    for k in range(len(forward.bodies)):
+        if any(f"weight_of_{k})" in text for text in forward.computed.values()):
+            yield f"weight_of_{k}", [of if i == k else none for i, of in enumerate(every)]
 
 
-def _weights(forward: Forward, alone: int | None, one: str, none: str) -> str:
-    """How much of every body weighs: all of them, or one alone; the last is the payload."""
-    count = len(_bodies(forward))
-    here = [one if alone in (None, k) else none for k in range(count)]
-    if alone in (None, count - 1):
-        here[-1] = "s_payload"
-    return f"[{', '.join(here)}]"
-
-
-def _registration(forward: Forward) -> list[list[float]]:
-    return forward.saved.placement.registration[forward.place.setup].tolist()
-
-
-def _tool(forward: Forward) -> list[list[float]]:
-    return forward.saved.placement.tool[forward.place.tool].tolist()
+def _placed(forward: Forward) -> tuple[list[list[float]], list[list[float]]]:
+    """Registration and tool."""
+    placed, at = forward.saved.placement, forward.place
+    return placed.registration[at.setup].tolist(), placed.tool[at.tool].tolist()
 
 
 def _braces(value: object) -> str:
