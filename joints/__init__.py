@@ -49,8 +49,8 @@ def load_mechanism(
 
 def _described(name: str) -> PassiveJoint | Hexapod | Tau | None:
     from joints.description import kind_of, read_joint
-    from joints.hexapod_description import hexapod
-    from joints.tau_description import tau
+    from joints.hexapod import hexapod
+    from joints.tau import tau
 
     if name == SPHERICAL_JOINT:
         return spherical_joint()

@@ -22,7 +22,7 @@ from joints.passive_joint import PassiveJoint, Rotation, vector
 from joints.settings import Settings, laid_over, load_settings, read_toml
 
 KINDS = ("spherical", "universal")
-"""Of one joint; `hexapod` and `tau` are machines of twelve (joints.hexapod_description, joints.tau_description)."""
+"""Of one joint; `hexapod` and `tau` are machines of twelve (joints.hexapod, joints.tau)."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """What `gpmodel joint design` reads of the same file."""

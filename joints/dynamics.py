@@ -9,10 +9,9 @@ from scipy import optimize
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from joints.fed_film import FedFilm
+from joints.fed_film import FedFilm, squeeze_impedance
 from joints.film import FilmGeometry
 from joints.limits import not_negative, positive, require
-from joints.squeeze import squeeze_impedance
 
 SPAN = (0.01, 20.0)
 """Of sqrt(k/m) / 2 pi, the frequencies in which peak and bandwidth are sought."""

@@ -131,3 +131,21 @@ def linearised_film(
     wider = 3 * np.cos(face) * through / gap
     volume = geometry.clearance * concentric + (displacement - geometry.clearance) * swept
     return FedFilm(volume, pressure, conduct, np.append(0.0, wider[:-1]) - wider, swept, ring)
+
+
+def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
+    """12 mu omega (r alpha)^2 / (p_a h^2), h at the socket's edge: air escapes well below 1, and is a spring above."""
+    gap = film_gap(geometry, displacement, geometry.socket_angle)
+    omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
+    length = geometry.ball_radius * geometry.socket_angle
+    return 12 * geometry.viscosity * omega * length**2 / (ATMOSPHERE * gap**2)
+
+
+def squeeze_impedance(
+    geometry: FilmGeometry, displacement: float, frequency: ArrayLike, cells: int = 400
+) -> NDArray[np.complex128]:
+    """Complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure.
+
+    Im / omega is the film's damping where motion is slow; the real part is the trapped air's spring.
+    """
+    return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

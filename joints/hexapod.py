@@ -6,14 +6,19 @@ Source: Gough and Whitehall 1962.
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
 from gpmodel.numerics.se3 import shift
-from joints.legs import LEGS, OnLegs
+from joints.legs import LEGS, OnLegs, described, held
+from joints.limits import positive
+from joints.passive_joint import vector
+from joints.settings import Settings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,3 +72,34 @@ class Hexapod(OnLegs):
             return {}
         legs, base = self.weight(self.assembled(q, {}), carried)
         return {f"torque_{joint.name}": legs[:, i] for i, joint in enumerate(self.joints)} | base
+
+
+def hexapod(path: Path | None = None) -> Hexapod:
+    """The hexapod of a TOML file, the built-in one without.
+
+    Raises InputError: an unknown key, a missing unit, a ring or range without size, legs that cannot meet or that leave
+    the platform loose.
+    """
+    return described("hexapod", path, _built)
+
+
+def _built(s: Settings, file: str) -> Hexapod:
+    for place, key, unit in (("base", "radius", "m"), ("platform", "radius", "m"), ("leg", "shortest", "m")):
+        positive(f"{file}: {place}.{key}", s[place][key], unit)
+    shortest, longest = s["leg"]["shortest"], s["leg"]["longest"]
+    if not shortest < longest:
+        raise InputError(f"{file}: leg.longest = {1e3 * longest:g} mm, expected above shortest = {1e3 * shortest:g} mm")
+    base = _ring(s["base"]["radius"], [sign * s["base"]["pair"] / 2 for sign in (-1, 1)])
+    half = np.pi / 3 - s["platform"]["pair"] / 2
+    platform = _ring(s["platform"]["radius"], [-half, half])
+    machine = Hexapod(
+        limits=(shortest, longest), name=s["name"], base=base, platform=platform, tool=vector(s["tool"]["centre"]),
+        mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
+    )  # fmt: skip
+    return held(machine, file)
+
+
+def _ring(radius: float, angles: list[float]) -> Array:
+    """Centres (6, 3) of three pairs of balls on a circle, m; angles: of the first pair, rad."""
+    at = np.concatenate([np.asarray(angles) + turn for turn in np.radians([0.0, 120.0, 240.0])])
+    return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])

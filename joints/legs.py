@@ -6,10 +6,11 @@ a, b: the balls where a link stands and on the platform, l: its length, δ: erro
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -20,8 +21,12 @@ from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.mechanism.quantities import GRAVITY
 from gpmodel.numerics import se3
 from joints.closing import CLOSED, adjoint, axes_along, jacobian_of, newton, unit
+from joints.settings import Settings, laid_over, read_toml
 
 LEGS = 6
+WEAKEST = 1e-3
+"""The smallest singular value of the legs' Jacobian at home, lengths in units of the platform's radius, under which the
+legs do not hold the platform: two similar hexagons have zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -208,3 +213,25 @@ class OnLegs:
                 f"{self.name}: joint values of shape {q.shape}, expected (poses, {len(self.joints)}) for {names}"
             )
         return q
+
+
+Machine = TypeVar("Machine", bound=OnLegs)
+
+
+def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
+    """What `build` makes of the settings of a TOML file, called as the file where that has no name; the built-in one
+    without. build: also takes the file's name, for messages."""
+    given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
+    machine = build(laid_over(kind, given, file), file)
+    return replace(machine, name=path.stem) if path and "name" not in given else machine
+
+
+def held(machine: Machine, file: str) -> Machine:
+    """The same. Raises InputError where at home the links do not meet, or hold the platform no better than WEAKEST."""
+    try:
+        weakest = float(machine.weakest(machine.home)[0])
+    except InputError as error:
+        raise InputError(f"{file}: {error}; expected longer legs or smaller rings") from None
+    if weakest < WEAKEST:
+        raise InputError(f"{file}: at half stroke the legs leave the platform loose; expected rings that are not alike")
+    return machine

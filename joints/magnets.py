@@ -1,4 +1,5 @@
-"""How many magnets fit a ring, and which ring and socket give the most preload (thesis Tables 3.1 and 4.1)."""
+"""How many magnets fit a ring, which ring and socket give the most preload (thesis Tables 3.1 and 4.1), and what
+was predicted and measured of some (Figures 3.25, 3.30, 4.31)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ import numpy as np
 from gpmodel.errors import InputError
 from joints.limits import angle_within, not_negative, positive
 from joints.preload import MagnetRing, cap_area, published_socket_area
+from joints.settings import DATA, quantity, read_toml
 
 
 @dataclass(frozen=True)
@@ -169,3 +171,40 @@ def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) 
     if best is None:
         raise InputError("preload optimisation: no magnet ring fits the socket, expected at least one")
     return best
+
+
+THICKNESS, SPACER = 6e-3, 1.5875e-3
+"""m: Table 3.1; the 1/16 in between magnet and ball when the pull of one magnet was measured (section 3.6)."""
+
+
+@dataclass(frozen=True)
+class PublishedPreload:
+    """predicted, measured: N, None where only a picture shows it. layers: of magnets on top of one another."""
+
+    name: str
+    predicted: float
+    measured: float | None
+    diameter: float
+    layers: int
+    source: str
+
+    @property
+    def stacked(self) -> float:
+        """How many times one layer's pull the stack should give, by a cylinder's field at the spacer's distance."""
+        return stack_factor(self.diameter, THICKNESS, self.layers, SPACER)
+
+
+def published_preloads() -> tuple[PublishedPreload, ...]:
+    """Every preload that the text states a figure of."""
+    file = DATA / "preload_published.toml"
+    return tuple(
+        PublishedPreload(
+            entry["name"],
+            quantity(entry["predicted"], "1 N", f"{file.name}: predicted"),
+            quantity(entry["measured"], "1 N", f"{file.name}: measured") if entry["measured"] else None,
+            quantity(entry["diameter"], "1 mm", f"{file.name}: diameter"),
+            entry["layers"],
+            entry["source"],
+        )
+        for entry in read_toml(file)["joint"]
+    )

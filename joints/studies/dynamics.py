@@ -19,7 +19,7 @@ from joints.dynamics import (
     resonance,
     slow_damping,
 )
-from joints.fed_film import FedFilm, fed_film
+from joints.fed_film import FedFilm, fed_film, squeeze_impedance, squeeze_number
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
@@ -27,7 +27,6 @@ from joints.limits import not_negative, positive, require
 from joints.measured import read_curve
 from joints.reynolds import spherical_film
 from joints.settings import Settings, load_settings
-from joints.squeeze import squeeze_impedance, squeeze_number
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _HEADS = (

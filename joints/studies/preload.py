@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from joints import figures
-from joints.magnets import Magnet, MagnetSeat, PreloadDesign, continuous_optimum, rank_designs
+from joints.magnets import (
+    Magnet,
+    MagnetSeat,
+    PreloadDesign,
+    PublishedPreload,
+    continuous_optimum,
+    published_preloads,
+    rank_designs,
+)
 from joints.orifice import ATMOSPHERE
 from joints.preload import (
     MagnetRing,
@@ -18,7 +26,6 @@ from joints.preload import (
     three_contact_limit,
     total_preload,
 )
-from joints.published_preload import PublishedPreload, published_preloads
 from joints.settings import load_settings
 from joints.studies.study import Study, Table
 

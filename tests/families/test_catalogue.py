@@ -19,7 +19,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.dataset import unmeasured
 from joints import spherical_joint
-from joints.hexapod_description import hexapod
+from joints.hexapod import hexapod
 from robots import load_mechanism
 
 REQUIRED = {

@@ -22,8 +22,7 @@ from gpmodel.model.sites import geometric_effects, standard_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
 from joints import load_mechanism, spherical_joint
-from joints.hexapod import Hexapod
-from joints.hexapod_description import hexapod
+from joints.hexapod import Hexapod, hexapod
 
 HEAVY = """
 kind = "hexapod"

@@ -10,9 +10,9 @@ from click.testing import CliRunner, Result
 from gpmodel.cli.main import main
 from gpmodel.errors import InputError
 from joints.cli import joint
+from joints.fed_film import squeeze_impedance
 from joints.film import FilmGeometry
 from joints.settings import DATA
-from joints.squeeze import squeeze_impedance
 from joints.stiffness import RegimeCurve
 
 COMMANDS = [

@@ -4,10 +4,19 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from joints.magnets import Magnet, MagnetSeat, continuous_optimum, preload_design, rank_designs, stack_factor
+from joints.magnets import (
+    Magnet,
+    MagnetSeat,
+    continuous_optimum,
+    preload_design,
+    published_preloads,
+    rank_designs,
+    stack_factor,
+)
 from joints.preload import MagnetRing
-from joints.published_preload import AGREEMENT, published_preloads
 
+AGREEMENT = 0.10
+"""What the thesis says of predicted and measured preloads: within 10 % (sections 3.6 and 3.7)."""
 DEG = np.pi / 180
 HALF_INCH = Magnet(12.7e-3, 6e-3, 17.80)
 SEAT = MagnetSeat(26.194e-3, 0.794e-3)
