@@ -9,6 +9,12 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.units import factor_like, split_header
+from joints.settings import Settings
+
+
+def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
+    """The curve whose `file` a table [measured] names, beside the TOML file at `path`; None where it names none."""
+    return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
 
 
 def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:

@@ -24,7 +24,7 @@ from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
 from joints.limits import not_negative, positive, require
-from joints.measured import read_curve
+from joints.measured import curve_of
 from joints.reynolds import spherical_film
 from joints.settings import Settings, load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
@@ -152,9 +152,7 @@ def _frequencies(s: Settings) -> Array:
 def _measured(
     s: Settings, path: Path | None, seed: int, system: BallOnFilm, frequency: Array
 ) -> tuple[Array, NDArray[np.complex128], str]:
-    if s["file"] != "none":
-        folder = path.parent if path else Path()
-        curve = read_curve(folder / s["file"], {"frequency": "Hz", "real": "um/N", "imaginary": "um/N"})
+    if curve := curve_of(s, path, {"frequency": "Hz", "real": "um/N", "imaginary": "um/N"}):
         return curve["frequency"], curve["real"] + 1j * curve["imaginary"], s["file"]
     noise = float(not_negative("measured.noise", s["noise"], ""))
     random = np.random.default_rng(seed)

@@ -12,7 +12,7 @@ from joints.film_design import FilmDesign, design_film, displacement_at_inlet
 from joints.film_fit import Film, FilmFit, fit_film
 from joints.film_settings import film_geometry, orifice_law
 from joints.lateral import lateral_stiffness
-from joints.measured import read_curve
+from joints.measured import curve_of
 from joints.orifice import ATMOSPHERE, SCCM, Orifice
 from joints.reynolds import SphericalFilm, compressible_film, orifice_spreading_resistance, spherical_film
 from joints.settings import Settings, load_settings
@@ -66,12 +66,9 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
 
 def _fitted(s: Settings, path: Path | None, geometry: FilmGeometry, orifice: Orifice) -> dict[str, FilmFit]:
     """Both films fitted to a measured table, none without one."""
-    if s["file"] == "none":
-        return {}
-    folder = path.parent if path else Path()
-    rows = read_curve(folder / s["file"], {"inlet": "atm", "lift": "um", "load": "N"})
+    rows = curve_of(s, path, {"inlet": "atm", "lift": "um", "load": "N"})
     films: dict[str, Callable[..., Film]] = {"flat plate": design_film, "sphere": spherical_film}
-    return {name: fit_film(film, geometry, orifice, **rows) for name, film in films.items()}
+    return {name: fit_film(film, geometry, orifice, **rows) for name, film in films.items()} if rows else {}
 
 
 def _calibrated(source: str, fits: dict[str, FilmFit]) -> Table:

@@ -8,7 +8,7 @@ from gpmodel.arrays import Array
 from joints import figures
 from joints.film_settings import film_geometry, orifice_law
 from joints.limits import not_negative, require
-from joints.measured import read_curve
+from joints.measured import curve_of
 from joints.regime_fit import fit_regimes
 from joints.settings import Settings, load_settings
 from joints.stiffness import (
@@ -93,9 +93,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _measured(s: Settings, path: Path | None, seed: int) -> tuple[Array, Array, str]:
-    if s["file"] != "none":
-        folder = path.parent if path else Path()
-        curve = read_curve(folder / s["file"], {"displacement": "um", "force": "N"})
+    if curve := curve_of(s, path, {"displacement": "um", "force": "N"}):
         return curve["displacement"], curve["force"], s["file"]
     require(s["rows"] >= 12, "measured.rows", s["rows"], "at least 12")
     not_negative("measured.noise", s["noise"], "N")

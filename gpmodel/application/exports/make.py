@@ -166,11 +166,8 @@ def _numpy(file: str, check: Check) -> Export:
 
 def _latex(file: str, check: Check) -> Export:
     rms, largest = check.errors(_executed(numpy_text(to_the_digits(check.forward), ""), check))
-    text, what = (
-        latex_text(check.forward),
-        f"the terms as LaTeX, numbers to {DIGITS} digits, not held at the edges of their ranges",
-    )
-    return Export(file, what, text, rms, largest, missing=check.forward.missing)
+    what = f"the terms as LaTeX, numbers to {DIGITS} digits, not held at the edges of their ranges"
+    return Export(file, what, latex_text(check.forward), rms, largest, missing=check.forward.missing)
 
 
 def _executed(text: str, check: Check) -> Array:
