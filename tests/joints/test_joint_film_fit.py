@@ -53,7 +53,7 @@ def test_one_lift_under_one_load_does_not_tell_clearance_from_flow() -> None:
     [
         ("3,20,100\n4,30,100", "2 rows of inlet pressure, lift and load, expected 3 or more"),
         ("3,20,100\n4,30,100\n5,-40,100", "lift = -4e-05, expected above 0 m"),
-        ("3,20,100\n4,30,\n5,40,100", "row 3, column 'load': '', expected a number"),
+        ("3,20,100\n4,30,\n5,40,100", "column 'load', row 2: empty, expected a number"),
     ],
 )
 def test_a_bad_table_is_one_line(rows: str, words: str, tmp_path: Path) -> None:
