@@ -20,7 +20,7 @@ from gpmodel.model.instruments import with_observations
 from gpmodel.model.observation import observations
 from gpmodel.progress import Progress, Say
 from gpmodel.table.cells import read_frame
-from gpmodel.table.dataset import Dataset, with_payload
+from gpmodel.table.dataset import TOUCHED, Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.specification import EXPECTED, specification
 from gpmodel.table.units import DIMENSIONS, JOINT_UNITS, factor_like, split_quantity
@@ -60,7 +60,14 @@ def read_table(
     text among numbers, nothing measured, a payload column beside the mechanism's payload.
     """
     arm = mechanism_of(mechanism)
-    dataset = dataset_of(table, arm, need_measurement=True, described=described(cameras, board, surfaces))
+    given = described(cameras, board, surfaces)
+    dataset = dataset_of(table, arm, need_measurement=True, described=given)
+    for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
+        if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
+            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it says something of", name)
+    if choice_of(arm).payload_com is not None and choice_of(arm).payload is None and not dataset.payload_given:
+        said = f"nothing is carried in {dataset.source}; expected a payload, or a column 'payload [kg]', beside it"
+        raise InputError(said, "payload_com")
     return replace(dataset, in_order=True) if in_order else dataset
 
 

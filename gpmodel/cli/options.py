@@ -31,9 +31,19 @@ class Number(click.ParamType):
         return number
 
 
+class NamedPath(click.Path):
+    """A path; no name at all would be the folder one is in."""
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
+        """The path. Fails with one line where it is empty."""
+        if not str(value):
+            self.fail("'' is no path", param, ctx)
+        return super().convert(value, param, ctx)  # type: ignore[arg-type]
+
+
 Command = TypeVar("Command", bound=Callable[..., object])
 
-PATH = click.Path(path_type=Path)
+PATH = NamedPath(path_type=Path)
 """A file or a folder, which need not be there."""
 seed_option = click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random."

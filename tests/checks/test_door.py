@@ -115,6 +115,16 @@ def test_gravity_in_millimetres_is_refused(tmp_path: Path) -> None:
 
 
 OPTIONS = {
+    ("check", "t.csv", "--mechanism", "irb6400r", "--out", ""): "'--out': '' is no path",
+    ("check", "t.csv", "--mechanism", "irb6400r", "--cameras", "c.toml"): "--cameras: t.csv has no column u or v",
+    (
+        "check",
+        "t.csv",
+        "--mechanism",
+        "irb6400r",
+        "--payload-com",
+        "0,0,9mm",
+    ): "--payload-com: nothing is carried in",
     ("simulate", "--mechanism", "ur5", "--out", "t.xlsx"): "--out: t.xlsx: a table is written as .csv; expected such",
     ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--rows", 50): "--rows: needs --watch",
@@ -133,6 +143,7 @@ def test_options_that_would_be_ignored_or_prove_nothing_are_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write(GOOD, tmp_path / "t.csv")
+    (tmp_path / "c.toml").write_text("[camera.C]\nlink = 'tool'\n")
     assert OPTIONS[arguments] in run(*arguments).stderr.splitlines()[-1]
     assert run(*arguments).exit_code == 2
 
