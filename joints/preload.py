@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike
 from gpmodel.arrays import Array
 from joints.limits import angle_within, not_negative, positive, require
 
-THREE_AZIMUTHS = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
-
 
 @dataclass(frozen=True)
 class MagnetRing:
@@ -63,12 +61,10 @@ def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: flo
     return not_negative("preload", preload, "N") / (np.cos(theta) + np.sin(theta) / np.tan(phi))
 
 
-def contact_directions(contact_angle: float, azimuths: Sequence[float] = THREE_AZIMUTHS) -> Array:
-    """(3, 3) unit vectors, one a row, from the ball's centre to its three supports."""
+def contact_directions(contact_angle: float) -> Array:
+    """(3, 3) unit vectors, one a row, from the ball's centre to its three supports, 120 deg apart."""
     angle_within("contact angle", contact_angle, np.pi / 2)
-    psi = np.asarray(azimuths, float)
-    require(psi.size == 3, "number of contacts", psi.size, "3 (more are statically indeterminate)")
-    sine = np.sin(contact_angle)
+    psi, sine = 2 * np.pi / 3 * np.arange(3), np.sin(contact_angle)
     return np.column_stack([sine * np.cos(psi), sine * np.sin(psi), np.full(3, -np.cos(contact_angle))])
 
 
@@ -80,20 +76,14 @@ def contact_forces(
     return preload * at_rest + np.asarray(pull, float)[..., None] * per_newton
 
 
-def three_contact_limit(
-    preload: ArrayLike,
-    angle: ArrayLike,
-    azimuth: ArrayLike,
-    contact_angle: float,
-    azimuths: Sequence[float] = THREE_AZIMUTHS,
-) -> Array:
+def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
     """Largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
 
     For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)).
     Towards a support it falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from one, to
     P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis leaves out.
     """
-    at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle, azimuths))
+    at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0
     limits = np.where(unloading, at_rest / np.where(unloading, -per_newton, 1.0), np.inf)
     return not_negative("preload", preload, "N") * limits.min(axis=-1)

@@ -138,7 +138,6 @@ FROM_TEXT = {
     "joints/contact_types.py",
     "joints/description.py",
     "joints/settings.py",
-    "joints/sphere_charts.py",
     "table/toml_table.py",
 }
 """Where text of JSON or TOML becomes values; nowhere else is anything of any type."""

@@ -28,9 +28,10 @@ from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin, versions
 from gpmodel.report.saved import as_dict
 from gpmodel.table.split import hold_out
-from joints import sphere_charts
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.contact_types import contact_types
+from joints.studies.budget import budget_chart
+from joints.studies.contact_types import contact_chart
 
 HERE = Path(__file__).parent
 COMMAND = "python -m experiments.spherical_joint.run"
@@ -66,7 +67,7 @@ def budgets() -> dict[str, Any]:
         found = error_budget(budget_joint(JOINT, settings), sources, kind, np.random.default_rng(0))
         seconds = time.perf_counter() - started
         out[kind] = {"mean_um": 1e6 * found.mean, "mean_plus_3sd_um": 1e6 * found.worst_case, "seconds": seconds}
-        draw(f"budget_{kind}", sphere_charts.budget_chart, found, PUBLISHED_BUDGET[kind], width=12.0)
+        draw(f"budget_{kind}", budget_chart, found, PUBLISHED_BUDGET[kind], width=12.0)
     return out
 
 
@@ -95,7 +96,7 @@ def improvement() -> dict[str, Any]:
 
 if __name__ == "__main__":
     (HERE / "figures").mkdir(exist_ok=True)
-    draw("contact_types", sphere_charts.contact_chart, contact_types())
+    draw("contact_types", contact_chart, contact_types())
     results = {
         "command": COMMAND,
         "versions": versions(),

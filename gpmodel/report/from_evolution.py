@@ -43,21 +43,16 @@ def from_evolution(
     fit: of the training rows of `poses`. evolved: the finished runs and their histogram of referenced inputs.
     """
     runs, counted = evolved
+    real, null = (removed(runs, shuffled) for shuffled in (False, True))
     names = names_of(poses.dataset)
     unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     step = step_of(STANDARD, fit, poses.subset(train), unseen)
     report = replace(
         build("evolve", Ladder(poses, train, (step,), fit), origin),
-        histograms=(_histogram(counted, runs, names),),
+        histograms=(replace(histogram_record(counted, names), removed=real, shuffled_removed=null),),
         runs=tuple(_run(run, names) for run in runs),
     )
     return replace(report, verdict=verdict.of_evolution(report))
-
-
-def _histogram(counted: Histogram, runs: Sequence[Run], names: Mapping[str, str]) -> HistogramRecord:
-    """The histogram, with what the programs behind it explain, and what they explain of shuffled errors."""
-    real, null = (removed(runs, shuffled) for shuffled in (False, True))
-    return replace(histogram_record(counted, names), removed=real, shuffled_removed=null)
 
 
 def removed(runs: Sequence[Run], shuffled: bool) -> float | None:

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from joints import figures, spherical_joint
-from joints.budget import KINDS, budget_joint, error_budget, read_budget
+from joints.budget import KINDS, Budget, budget_joint, error_budget, read_budget
 from joints.kinematics import parameter
-from joints.sphere_charts import budget_chart
 from joints.studies.study import MICRO, Study, Table
 
 HEADS = ("kind", "mean [um]", "mean + 3 SD [um]", "published [um]", "realigned [um]")
@@ -56,3 +56,18 @@ def budget_study(path: Path | None = None, seed: int = 0) -> Study:
             f"budget_{kind}.png": figures.drawn(12.0, budget_chart, b, PUBLISHED[kind]) for kind, b in found.items()
         },
     )
+
+
+def budget_chart(figure: Figure, budget: Budget, published: float) -> None:
+    """Distribution of the position error and the share of every source (Figs 3.18, 3.19). published: m."""
+    left, right = figure.subplots(1, 2)
+    shares, edges = budget.histogram()
+    left.stairs(100 * shares, MICRO * edges, fill=True, alpha=0.6)
+    left.axvline(MICRO * budget.worst_case, color="C3", label=f"mean + 3 SD {MICRO * budget.worst_case:.2g} µm")
+    left.axvline(MICRO * published, color="k", linestyle=":", label=f"published {MICRO * published:g} µm")
+    left.set(xlabel="position error [µm]", ylabel="share of the draws [%]", title=f"{budget.kind} errors")
+    left.legend()
+    names = [f"{parameter(s.index).name}: {s.source}" for s in budget.sources]
+    right.barh(names, [100 * s for s in budget.shares])
+    right.invert_yaxis()
+    right.set(xlabel="share of the mean square [%]", title="whose fault")

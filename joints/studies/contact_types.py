@@ -1,11 +1,14 @@
 """`gpmodel joint contact_types`: the four prototypes and what was measured of them."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from joints import figures
-from joints.contact_types import contact_types
-from joints.sphere_charts import contact_chart
+from joints.contact_types import ContactType, contact_types
 from joints.studies.study import MICRO, Study, Table
 
 
@@ -24,3 +27,21 @@ def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
 
 def _um(value: float | None) -> float | str:
     return "" if value is None else value * MICRO
+
+
+def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
+    """Largest residual of every prototype, predicted and before and after calibration (Figs 3.29, 4.30)."""
+    ax = figure.subplots()
+    at = np.arange(len(types))
+    for k, (name, key) in enumerate(
+        (("predicted", "predicted_max"), ("sphere fit", "sphere_fit_max"), ("calibrated", "calibrated_max"))
+    ):
+        values = [getattr(t, key) for t in types]
+        ax.bar(at + 0.26 * (k - 1), [0.0 if v is None else MICRO * v for v in values], 0.24, label=name)
+        for i, value in enumerate(values):
+            label = "not printed" if value is None else f"{MICRO * value:g}"
+            ax.annotate(label, (i + 0.26 * (k - 1), 0.0 if value is None else MICRO * value), ha="center", va="bottom",
+                        rotation=90 if value is None else 0, fontsize="small")  # fmt: skip
+    ax.set_xticks(at, [t.name for t in types])
+    ax.set(ylabel="largest residual [µm]", title="Published accuracy of the prototypes")
+    ax.legend()
