@@ -54,8 +54,7 @@ def pictures(report: Report) -> Iterator[Picture]:
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip
     curve = [c for c in report.rank_curve if c.cv_rms_mm is not None]
-    curve = curve if len(curve) >= FEWEST_RANKS else []
-    if len(curve) > 1:
+    if len(curve) >= FEWEST_RANKS:
         best = min(curve, key=lambda c: c.cv_rms_mm or 0.0)
         yield Picture(
             "rank_curve", "Error over the condition limit", 4.9, 3.3,

@@ -84,22 +84,21 @@ def _arrows(
     figure: Figure, points: Array, residuals: Sequence[tuple[Array, str]], magnification: float, key: float
 ) -> None:
     axes = figure.subplots()
-    i, j = 0, 1
     span = float(np.ptp(points, axis=0).max()) or 1.0
-    axes.scatter(points[:, i], points[:, j], s=3, color=AXIS, lw=0)
+    axes.scatter(points[:, 0], points[:, 1], s=3, color=AXIS, lw=0)
     for residual, colour in residuals:
-        axes.quiver(points[:, i], points[:, j], residual[:, i], residual[:, j], color=colour, angles="xy",
+        axes.quiver(*points.T[:2], *residual.T[:2], color=colour, angles="xy",
                     scale_units="xy", scale=1.0 / magnification, width=0.006, headwidth=3.6, headlength=4.0,
                     headaxislength=3.6)  # fmt: skip
     middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
     half = 0.62 * span
-    axes.set_xlim(middle[i] - half, middle[i] + half)
-    axes.set_ylim(middle[j] - half, middle[j] + half)
-    left, low = middle[i] - 0.58 * span, middle[j] - 0.58 * span
+    axes.set_xlim(middle[0] - half, middle[0] + half)
+    axes.set_ylim(middle[1] - half, middle[1] + half)
+    left, low = middle[0] - 0.58 * span, middle[1] - 0.58 * span
     axes.plot([left, left + key * magnification], [low, low], color=INK, lw=2.2, solid_capstyle="butt")
     axes.text(left, low + 0.02 * span, f"{key:g} mm", color=INK, fontsize=8.5, va="bottom")
     axes.set_aspect("equal")
-    axes.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
+    axes.set(xlabel="x, mm", ylabel="y, mm")
     axes.locator_params(nbins=5)
     signed(axes.xaxis, axes.yaxis)
     axes.tick_params(labelcolor=MUTED)

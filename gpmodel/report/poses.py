@@ -43,23 +43,21 @@ def csv(report: Report) -> str:
 
     Components and nominal positions are in the mechanism's root frame.
     """
-    errors = {p.row: p for p in pose_errors(report)}
-    plots = report.plots
-    rows = sorted(errors)
+    poses, plots = sorted(pose_errors(report), key=lambda p: p.row), report.plots
     frame = pd.DataFrame(
         {
-            "row": rows,
-            "set": ["held out" if errors[r].heldout else "training" for r in rows],
-            "outlier": [int(errors[r].outlier) for r in rows],
-            "before [mm]": [errors[r].before for r in rows],
-            "after [mm]": [errors[r].after for r in rows],
+            "row": [p.row for p in poses],
+            "set": ["held out" if p.heldout else "training" for p in poses],
+            "outlier": [int(p.outlier) for p in poses],
+            "before [mm]": [p.before for p in poses],
+            "after [mm]": [p.after for p in poses],
         }
     )
     before = "standard" if report.before_and_after()[0] == "standard" else "registration"
     for name, residual in (("before", before), ("after", "final")):
-        if len(plots.residual_mm.get(residual, ())) == len(rows):
+        if len(plots.residual_mm.get(residual, ())) == len(poses):
             frame[[f"{name}_{a} [mm]" for a in "xyz"]] = numbers(plots.residual_mm[residual])
-    if len(plots.points_mm) == len(rows):
+    if len(plots.points_mm) == len(poses):
         frame[[f"nominal_{a} [mm]" for a in "xyz"]] = numbers(plots.points_mm)
     return frame.round(DECIMALS).to_csv(index=False, lineterminator="\n")
 

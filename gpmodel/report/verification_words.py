@@ -106,7 +106,8 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
             f"{with_model} {kind.unit} RMS, {promised} promised, {without} without the model",
         )
     for found in record.changes:
-        yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{_rivals(found)}"
+        rivals = f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
+        yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{rivals}"
     if record.missed.known:
         yield "compensated targets missed", _errors(record, record.missed)
     if record.instrument is not None:
@@ -131,10 +132,6 @@ def _visible(record: Verification) -> Iterator[str]:
 def _rows(rows: Sequence[int]) -> str:
     more = f" and {len(rows) - MOST_PRINTED} more" if len(rows) > MOST_PRINTED else ""
     return f"rows {', '.join(map(str, rows[:MOST_PRINTED]))}{more}"
-
-
-def _rivals(found: NamedChange) -> str:
-    return f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
 
 
 def _errors(record: Verification, errors: ErrorsMm) -> str:

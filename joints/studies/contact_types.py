@@ -1,9 +1,9 @@
 """`gpmodel joint contact_types`: the four prototypes and what was measured of them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -20,7 +20,7 @@ def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
     columns = ("type", "contact", "friction", "predicted [um]", "sphere fit [um]", "calibrated [um]", "source")
     return Study(
         tables=(Table("Largest residual by contact type", columns, rows, "empty: not printed in the text"),),
-        data={"types_m": [asdict(t) for t in types]},
+        data={"types_m": msgspec.to_builtins(types)},
         figures={"contact_types.png": figures.drawn(7.0, contact_chart, types)},
     )
 

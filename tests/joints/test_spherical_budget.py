@@ -107,9 +107,9 @@ TYPES = (DATA / "contact_types.toml").read_text()
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[[type]]\nname = "magnetic"\n', "type 1: no 'contact'"),
+        ('[[type]]\nname = "magnetic"\n', "type 1: Object missing required field `contact`"),
         (TYPES.replace('name = "point"', "name = true"), "type 1: Expected `str`, got `bool`"),
-        (TYPES.replace("supports = 3", "supports = -1", 1), "type 1: supports = -1, expected at least 0"),
+        (TYPES.replace("supports = 3", "supports = -1", 1), r"type 1: Expected `int` >= 0 - at `\$.supports`"),
         (TYPES.replace('"22 um"', '"-22 um"'), "sphere_fit_max = -2.2e-05, expected above 0 m"),
         (TYPES.replace('"22 um"', '"5 km"'), "sphere_fit_max: '5 km', expected at most 100 m"),
     ],
