@@ -33,6 +33,7 @@ def comparable(folder: Path) -> dict[str, object]:
     return {key: value for key, value in report.items() if key not in ("seconds", "command")}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_it_gives_what_the_command_gives_whatever_the_number_of_workers(
     found: DiscoveryResult, rows: Path, tmp_path: Path
@@ -62,6 +63,7 @@ def test_on_the_shipped_demo_the_default_search_finds_the_compliance_and_gives_w
     assert found.record.ladder[-1].heldout.rms_mm == pytest.approx(0.036, abs=0.001)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_a_result_says_what_was_found_and_keeps_it(found: DiscoveryResult, tmp_path: Path) -> None:
     assert [f.name for f in found.findings] == ["gear error, 2 per turn, J4"]
@@ -101,6 +103,7 @@ def test_own_families_and_effects_are_judged_like_all_others() -> None:
     assert gp.discover(arm, measured, search=SMALL(runs=1), holdout=0.3, criteria=strict).findings == ()
 
 
+@pytest.mark.long
 def test_evolving_gives_runs_beside_those_on_shuffled_errors(tmp_path: Path) -> None:
     arm = gp.load_mechanism("irb6400r")
     result = gp.evolve(arm, GEAR, space="slot", strategies=(gp.Linear(),), runs=2, population=64, generations=3)

@@ -51,6 +51,7 @@ def test_they_are_as_short_as_is_promised() -> None:
     assert len(inspect.getsource(Roulette).splitlines()) <= 30
 
 
+@pytest.mark.long
 def test_a_family_from_outside_is_found_named_and_explained() -> None:
     found = gp.discover(ARM, CABLE.table, holdout=0.3, candidates=(*gp.catalogue, FAMILY), search=QUICK)
     assert [(f.name, f.catalogue) for f in found.findings] == [("cable drag, J4", "cable_drag")]

@@ -163,6 +163,7 @@ def write(dataset: Dataset, arm: gp.Mechanism, path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_command_says_it_by_its_status_and_leaves_a_page_a_pdf_and_a_certificate(
     fitted: Fitted, tmp_path: Path
 ) -> None:

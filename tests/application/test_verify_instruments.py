@@ -53,7 +53,7 @@ def test_a_model_that_holds_is_said_to_in_the_unit_of_the_readings(instrument: s
     assert f"{unit} are promised" in found.verdict
 
 
-@pytest.mark.parametrize("instrument", [pytest.param(i, marks=[pytest.mark.long] * ("camera" in i)) for i in POSES])
+@pytest.mark.parametrize("instrument", [pytest.param(i, marks=[pytest.mark.long] * (i != "planes")) for i in POSES])
 def test_a_zero_that_moved_is_named(instrument: str) -> None:
     model, data = fitted(instrument)
     joint, by = SEEN.get(instrument, (2, 5e-4))

@@ -53,6 +53,7 @@ def test_deviations_are_neither_small_nor_large(see: str) -> None:
         assert np.mean(noise) == pytest.approx(1.0, abs=0.025)
 
 
+@pytest.mark.long
 def test_correlation_is_that_of_repeated_fits() -> None:
     fits = [fitted("position", seed, count=30) for seed in range(40)]
     misses = np.array([fit.theta - truth.theta for truth, fit in fits])

@@ -137,6 +137,7 @@ def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
     path = write(table(), tmp_path / "measured.csv")

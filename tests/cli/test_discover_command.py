@@ -119,6 +119,7 @@ def test_trees_are_evolved_beside_sequences_where_asked(measured: Path, tmp_path
         assert counted["runs"] == 2
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_finding_nothing_is_a_success_which_is_said_with_what_was_tried_and_what_comes_next(tmp_path: Path) -> None:
     result = run(

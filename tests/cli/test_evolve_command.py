@@ -36,7 +36,7 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(evolve, [str(a) for a in arguments], catch_exceptions=False)
 
 
-@pytest.mark.parametrize("space", ["cartesian", "slot"])
+@pytest.mark.parametrize("space", [pytest.param("cartesian", marks=pytest.mark.long), "slot"])
 def test_both_representations_are_counted_beside_shuffled_runs(space: str, table: Path, tmp_path: Path) -> None:
     result = run(table, *QUICK, "--space", space, "--out", tmp_path)
     assert "on shuffled errors" in result.output

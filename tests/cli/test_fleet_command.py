@@ -30,6 +30,7 @@ def result(tables: Path) -> tuple[str, Path]:
     return done.stdout, out
 
 
+@pytest.mark.long
 def test_it_prints_the_worst_first_and_the_type(result: tuple[str, Path]) -> None:
     text = result[0]
     assert max(map(len, text.splitlines())) <= 80 + len(str(result[1]))
@@ -53,6 +54,7 @@ class Page(HTMLParser):
         self.outward += [v for k, v in attrs if k in ("src", "href") and v and not v.startswith(("#", "data:"))]
 
 
+@pytest.mark.long
 def test_the_page_is_whole_and_opens_offline(result: tuple[str, Path]) -> None:
     text = (result[1] / "fleet.html").read_text()
     page = Page(text)
@@ -63,6 +65,7 @@ def test_the_page_is_whole_and_opens_offline(result: tuple[str, Path]) -> None:
     assert sorted(p.name for p in result[1].iterdir()) == ["figures", "fleet.html", "fleet.json", "machines"]
 
 
+@pytest.mark.long
 def test_every_machine_leaves_a_model_that_predicts(result: tuple[str, Path], tables: Path) -> None:
     model = gp.load_model(result[1] / "machines" / "R-02" / "model.json")
     assert np.median(model.misses(tables / "R-02.csv")) < 3e3 * NOISE
@@ -82,6 +85,7 @@ def test_names_of_machines_are_escaped(tmp_path: Path) -> None:
     assert "&lt;b&gt;R-01" in text
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_a_further_machine_starts_from_it(result: tuple[str, Path], tables: Path, tmp_path: Path) -> None:
     done = run("calibrate", tables / "R-01.csv", "--mechanism", MECHANISM, "--fleet", result[1] / "fleet.json",

@@ -71,6 +71,7 @@ def test_touches_that_say_too_little_are_refused(tmp_path: Path) -> None:
     assert "on_plane A: touched along a line; expected touches spread over the plane" in said
 
 
+@pytest.mark.long
 def test_what_a_camera_cannot_show_has_no_sigma_and_its_noise_is_in_pixels(tmp_path: Path) -> None:
     path, options = simulated("camera", tmp_path)
     beside = dict(zip(("cameras", "board"), options[1::2], strict=True))

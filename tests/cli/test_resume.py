@@ -46,6 +46,7 @@ def cut(interrupted: Path, cell: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(interrupted, tmp_path / "out"))
 
 
+@pytest.mark.long
 def test_result_and_table_may_move_together(cut: Path, expected: str, tmp_path: Path) -> None:
     assert str(tmp_path) not in (cut / FOLDER / REQUEST).read_text()
     elsewhere = tmp_path / "elsewhere"

@@ -27,6 +27,7 @@ def of_folds() -> DiscoveryResult:
     return gp.discover("irb6400r", table, search=ALONE)
 
 
+@pytest.mark.long
 def test_the_errors_of_a_pose_are_those_of_a_choice_without_it(of_folds: DiscoveryResult) -> None:
     found = of_folds.found
     poses = found.poses
@@ -57,6 +58,7 @@ def test_folds_and_a_share_exclude_each_other() -> None:
         gp.discover("irb6400r", table, folds=4, holdout=0.3)
 
 
+@pytest.mark.long
 def test_a_report_of_folds_says_so_and_holds_an_error_of_every_pose(of_folds: DiscoveryResult, tmp_path: Path) -> None:
     record = of_folds.record
     assert (record.data.folds, record.data.train, record.data.heldout) == (5, 40, 40)

@@ -44,6 +44,7 @@ def with_changes(fit: Calibration, poses: Poses, candidate: Candidate) -> Calibr
     return calibrate(model, poses, start=fit, robust=False)
 
 
+@pytest.mark.long
 def test_a_width_is_corrected_and_its_deviation_is_right() -> None:
     scores = []
     for seed in range(20):

@@ -38,7 +38,7 @@ NONE = Search(max_effects=0)
 PROGRAM = Search(strategies=(Linear(), Tree()), runs=4, workers=2)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_nothing_is_added_where_nothing_is_undeclared(seed: int) -> None:
     answer = found("nothing", seed)
     assert answer.findings == ()
@@ -72,6 +72,7 @@ def test_what_no_family_describes_is_an_expression_that_was_evolved() -> None:
     assert "torque_J3" in first.name
 
 
+@pytest.mark.long
 def test_shuffled_residuals_hold_nothing() -> None:
     """The same residuals as of the robot with a gear error, in another order."""
     truth, train, heldout = robot("gear", 0)
@@ -107,6 +108,7 @@ def test_the_final_model_is_the_findings_refitted_on_all_poses() -> None:
     assert len(answer.final.error) == 80
 
 
+@pytest.mark.long
 def test_held_out_poses_choose_nothing() -> None:
     """Their measurements replaced by nonsense change no finding, no number and no fit but the final one."""
     truth, train, heldout = robot("gear", 0)

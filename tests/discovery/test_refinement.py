@@ -139,6 +139,7 @@ def test_the_interval_of_an_events_row_holds_it_as_often_as_it_says() -> None:
     assert np.mean(hit) > 0.9
 
 
+@pytest.mark.long
 def test_a_finding_says_after_which_rows_its_event_may_be() -> None:
     step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
     theta = sized("irb6400r", step.effects, session(), 0.08)
@@ -152,6 +153,7 @@ def test_a_finding_says_after_which_rows_its_event_may_be() -> None:
     assert {e.name for e in found.fitted.candidates[0].effects} <= {e.name for e in found.found.model.effects}
 
 
+@pytest.mark.long
 def test_a_step_whose_row_was_held_out_is_put_right_by_the_final_fit() -> None:
     step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
     truth = measure("irb6400r", step.effects, sized("irb6400r", step.effects, session(), 1.0), 5, dataset=session())

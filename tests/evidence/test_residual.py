@@ -216,6 +216,7 @@ def test_sites_are_the_base_every_axis_of_every_joint_and_the_tool(name: str) ->
         assert joint.drive in [s.terms for s in sites]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", ["planes", "points"])
 def test_a_machine_that_shrinks_to_a_point_explains_no_gaps(instrument: str) -> None:
     """Where no reading shows size: what fits to other poses leave is what the one factorisation says."""

@@ -58,6 +58,7 @@ def left_by_product(table: np.ndarray, always: int, response: np.ndarray) -> tup
         free.pop(place)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "law", ["3*cos(a)*b**2/c", "2*exp(0.3*log(a))*b", "b*exp(-a*c)", "sin(3*a)*sqrt(c)/b", "1 + a*sin(b)"]
 )

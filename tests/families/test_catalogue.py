@@ -107,6 +107,7 @@ def test_a_planted_instance_is_recovered_within_its_deviation(name: str, family:
     assert float(theta @ np.linalg.solve(covariance, theta)) > stats.chi2(k).ppf(0.9973)
 
 
+@pytest.mark.long
 def test_most_families_are_told_apart_from_geometry_by_ninety_poses() -> None:
     """So that the recovery test above does not pass by calling everything an alias."""
     alias = 0

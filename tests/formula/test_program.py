@@ -121,6 +121,7 @@ def nested(levels: int) -> Program:
     return parse("; ".join(["v1 = J1*J2", *steps, f"v{levels}, J2 + v{levels}*0"]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("levels", [1, 8, 40])
 def test_algebra_on_a_long_program_ends_and_keeps_its_values(levels: int) -> None:
     program = nested(levels)

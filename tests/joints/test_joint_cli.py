@@ -170,6 +170,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, tex
     assert not out.exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_narrow_terminal_breaks_no_number(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """What 80 columns print holds every word and number that 400 columns do."""

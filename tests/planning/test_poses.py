@@ -131,6 +131,7 @@ def test_too_few_poses_to_determine_the_errors() -> None:
         choose_poses("irb6400r", 9, criterion="d-optimal")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path: Path) -> None:
     mechanism, made = robot(40, 5, "irb6400r", effects=("joint_compliance J5=3e-7", "gear_harmonic J4=30 arcsec"))

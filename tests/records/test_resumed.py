@@ -11,7 +11,10 @@ class Interrupted(Exception):
     pass
 
 
-@pytest.mark.parametrize("moment", ["round 2", "round 1: evolving, 1 of", "round 2: evolving, 1 of"])
+LONG = [pytest.param(moment, marks=pytest.mark.long) for moment in ("round 2", "round 2: evolving, 1 of")]
+
+
+@pytest.mark.parametrize("moment", ["round 1: evolving, 1 of", *LONG])
 def test_an_interrupted_run_goes_on_to_the_same_numbers(moment: str) -> None:
     truth, train, heldout = robot("gear", 0)
     notes = Notes()

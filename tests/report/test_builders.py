@@ -74,6 +74,7 @@ def test_the_same_run_gives_the_same_report() -> None:
     assert to_json(one) == to_json(other)
 
 
+@pytest.mark.long
 def test_the_number_of_workers_is_not_in_the_report() -> None:
     two = found("gear", 0, replace(QUICK, workers=2))
     texts = [to_json(built(d)) for d in (quick(), two)]

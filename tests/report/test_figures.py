@@ -47,6 +47,7 @@ def test_each_kind_of_result_has_its_pictures(case: str) -> None:
     assert {p.name for p in figures.pictures(REPORTS[case]())} >= SOME
 
 
+@pytest.mark.long
 def test_the_same_report_gives_the_same_files(tmp_path: Path) -> None:
     report = calibrated(0.0)
     assert figures.draw(report, tmp_path / "a") == figures.draw(report, tmp_path / "b")
@@ -89,6 +90,7 @@ def test_cumulative_ends_at_all_poses_and_the_largest_error() -> None:
         assert curve.get_xdata()[-1] == pytest.approx(rung.heldout.max_mm, rel=1e-5)
 
 
+@pytest.mark.long
 def test_every_dot_says_its_row_and_leads_to_it() -> None:
     report = discovered()
     for name, count in (("rows", 6 * report.data.poses), ("shape_1", len(report.plots.shapes[0].x))):
