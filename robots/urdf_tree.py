@@ -196,14 +196,21 @@ def _joint(joint: ET.Element) -> UrdfJoint:
         else:
             for end in limits:
                 checked(end, "length", f"a limit of joint '{name}'")
-    follows = None if mimic is None else Mimic(
-        mimic.get("joint", ""),
-        _number(mimic.get("multiplier", "1"), "the multiplier of a <mimic>"),
-        _number(mimic.get("offset", "0"), "the offset of a <mimic>"),
-    )  # fmt: skip
+    follows = None if mimic is None else _mimic(mimic, name, "length" if kind == "prismatic" else "angle")
     return UrdfJoint(
         name, kind, parent, child, origin_of(joint), vector / length if length else vector, limits, follows
     )
+
+
+def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:
+    """Whom the joint of this name follows; moved by more than a machine's largest length or angle where the leader
+    moves by one, it would be no part of a machine."""
+    multiplier, offset = (
+        checked(_number(mimic.get(key, usual), what), dimension, what)
+        for key, usual in (("multiplier", "1"), ("offset", "0"))
+        for what in [f"the {key} of the <mimic> of joint '{name}'"]
+    )
+    return Mimic(mimic.get("joint", ""), multiplier, offset)
 
 
 def _vector(text: str, what: str) -> Array:

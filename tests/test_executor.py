@@ -69,7 +69,9 @@ def test_every_result_comes_with_its_place(workers: Workers) -> None:
     assert list(workers(draw, [])) == []
 
 
-@pytest.mark.parametrize("representation", [Linear(), Tree()], ids=["linear", "tree"])
+@pytest.mark.parametrize(
+    "representation", [pytest.param(Linear(), marks=pytest.mark.long), Tree()], ids=["linear", "tree"]
+)
 def test_runs_side_by_side_give_what_they_give_one_after_another(representation: Representation) -> None:
     alone = [small_run(representation, seed) for seed in range(3)]
     together = dict(Threads(3)(partial(small_run.__wrapped__, representation), range(3)))

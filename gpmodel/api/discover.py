@@ -192,15 +192,22 @@ usual share is fewer: of 88 poses a law of two inputs was missed on 62 and found
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
-    """The share to hold out, or the number of folds, 0 for none. Raises InputError where both are asked for."""
+    """The share to hold out, or the number of folds, 0 for none. Raises InputError as `check_split`."""
+    check_split(holdout, folds)
     if folds is not None:
-        if holdout is not None:
-            raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
         return 0.0, whole(folds, "folds", 2)
     if holdout is not None:
         return share(holdout, "holdout", positive=True), 0
     units = int(bundles(dataset).max(initial=-1)) + 1
     return USUAL, FOLDS if USUAL * different_poses(dataset) < ENOUGH_HELD and units >= FOLDS else 0
+
+
+def check_split(holdout: object, folds: object) -> None:
+    """Raises InputError where both are asked for, or one is out of range."""
+    if holdout is not None and folds is not None:
+        raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
+    if holdout is not None:
+        share(holdout, "holdout", positive=True)
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult
+from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult, check_split
 from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
@@ -72,6 +72,9 @@ def discover(
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     _check_watched(watch, {"batch": batch, "rows": rows}, resume)
+    check_split(asked["holdout"], asked["folds"])
+    if asked["no_catalogue"] and not asked["runs"]:
+        raise InputError("leaves nothing to look for beside --no-catalogue; expected one of them alone", "runs")
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return

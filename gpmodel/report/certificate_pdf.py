@@ -9,12 +9,13 @@ from typing import Literal
 from matplotlib import rc_context
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from matplotlib.lines import Line2D
 
 from gpmodel import wording
 from gpmodel.report.certificate import Certificate, Parameter
 from gpmodel.report.charts_certificate import draw
-from gpmodel.report.figures import STYLE
+from gpmodel.report.figures import STYLE, drawing_style
 from gpmodel.report.picture import INK, MUTED, RULE
 
 WIDTH, HEIGHT = 8.27, 11.69
@@ -32,6 +33,12 @@ NAME = 28
 """Characters of a name beside its value; below a longer one the value has a line of its own."""
 CHART = (0.64, RIGHT)
 """From where to where across the side the histogram stands, beside the statistics."""
+
+FURTHER_FONTS = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Noto Sans CJK KR", "Source Han Sans SC", "Microsoft YaHei", "PingFang SC",
+    "WenQuanYi Micro Hei", "Yu Gothic", "Hiragino Sans", "Malgun Gothic", "Noto Sans Arabic", "Noto Sans Thai",
+)  # fmt: skip
+"""That have letters which ours lacks, of which a machine has one or none."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +60,12 @@ Row = tuple[float, list[Cell], bool]
 
 
 def write_pdf(found: Certificate, path: Path) -> None:
-    """Write the certificate to `path`, as many sides as it needs."""
-    with rc_context(STYLE | {"pdf.fonttype": 42}), PdfPages(path, metadata={"Title": found.title}) as pdf:
+    """Write the certificate to `path`, as many sides as it needs; a letter that no font here has is a box."""
+    fonts = [STYLE["font.family"], *(name for name in FURTHER_FONTS if name in fontManager.get_font_names())]
+    with (
+        drawing_style({"pdf.fonttype": 42, "font.family": fonts}),
+        PdfPages(path, metadata={"Title": found.title}) as pdf,
+    ):
         rows = list(_rows(found))
         scale = min(1.0, (TOP - BOTTOM) / (STEP * sum(height for height, _, _ in rows)))
         scale = scale if scale >= SMALLEST else 1.0

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -58,6 +61,17 @@ COLOURS = {
 """The page's names of the colours that pictures are drawn in."""
 
 
+@contextmanager
+def drawing_style(more: Mapping[RcKeyType, Any]) -> Iterator[None]:
+    """Draws in STYLE and `more`; says nothing of letters and weights that fonts lack: a page has the browser's."""
+    fonts = logging.getLogger("matplotlib.font_manager")
+    with rc_context({**STYLE, **more}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
+        fonts.disabled = True
+        yield
+        fonts.disabled = False
+
+
 def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
     """Inline SVG of every picture the report has numbers for, by name; with `folder`, `figures/NAME.png` there too."""
     return drawn(pictures(report), folder)
@@ -67,7 +81,7 @@ def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, 
     """The same of any pictures."""
     out: dict[str, str] = {}
     for picture in pictures:
-        with rc_context(STYLE | {"svg.hashsalt": picture.name}):
+        with drawing_style({"svg.hashsalt": picture.name}):
             drawing = figure(picture)
             out[picture.name] = inline(svg_of(drawing), picture.name)
             if folder is not None:
@@ -79,7 +93,7 @@ def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, 
 
 def figure(picture: Picture) -> Figure:
     """A picture drawn, in the style of the pages."""
-    with rc_context(STYLE):
+    with drawing_style({}):
         out = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
         picture.draw(out)
     return out

@@ -29,7 +29,7 @@ MOST_LINES = 150
 
 
 @pytest.mark.usefixtures("brief")
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", [*SHOWN[:2], pytest.param(SHOWN[2], marks=pytest.mark.long)])
 def test_the_lines_that_a_document_shows_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With one share of the poses held out instead of every one in turn."""
     monkeypatch.chdir(tmp_path)

@@ -45,6 +45,7 @@ def later(
     return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
 
 
+@pytest.mark.long
 def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     """Of everything left, and of every pose: over forty later sessions of twenty poses."""
     model, made = fitted

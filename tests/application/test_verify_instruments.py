@@ -78,6 +78,7 @@ def test_a_board_that_slipped_in_the_hand_is_named() -> None:
         assert abs(1e3 * first.value - shift) < 4e3 * first.stderr + 0.01
 
 
+@pytest.mark.long
 def test_wrong_corners_are_outliers_and_no_change() -> None:
     model, data = fitted("camera")
     u = data.readings["u"].copy()

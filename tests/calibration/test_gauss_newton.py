@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_cases import NOISE, Truth, bare, measure, mechanism, random_placement, residuals, true_tips
+from effect_cases import NOISE, Truth, bare, measure, mechanism, residuals, true_tips
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise, placement_after
@@ -244,8 +244,3 @@ def test_empty_cells_cost_only_their_own_component() -> None:
     fit = calibrate(truth.model, prepare(truth.model.mechanism, replace(truth.poses.dataset, position=holes)))
     assert (np.abs(fit.theta - truth.theta) < 4 * fit.stderr).all()
     assert np.isfinite(fit.error).all()
-
-
-def test_random_placements_differ() -> None:
-    first, second = (random_placement(bare("ur5", 5), np.random.default_rng(s)) for s in (0, 1))
-    assert not np.allclose(first.registration[""], second.registration[""])

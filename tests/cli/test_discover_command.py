@@ -159,7 +159,11 @@ BAD: dict[str, tuple[list[str], str]] = {
     "minutes without end": (["{table}", "--mechanism", "irb6400r", "--minutes", "inf"], "--minutes"),
     "minutes that are no number": (["{table}", "--mechanism", "irb6400r", "--stop-after", "nan"], "--minutes"),
     "fewer runs than none": (["{table}", "--mechanism", "irb6400r", "--runs", "-1"], "--runs"),
-    "nothing to look for": (["{table}", "--mechanism", "irb6400r", "--runs", "0", "--no-catalogue"], "no runs"),
+    "nothing to look for": (["{table}", "--mechanism", "irb6400r", "--runs", "0", "--no-catalogue"], "--runs"),
+    "two ways to hold out": (
+        ["{table}", "--mechanism", "irb6400r", "--watch", "--folds", "3", "--holdout", "0.2"],
+        "--folds",
+    ),
     "representation": (["{table}", "--mechanism", "irb6400r", "--representation", "tree,tree"], "each once"),
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),

@@ -129,6 +129,7 @@ def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> 
         assert sum(entry.exploration.histogram.shuffled_runs.values()) == len(null)
 
 
+@pytest.mark.long
 def test_nothing_is_accepted_of_a_round_without_a_null() -> None:
     for entry in [*found("nothing", 0).rounds, *found("windup", 0).rounds]:
         if not len(entry.exploration.null_nats):

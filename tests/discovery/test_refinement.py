@@ -125,6 +125,7 @@ def test_the_row_of_an_event_is_known_as_well_as_its_step_is_large(millimetres: 
         assert high > low
 
 
+@pytest.mark.long
 def test_the_interval_of_an_events_row_holds_it_as_often_as_it_says() -> None:
     step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner).at([57.0])
     left = left_of(step, 0.0)

@@ -80,6 +80,7 @@ def test_where_nothing_is_worth_its_price_a_law_is_short() -> None:
     assert law.left > 0.5
 
 
+@pytest.mark.long
 def test_a_law_depends_on_the_seed_alone() -> None:
     noisy = values_of("a*sin(b) + c") + 0.1 * np.random.default_rng(1).normal(size=80)
     first, second = (regress(noisy, 4, 30) for _ in range(2))

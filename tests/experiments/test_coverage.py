@@ -18,6 +18,7 @@ def test_poses_measured_three_times_are_covered_as_poses_measured_once() -> None
     assert all(np.std([*row["geometry"], *row["effect"]]) < 1.7 for row in rows)
 
 
+@pytest.mark.long
 def test_an_innocent_robot_keeps_its_standard_model() -> None:
     row = {"case": "null_ur", "seed": 0, **found(FAMILIES["independent"]["null_ur"], 0, Search(runs=0))}
     assert row["found"] == row["unconfirmed"] == []

@@ -1,6 +1,8 @@
 """`gpmodel joint`: every command runs, writes whole files, repeats itself, and refuses bad input before writing."""
 
 import json
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -40,21 +42,27 @@ def test_the_group_alone_shows_its_commands() -> None:
     assert all(f"\n  {name}" in done.stdout for name in COMMANDS)
 
 
+Outputs = Callable[[str], tuple[Path, str]]
+EACH = [pytest.param(name, marks=[pytest.mark.long] * (name == "design")) for name in COMMANDS]
+
+
 @pytest.fixture(scope="module")
-def outputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, str]]:
-    """Each command run once with the thesis' joint: its DIR and what it printed."""
-    results = {}
-    for name in COMMANDS:
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> Outputs:
+    """A command run once with the thesis' joint: its DIR and what it printed."""
+
+    @cache
+    def of(name: str) -> tuple[Path, str]:
         out = tmp_path_factory.mktemp(name)
         result = run(name, "--out", str(out), "--json", str(out / "mine.json"))
         assert result.exit_code == 0
-        results[name] = (out, result.output)
-    return results
+        return out, result.output
+
+    return of
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_prints_and_writes_numbers_and_figures(outputs: dict[str, tuple[Path, str]], name: str) -> None:
-    out, printed = outputs[name]
+@pytest.mark.parametrize("name", EACH)
+def test_a_command_prints_and_writes_numbers_and_figures(outputs: Outputs, name: str) -> None:
+    out, printed = outputs(name)
     record = json.loads((out / "mine.json").read_text())
     assert record["schema"] == 1
     assert record["command"] == f"joint {name}"
@@ -66,23 +74,21 @@ def test_a_command_prints_and_writes_numbers_and_figures(outputs: dict[str, tupl
 
 
 @pytest.mark.parametrize("name", ["stiffness", "dynamics"])
-def test_the_seed_decides_the_numbers(outputs: dict[str, tuple[Path, str]], tmp_path: Path, name: str) -> None:
-    first = (outputs[name][0] / "mine.json").read_bytes()
+def test_the_seed_decides_the_numbers(outputs: Outputs, tmp_path: Path, name: str) -> None:
+    first = (outputs(name)[0] / "mine.json").read_bytes()
     run(name, "--json", str(tmp_path / "same.json"), "--seed", "0")
     run(name, "--json", str(tmp_path / "other.json"), "--seed", "1")
     assert (tmp_path / "same.json").read_bytes() == first
     assert (tmp_path / "other.json").read_bytes() != first
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_printed_defaults_are_a_table_the_command_reads(
-    outputs: dict[str, tuple[Path, str]], name: str, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("name", EACH)
+def test_printed_defaults_are_a_table_the_command_reads(outputs: Outputs, name: str, tmp_path: Path) -> None:
     table = tmp_path / "mine.toml"
     table.write_text(run(name, "--defaults").output)
     assert table.read_text() == (DATA / f"{name}.toml").read_text()
     assert run(name, str(table), "--json", str(tmp_path / "mine.json")).exit_code == 0
-    assert json.loads((tmp_path / "mine.json").read_text()) == json.loads((outputs[name][0] / "mine.json").read_text())
+    assert json.loads((tmp_path / "mine.json").read_text()) == json.loads((outputs(name)[0] / "mine.json").read_text())
 
 
 def test_own_joint(tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ def test_an_undeclared_effect_is_found_and_the_error_falls_to_the_oracles(case: 
     assert rms(after) < 1.25 * rms(errors_on(oracle, poses.subset(found.heldout)))
 
 
+@pytest.mark.long
 def test_three_effects_at_once_are_chosen_together() -> None:
     data = THREE.table(0)
     poses, (train, heldout) = prepare(JOINT, data), hold_out(data, 0.3, np.random.default_rng(SEED))

@@ -73,6 +73,7 @@ def test_one_length_that_is_off_does_not_say_how_large_a_machine_is() -> None:
     assert np.nanmax(fit.stderr[[e.unit == "m" for e in fit.model.effects]]) > 0.5 * off
 
 
+@pytest.mark.long
 def test_a_tool_that_nothing_shows_has_no_number() -> None:
     shown = {name: gp.calibrate(ARM, simulated(name, 60).table).record.placement for name in ("camera", "tracker")}
     assert [number.name for number in shown["camera"]] == []

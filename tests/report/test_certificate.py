@@ -56,6 +56,14 @@ def test_what_is_not_confirmed_is_not_certified() -> None:
     assert root_mean_square(pair[:, 1]) == pytest.approx(standard.heldout.rms_mm, abs=1e-5)
 
 
+def test_letters_that_no_font_has_are_written_without_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    said = dataclasses.replace(GIVEN, machine="机器人三号 🤖", operator="王小明")
+    write_pdf(certificate.certificate(discovered(), said), tmp_path / "certificate.pdf")
+    assert not caplog.records
+
+
 @pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
 def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record(report: type[Report]) -> None:
     made = report()

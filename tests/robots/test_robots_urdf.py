@@ -121,6 +121,8 @@ def test_default_frame_stops_before_a_gripper_that_turns() -> None:
         (JOINT.replace("revolute", "hinged"), "hinged"),
         (JOINT.replace("revolute", "fixed"), "no moving joint"),
         (JOINT.replace("<axis", '<mimic joint="j" multiplier="two"/><axis'), "two"),
+        (JOINT.replace("<axis", '<mimic joint="j" multiplier="1e300"/><axis'), "expected at most 1000"),
+        (JOINT.replace("<axis", '<mimic joint="j" offset="1e300"/><axis'), "expected at most 1000"),
         (JOINT.replace("<axis", '<mimic joint="j"/><axis'), "mimics"),
         (JOINT.replace("<limit", "<nolimit"), "no <limit>"),
     ],
