@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from gpmodel import wording
 from gpmodel.report.certificate import Certificate, Parameter
 from gpmodel.report.charts_certificate import draw
-from gpmodel.report.figures import STYLE, drawing_style
+from gpmodel.report.figures import FONT, drawing_style
 from gpmodel.report.picture import INK, MUTED, RULE
 
 WIDTH, HEIGHT = 8.27, 11.69
@@ -61,7 +61,7 @@ Row = tuple[float, list[Cell], bool]
 
 def write_pdf(found: Certificate, path: Path) -> None:
     """Write the certificate to `path`, as many sides as it needs; a letter that no font here has is a box."""
-    fonts = [STYLE["font.family"], *(name for name in FURTHER_FONTS if name in fontManager.get_font_names())]
+    fonts = [FONT, *(name for name in FURTHER_FONTS if name in fontManager.get_font_names())]
     with (
         drawing_style({"pdf.fonttype": 42, "font.family": fonts}),
         PdfPages(path, metadata={"Title": found.title}) as pdf,

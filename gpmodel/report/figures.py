@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 DOTS_PER_INCH = 192
 """Twice a screen's: text stays sharp where a page is enlarged."""
 _LINK = rf'<a xlink:href="({EXPLORE}#row=(\d+))"[^>]*>'
-STYLE: dict[RcKeyType, str | float | bool] = {
-    "font.family": "DejaVu Sans",
+FONT = "DejaVu Sans"
+Setting = str | float | bool | list[str]
+STYLE: dict[RcKeyType, Setting] = {
+    "font.family": FONT,
     "font.size": 9.0,
     "text.color": INK,
     "text.parse_math": False,
@@ -62,7 +64,7 @@ COLOURS = {
 
 
 @contextmanager
-def drawing_style(more: Mapping[RcKeyType, Any]) -> Iterator[None]:
+def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
     """Draws in STYLE and `more`; says nothing of letters and weights that fonts lack: a page has the browser's."""
     fonts = logging.getLogger("matplotlib.font_manager")
     with rc_context({**STYLE, **more}), warnings.catch_warnings():

@@ -47,7 +47,7 @@ def test_nothing_is_added_where_nothing_is_undeclared(seed: int) -> None:
     assert len(answer.rounds) == 1
 
 
-@pytest.mark.parametrize("case", ["gear", "windup"])
+@pytest.mark.parametrize("case", [pytest.param("gear", marks=pytest.mark.long), "windup"])
 def test_what_is_undeclared_is_found_and_worth_an_oracle(case: str) -> None:
     answer = found(case, 0)
     inputs = {i for f in answer.findings for e in f.candidate.effects for i in e.inputs}

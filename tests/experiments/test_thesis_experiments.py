@@ -30,6 +30,7 @@ def saved(folder: Path, *figures: str) -> bool:
     return (folder / "results.json").exists() and all((folder / "figures" / f"{f}.png").exists() for f in figures)
 
 
+@pytest.mark.long
 def test_robots_differ_by_seed_and_repeat():
     first, again, other = measured_robot(0), measured_robot(0), measured_robot(1)
     assert np.array_equal(first.poses.dataset.position, again.poses.dataset.position)
@@ -112,6 +113,7 @@ def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_tha
     assert eccentric["J4"] >= 3 > max(eccentric["J2"], eccentric["J5"])
 
 
+@pytest.mark.long
 def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
     """Shuffled errors are fitted as well as real ones, by the maximum, the root mean square, and on unseen poses."""
     sizes = ["--robots", "1", "--runs", "8", "--population", "256", "--generations", "20", "--most_poses", "40"]

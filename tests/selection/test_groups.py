@@ -128,7 +128,7 @@ def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_a_rival(seed: int) -> None:
     """The first joint of this arm stands on its base: what bends the one tilts the other."""
     kept = {k.group.name: k for k in chosen(robot(PLANTED, 80, seed)).kept}
@@ -148,7 +148,7 @@ def test_the_values_found_are_the_true_ones_within_their_deviations() -> None:
     assert np.max(np.abs(pulls)) < 3.5
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_an_innocent_robot_gets_nothing(seed: int) -> None:
     assert chosen(robot((), 60, seed)).kept == ()
 
@@ -158,7 +158,7 @@ def test_an_exact_table_gets_nothing_for_its_rounding() -> None:
     assert chosen(truth).kept == ()
 
 
-@pytest.mark.parametrize("jitter", [0.0, 5e-5])
+@pytest.mark.parametrize("jitter", [0.0, pytest.param(5e-5, marks=pytest.mark.long)])
 def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     rng = np.random.default_rng(3)
     data = bare("ur5", 60, 3, payload=False)

@@ -50,9 +50,13 @@ def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
 
 @pytest.mark.parametrize(
     ("family", "rate"),
-    [("transmission_ripple", 37.42), ("transmission_ripple", 101.4), ("transmission_ripple", 160.0),
-     ("mesh_compliance", 50.79), ("mesh_compliance", 101.4)],
-)  # fmt: skip
+    [
+        ("transmission_ripple", 37.42),
+        ("mesh_compliance", 50.79),
+        *(pytest.param("transmission_ripple", rate, marks=pytest.mark.long) for rate in (101.4, 160.0)),
+        pytest.param("mesh_compliance", 101.4, marks=pytest.mark.long),
+    ],
+)
 def test_a_ripple_at_any_number_per_turn_is_found_and_named(family: str, rate: float) -> None:
     data = bare(ARM, 90, 5, payload=False)
     everything = [*grids(ARM), *grids(ARM, "mesh_compliance")]
