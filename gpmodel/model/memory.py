@@ -23,6 +23,10 @@ from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
+OFTEN = 0.05
+"""Share of rows: of poses drawn from a range of 0.2 rad one in two hundred is within SAME_JOINT of the one before."""
+ROUNDING = 1e-9
+"""rad or m: of a number that is computed."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
@@ -77,13 +81,21 @@ class Past:
     def _in_order(self, name: str, values: Array, order: IntArray) -> Array:
         match = _WITH_CONSTANT.match(name)
         if match is None:
-            still = SAME_JOINT if self.units[read_by(name)[0]] in ("rad", "m") else 0.0
-            return last_move(values, self.columns["row"][order], still)
+            joint = self.units[read_by(name)[0]] in ("rad", "m")
+            return last_move(values, self.columns["row"][order], jitter(values) if joint else 0.0)
         size = float(match["size"].replace("p", "."))
         if match["what"] == "lag":
             return lag(values, self.columns[self.clock][order], size)
         behind = play(values, size)
         return behind if match["what"] == "play" else values - behind
+
+
+def jitter(values: Array) -> float:
+    """The largest step (rad or m) of a joint's values (N,) that is no move: SAME_JOINT where more rows than OFTEN are
+    off the one before by less, as a joint is that is read while it is held; none where values are commands."""
+    steps = np.abs(np.diff(values))
+    held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
+    return SAME_JOINT if held > OFTEN * len(values) else ROUNDING
 
 
 def last_move(values: Array, rows: Array, still: float) -> Array:

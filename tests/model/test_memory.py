@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.model.memory import lag, last_move, play, read_by, word
+from gpmodel.model.memory import jitter, lag, last_move, play, read_by, word
 from gpmodel.model.states import States, states_of
 from gpmodel.table.dataset import Dataset
 
@@ -86,6 +86,17 @@ def test_standing_columns_are_there_only_where_the_rows_are_in_order() -> None:
         plain["last_move_J2"]
     with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
         states["lag_colour_4"]
+
+
+def test_a_short_move_that_was_commanded_counts_and_what_a_held_joint_reads_does_not() -> None:
+    rng = np.random.default_rng(1)
+    commanded = rng.uniform(-1.0, 1.0, 100)
+    commanded[50] = commanded[49] + 1e-4
+    held = np.repeat(rng.uniform(-1.0, 1.0, 20), 5)
+    read = held + 5e-5 * rng.normal(size=100)
+    rows = np.arange(100.0)
+    assert last_move(commanded, rows, jitter(commanded))[50] == 1.0
+    np.testing.assert_array_equal(last_move(read, rows, jitter(read)), last_move(held, rows, 0.0))
 
 
 def test_a_joint_that_stays_has_no_last_move() -> None:
