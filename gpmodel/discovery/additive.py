@@ -194,11 +194,11 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
     what is a line of a curve is no finding."""
     kept = {k.group.name: k for k in last.chosen.kept}
     residual = lru_cache(1)(choice.residual)
-    candidates, calibration = refined_fit(choice.fit, residual, *_in_detail(choice, last))
-    apart = told_apart(residual(calibration), candidates)
-    if apart != candidates:
-        fewer = choice.fit(tuple(apart.values()), calibration)
-        candidates, calibration = refined_fit(choice.fit, residual, apart, fewer)
+    offered, calibration = _in_detail(choice, last)
+    apart = told_apart(residual(calibration), offered)
+    if apart != offered:
+        calibration = choice.fit(tuple(apart.values()), calibration)
+    candidates, calibration = refined_fit(choice.fit, residual, apart, calibration)
 
     def verdicts(calibration: Calibration, asked: Mapping[str, Candidate]) -> dict[str, Hypothesis]:
         left = residual(calibration)

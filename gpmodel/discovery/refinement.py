@@ -6,6 +6,7 @@ that what is left of the residual is a function of the constants alone. Source: 
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy.optimize import minimize
@@ -80,22 +81,28 @@ def refined_fit(
 
 
 def told_apart(residual: Residual, candidates: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Candidates by name without those that their constants have made like one before: two steps towards one law.
+    """Candidates by name without those beside which another at their place, with its constants where they are most
+    likely, says as much alone: for a law between two values that were offered both were chosen, or a curve.
 
-    residual: with all of them in the model. Alike are two whose projected columns correlate above the likeness.
+    residual: with all of them in the model. As much is all but half a log of the measurements for each unknown that is
+    saved, and each constant. Source: Schwarz (1978).
     """
-    kept: dict[str, Candidate] = {}
-    for name, candidate in candidates.items():
-        rivals = [other for other in kept.values() if _movable(candidate) and _movable(other)]
-        if not any(_alike(residual, candidate, other) for other in rivals):
-            kept[name] = candidate
+    kept = dict(candidates)
+    for name, other in permutations(candidates, 2):
+        if name in kept and other in kept and _movable(kept[name]) and _acts(kept[name]) == _acts(kept[other]):
+            effects = (*kept[name].effects, *kept[other].effects)
+            left = residual.without(effects)
+            alone = refined(left, kept[name])
+            saved = len(effects) - len(alone.effects) + _movable(kept[other])
+            if _nats(left, effects) - _nats(left, alone.effects) < 0.5 * saved * np.log(left.measured):
+                kept[name] = alone
+                del kept[other]
     return kept
 
 
-def _alike(residual: Residual, first: Candidate, second: Candidate) -> bool:
-    left = residual.without((*first.effects, *second.effects))
-    spans = [ident.orthonormal(left.projected(c.effects)[0]) for c in (first, second)]
-    return ident.canonical_correlation(*spans) > residual.criteria.likeness
+def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
+    """The slots and axes at which it acts."""
+    return frozenset((term.slot, term.axis) for effect in candidate.effects for term in effect.terms)
 
 
 def refined(residual: Residual, candidate: Candidate) -> Candidate:

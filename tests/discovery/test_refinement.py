@@ -101,15 +101,30 @@ def test_what_has_no_constant_to_move_is_not_fitted_again() -> None:
     assert (found, len(fits)) == ({"it": plain}, 0)
 
 
-def test_two_steps_towards_one_law_are_one() -> None:
+def at_lag(minutes: float) -> Candidate:
     lag = next(c for c in offered("growth of the arm (temperature") if c.inner)
     assert lag.inner is not None
-    tilt = next(c for c in offered("tilt of J1 (temperature") if c.inner)
-    near, beside, other = (lag.at(lag.inner.at([tau])) for tau in (44.0, 46.0, 4.0))
-    residual = left_of(near.inner, 0.5) if near.inner else None
-    assert residual is not None
-    found = told_apart(residual, {"a": near, "b": tilt, "c": beside, "d": other})
-    assert list(found) == ["a", "b", "d"]
+    return lag.at(lag.inner.at([minutes]))
+
+
+def test_two_offered_values_beside_one_law_are_one() -> None:
+    true, tilt = at_lag(44.0), offered("tilt of J1 (temperature")[0]
+    assert true.inner is not None
+    found = told_apart(left_of(true.inner, 0.5), {"a": at_lag(25.0), "b": tilt, "c": at_lag(80.0)})
+    (name,) = found.keys() - {"b"}
+    inner = found[name].inner
+    assert inner is not None
+    assert np.allclose(inner.values, 44.0, rtol=0.1)
+
+
+def test_a_slow_part_against_a_fast_one_stays_two() -> None:
+    slow, fast = at_lag(100.0), at_lag(2.0)
+    assert slow.inner is not None
+    residual = left_of(slow.inner, 0.5)
+    column = residual.projected(fast.effects)[0][:, 0]
+    values = residual.values - column * (np.linalg.norm(residual.values) / np.linalg.norm(column))
+    assert list(told_apart(replace(residual, values=values, target=values), {"a": slow, "b": fast})) == ["a", "b"]
+    assert list(told_apart(residual, {"a": slow, "b": fast})) == ["a"]
 
 
 @pytest.mark.parametrize(("millimetres", "widest"), [(1.0, 0), (0.05, 20)])
