@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.blind import axes, instrument, loads, memory
+from experiments.blind.loads import largest_torque
 from experiments.blind.shapes import RX, RZ, Motion, Shape, World, drive, fixed, load_names, mixed, turn
 from experiments.blind.simulator import Arm, gravity_loads
 
@@ -113,7 +114,7 @@ def gravity_backlash(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
 
 def hardening(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     """Stiffer under load: torque less forty per cent of its cube, on the scale of the arm's stretched torque."""
-    scale = _stretched(arm, joint)
+    scale = largest_torque(arm, joint)
 
     def basis(w: World) -> list[Motion]:
         load = w.torque(joint) / scale
@@ -156,7 +157,7 @@ def bump(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
 
 
 def dead_zone(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    limit = 0.35 * _stretched(arm, joint)
+    limit = 0.35 * largest_torque(arm, joint)
     return fixed(
         lambda w: turn(joint, np.sign(w.torque(joint)) * np.maximum(np.abs(w.torque(joint)) - limit, 0.0)),
         load_names(joint),
@@ -165,7 +166,7 @@ def dead_zone(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
 
 
 def windup(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
-    scale = 0.25 * _stretched(arm, joint)
+    scale = 0.25 * largest_torque(arm, joint)
     return fixed(lambda w: turn(joint, np.tanh(w.torque(joint) / scale)), load_names(joint), scale=scale)
 
 
@@ -179,12 +180,6 @@ def product(arm: Arm, rng: np.random.Generator, first: int, second: int, joint: 
 def difference(arm: Arm, rng: np.random.Generator, first: int, second: int, joint: int) -> Shape:
     """A closing bar: the magnitude of the difference of two angles."""
     return fixed(lambda w: turn(joint, np.abs(w.angle(first) - w.angle(second))), [[f"J{first}", f"J{second}"]])
-
-
-def _stretched(arm: Arm, joint: int) -> float:
-    """Largest torque about a joint over fixed poses, the natural scale of its loads."""
-    q = np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (300, len(arm.rows)))
-    return float(np.abs(gravity_loads(arm, q).torque[:, joint - 1]).max())
 
 
 def curve(arm: Arm, rng: np.random.Generator, joint: int, harmonics: int = 10) -> Shape:

@@ -16,6 +16,12 @@ def _called(joint: int) -> list[str]:
     return ["*link*mass*", "*mass*link*", *(f"*{word}*j{joint}*" for word in CALLED)]
 
 
+def largest_torque(arm: Arm, joint: int) -> float:
+    """Largest torque about a joint over fixed poses, the natural scale of its loads."""
+    q = np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (300, len(arm.rows)))
+    return float(np.abs(gravity_loads(arm, q).torque[:, joint - 1]).max())
+
+
 def compliance_unknown(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
     """A weak drive on an arm without masses: the oracle has the torques of unit mass moments of every frame beyond."""
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from experiments.blind.loads import largest_torque
 from experiments.blind.shapes import RX, RY, Motion, Names, Shape, World, drive, fixed, mixed, turn
 from experiments.blind.simulator import Arm, Array
 
@@ -77,12 +78,11 @@ def friction_windup(arm: Arm, rng: np.random.Generator, joint: int) -> Shape:
 
     direction * (c0 + c1 |gravity torque|); Source: Coulomb friction with a load-dependent part (Armstrong 1991).
     """
-    share = rng.uniform(0.3, 0.7)
+    share, most = rng.uniform(0.3, 0.7), largest_torque(arm, joint)
 
     def basis(w: World) -> list[Motion]:
         side = direction(w.angle(joint), w.before(joint))
-        load = np.abs(w.torque(joint))
-        return [turn(joint, side), turn(joint, side * load / load.max())]
+        return [turn(joint, side), turn(joint, side * np.abs(w.torque(joint)) / most)]
 
     return _called(mixed(basis, np.array([1.0 - share, share]), memory_names(joint), share=share), joint)
 
