@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import shutil
 import sys
 import time
@@ -57,10 +58,11 @@ def command_line() -> str:
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
-    """What becomes of effects that belong to the session a model was fitted to."""
+    """What becomes of effects that belong to the session a model was fitted to; waves of one thing are said once."""
+    said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
-        return f"row k is taken for row k of the session the model was fitted to: {', '.join(names)}"
-    return f"as at the end of the session the model was fitted to: {', '.join(names)}; --session takes row k for row k"
+        return f"row k is taken for row k of the session the model was fitted to: {said}"
+    return f"as at the end of the session the model was fitted to: {said}; --session takes row k for row k"
 
 
 def what_next(folder: Path, record: Report) -> str:

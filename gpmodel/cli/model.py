@@ -37,8 +37,8 @@ def predict(
         path = write_frame(predicted, out, "predicted.csv", poses)
     if quiet:
         return
-    if fitted.of_its_session:
-        click.echo(session_note(fitted.of_its_session, session), err=True)
+    if names := fitted.of_its_session(as_measured=as_measured or session):
+        click.echo(session_note(names, session), err=True)
     if path is not None:
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
         beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
@@ -94,8 +94,8 @@ def compensate(
         write_text(out, fitted.program(corrected, language, out.stem))
     else:
         path = write_frame(corrected, out, "compensated.csv", targets)
-    if not quiet and fitted.of_its_session:
-        click.echo(session_note(fitted.of_its_session, session), err=True)
+    if not quiet and (names := fitted.of_its_session(as_measured=session)):
+        click.echo(session_note(names, session), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()

@@ -172,7 +172,8 @@ def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Ite
 
 
 def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), deviations as 1/(k - 1/2)."""
+    """A random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), deviations as 1/(k - 1/2), each
+    less its mean 1/((k - 1/2) π): without the walk the instrument stands where it stood on average."""
     rows = states.past.columns["row"] if states.past else states["row"]
     if len(rows) < 4 * WAVES or states.seen is None:
         return
@@ -187,7 +188,7 @@ def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]
         effects = tuple(
             Effect(
                 f"{name} {axis}, wave {k}",
-                (Term(INSTRUMENT, axis, Expression(f"sin({np.pi * order:.6f}*{along})")),),
+                (Term(INSTRUMENT, axis, Expression(f"sin({np.pi * order:.6f}*{along}) - {1 / (np.pi * order):.6f}")),),
                 unit, "instrument_walk", float(size * part),
             )
             for axis in axes

@@ -70,7 +70,7 @@ def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
                   input_units={"clock": "s"})  # fmt: skip
     arm = gp.load_mechanism("irb6400r")
     fitted = gp.calibrate(arm, frame, ["J1.moving:Rz:clock"]).model
-    assert fitted.of_its_session == ("J1.moving:Rz:clock",)
+    assert fitted.of_its_session() == ("J1.moving:Rz:clock",)
     bare = frame.drop(columns="clock [s]")
     assert len(fitted.predict(bare)) == 60
     with pytest.raises(gp.InputError, match="column 'clock \\[s\\]' is missing"):
