@@ -73,6 +73,15 @@ def test_the_index_of_the_elevation_moves_points_along_their_meridian() -> None:
         np.testing.assert_allclose(second[same], first[same], atol=1e-12)
 
 
+def test_without_its_walk_the_instrument_stands_where_it_stood_on_average() -> None:
+    states = table().states
+    walks = [c for c in candidates(ARM, states) if c.family == "instrument_walk"]
+    waves = np.array([basis(states) for c in walks for basis in c.bases])
+    assert len(waves) > 0
+    np.testing.assert_allclose(waves.mean(axis=1), 0.0, atol=1 / POSES)
+    assert (np.ptp(waves, axis=1) > 0.9).all()
+
+
 def test_a_walk_and_a_smooth_field_are_the_instruments() -> None:
     rng = np.random.default_rng(3)
     walk = np.cumsum(rng.normal(size=(POSES, 3)), axis=0)
