@@ -28,6 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--machines", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--stratum", choices=STRATA, help="of so many machines, those of this stratum")
     parser.add_argument("--of", choices=ASKED, default="machines")
     parser.add_argument("--out", type=Path, required=True, help="JSON of results")
     settings = parser.parse_args()
@@ -36,7 +37,8 @@ def main() -> None:
     command = shlex.join(["python", "-m", "experiments.coverage.printed", *sys.argv[1:]])
     ask, sum_up = ASKED[settings.of]
     for number in range(settings.first, settings.first + settings.machines):
-        if number not in done:
+        other = settings.stratum and list(STRATA)[number % len(STRATA)] != settings.stratum
+        if number not in done and not other:
             rows.append(ask(number))
             save(rows, command, sum_up(rows), settings.out)
     print(json.dumps(sum_up(rows), indent=1))
