@@ -177,10 +177,10 @@ class Model(Shown):
         """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
         return self.judged(poses, as_measured, session, in_order)[1]
 
-    def of_its_session(self, *, as_measured: bool = False) -> tuple[str, ...]:
-        """Effects that read the rows or the time of the session they were fitted to: its end is now. as_measured: those
-        of the instrument as well."""
-        return tuple(e.name for e in of_the_session(self.saved) if as_measured or not e.of_the_instrument)
+    def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:
+        """Effects that read the rows or the time of the session they were fitted to: its end is now. session: those of
+        the instrument as well, which are over with it."""
+        return tuple(e.name for e in of_the_session(self.saved) if session or not e.of_the_instrument)
 
     @property
     def sha256(self) -> str:

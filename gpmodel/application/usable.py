@@ -107,7 +107,8 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
     """The model for other poses: the tool as it is now, at the end of the session and without the errors of the
     instrument. A law that nobody named is clamped: beyond the ranges of its inputs it keeps its value at the edge.
 
-    as_measured: with the errors of the instrument. session: with these, and for the rows of the session itself.
+    as_measured: with the errors of the instrument, but for what it drifted by within the session: it is set up anew.
+    session: with all of these, and for the rows of the session itself.
     """
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
@@ -144,6 +145,7 @@ def _ended(effect: Effect) -> bool:
 def _after_the_session(saved: SavedModel) -> SavedModel:
     clocks = {name: saved.ranges[name][1] for name in clocks_of(saved) if name in saved.ranges}
     own = of_the_session(saved)
+    saved = _only(saved, np.array([e not in own or not e.of_the_instrument for e in saved.model.effects], dtype=bool))
     effects = tuple(
         replace(effect, terms=tuple(replace(t, basis=Ended(t.basis, clocks)) for t in effect.terms))
         if effect in own

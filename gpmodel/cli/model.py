@@ -37,7 +37,7 @@ def predict(
         path = write_frame(predicted, out, "predicted.csv", poses)
     if quiet:
         return
-    if names := fitted.of_its_session(as_measured=as_measured or session):
+    if names := fitted.of_its_session(session=session):
         click.echo(session_note(names, session), err=True)
     if path is not None:
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
@@ -94,7 +94,7 @@ def compensate(
         write_text(out, fitted.program(corrected, language, out.stem))
     else:
         path = write_frame(corrected, out, "compensated.csv", targets)
-    if not quiet and (names := fitted.of_its_session(as_measured=session)):
+    if not quiet and (names := fitted.of_its_session(session=session)):
         click.echo(session_note(names, session), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())

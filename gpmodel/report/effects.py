@@ -33,8 +33,8 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     limits.
 
     Everything else is as in random rows of the table; laws that nobody named keep their value at the edge of the range
-    they were fitted in, as `predict` has it. Nothing is said of a mechanism whose joints are not all measured, or where
-    the model remembers rows that nobody says are in order.
+    they were fitted in, as `predict` has it. Nothing is said of what ended with the session, of a mechanism whose
+    joints are not all measured, or where the model remembers rows that nobody says are in order.
     """
     if poses.dataset.joints_approximate:
         return (ErrorsMm(),) * len(groups)
@@ -44,7 +44,12 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     except InputError:
         return (ErrorsMm(),) * len(groups)
     anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng), rng)
-    return tuple(map(statistics_mm, tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)))
+    moved = tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)
+    left = {effect.name for effect in saved.model.effects}
+    return tuple(
+        statistics_mm(values) if any(effect.name in left for effect in group) else ErrorsMm()
+        for values, group in zip(moved, groups, strict=True)
+    )
 
 
 MOST_TERMS = 6

@@ -102,6 +102,19 @@ def test_errors_of_the_instrument_are_predicted_where_nothing_was_measured() -> 
     np.testing.assert_allclose(tool[LENGTHS].to_numpy() / 1e3, data.position - off, atol=2e-5)
 
 
+def test_what_an_instrument_drifted_by_is_over_with_its_session() -> None:
+    mechanism, truth = robot(80, seed=4, noise=0.0)
+    drift = 2e-6 * (truth.dataset.row[:, None] - truth.dataset.row.mean()) * np.array([1.0, 0.0, 0.0])
+    data = replace(truth.dataset, position=truth.dataset.position + drift)
+    wave = f"instrument:Tx:row - {data.row.mean():g}"
+    found = gp.calibrate(mechanism, data, [wave], holdout=0.0).model
+    bare = replace(data, position=np.full_like(data.position, np.nan))
+    later, session = found.predict(bare, as_measured=True), found.predict(bare, session=True)
+    np.testing.assert_allclose(later[LENGTHS].to_numpy() / 1e3, truth.dataset.position, atol=2e-5)
+    np.testing.assert_allclose(session[LENGTHS].to_numpy() / 1e3, data.position, atol=2e-5)
+    assert (found.of_its_session(), found.of_its_session(session=True)) == ((), (wave,))
+
+
 def test_of_a_tool_that_slipped_the_prediction_is_where_it_is_now() -> None:
     """Row 1 alone and row 90 alone are both predicted with the tool as it was left: a millimetre on, not half of it."""
     arm = gp.load_mechanism("irb6400r")
