@@ -17,7 +17,7 @@ from gpmodel.application.exports.programs import LANGUAGES, Language, program_te
 from gpmodel.application.model_file import SavedModel, model_content, save_model
 from gpmodel.application.model_file import load_model as read_saved
 from gpmodel.application.predict import beside, misses, predicted_columns
-from gpmodel.application.usable import of_the_session, placed_now, usable
+from gpmodel.application.usable import lasting, of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
@@ -178,9 +178,9 @@ class Model(Shown):
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:
-        """Effects that read the rows or the time of the session they were fitted to: its end is now. session: those of
-        the instrument as well, which are over with it."""
-        return tuple(e.name for e in of_the_session(self.saved) if session or not e.of_the_instrument)
+        """Effects that read the rows or the time of the session they were fitted to: its end is now. session: as well
+        those that are over with it, of the instrument and of a set-up that wandered."""
+        return tuple(e.name for e in of_the_session(self.saved) if session or lasting(e))
 
     @property
     def sha256(self) -> str:

@@ -103,12 +103,19 @@ def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
+def lasting(effect: Effect) -> bool:
+    """Whether what happened during a session is there after it: neither the instrument's, nor a wander."""
+    known = family(effect.family)
+    return not effect.of_the_instrument and not (known and known.wanders)
+
+
 def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
     """The model for other poses: the tool as it is now, at the end of the session and without the errors of the
     instrument. A law that nobody named is clamped: beyond the ranges of its inputs it keeps its value at the edge.
 
-    as_measured: with the errors of the instrument, but for what it drifted by within the session: it is set up anew.
-    session: with all of these, and for the rows of the session itself.
+    What wandered there and back, and what the instrument drifted by, is over with the session: where it stood on
+    average is where it is. as_measured: with the other errors of the instrument. session: with all of these, and for
+    the rows of the session itself.
     """
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
@@ -145,7 +152,7 @@ def _ended(effect: Effect) -> bool:
 def _after_the_session(saved: SavedModel) -> SavedModel:
     clocks = {name: saved.ranges[name][1] for name in clocks_of(saved) if name in saved.ranges}
     own = of_the_session(saved)
-    saved = _only(saved, np.array([e not in own or not e.of_the_instrument for e in saved.model.effects], dtype=bool))
+    saved = _only(saved, np.array([e not in own or lasting(e) for e in saved.model.effects], dtype=bool))
     effects = tuple(
         replace(effect, terms=tuple(replace(t, basis=Ended(t.basis, clocks)) for t in effect.terms))
         if effect in own

@@ -68,8 +68,8 @@ def _own(site: Site, joint: Joint) -> bool:
     return site.slot == f"{joint.name}.moving"
 
 
-def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """What changes along the rows: a slow wander of the set-up, a ramp at any drive, steps at a drive."""
+def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A slow wander of the set-up along the rows, by waves about where it was on average."""
     first, span = float(np.min(states["row"])), float(np.ptp(states["row"])) or 1.0
     along = f"(row - {first:g})/{span:g}"
     waves = [Expression(f"cos({3.14159265 * k:.8f}*({along}))") for k in range(1, 7)]
@@ -77,11 +77,15 @@ def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
         name = f"slow wander of the set-up, {kind}"
         effects = [
-            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "session_curve", float(s))
+            Effect(f"{name} {a}, wave {k}", effect_at("", "base", a, w).terms, "m", "set_up_wander", float(s))
             for a in axes
             for k, (w, s) in enumerate(zip(waves, fall, strict=True), 1)
         ]
-        yield Candidate(name, tuple(effects), "session_curve", 6.0)
+        yield Candidate(name, tuple(effects), "set_up_wander", 6.0)
+
+
+def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """A ramp along the rows at any place."""
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
         yield one(name, site.effect(name, Expression("row"), "1/row", "session_curve"), 6.0)
