@@ -1,4 +1,4 @@
-"""Independent tasks side by side, in threads, in processes or on other machines.
+"""Independent tasks side by side, in threads or in processes of this machine.
 
 A task carries all it needs, its random generator included, so that no number depends on where it ran, in what order,
 or how often it was begun again.
@@ -8,6 +8,9 @@ import copyreg
 import multiprocessing
 import os
 import sys
+import threading
+import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -15,13 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol, TypeVar
-
-from gpmodel.errors import InputError
-
-if TYPE_CHECKING:
-    from distributed import Client
-    from distributed import Future as DaskFuture
+from typing import Protocol, TypeVar, cast
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -35,9 +32,6 @@ AHEAD = 2
 
 ATTEMPTS = 3
 """How often in a row processes may be lost before the task is to blame, as in dask (`allowed-failures`)."""
-
-PATIENCE = "10s"
-"""For which a scheduler may be silent."""
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
@@ -62,7 +56,8 @@ def cores() -> int:
 
 @dataclass(frozen=True)
 class Threads:
-    """Threads of this process; 0 for one a core. The compiled loops and the linear algebra let the others run."""
+    """Threads of this process; 0 for one a core. The compiled loops and the linear algebra let the others run, Python
+    does not."""
 
     workers: int = 0
 
@@ -79,92 +74,86 @@ class Threads:
 
 
 @dataclass(frozen=True)
-class Processes:
-    """Processes of this machine, for what holds the interpreter; 0 for one a core. One that is lost is replaced."""
+class Forks:
+    """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled.
+
+    Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), and where other threads
+    run, which may hold a lock at that moment; in a copy itself one task after another.
+    """
 
     workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
         """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
         count = min(self.workers or cores(), len(tasks))
-        left, lost = dict(enumerate(tasks)), 0
-        while left:
-            try:
-                with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
-                    for number, found in _as_finished(pool, function, left, AHEAD * count):
-                        lost = 0
-                        del left[number]
-                        yield number, found
-            except BrokenProcessPool:
-                lost += 1
-                if lost == ATTEMPTS:
-                    raise
+        if count <= 1 or _inherited or sys.platform != "linux" or threading.active_count() > 1:
+            yield from Threads(1 if _inherited else self.workers)(function, tasks)
+            return
+        from threadpoolctl import threadpool_limits
+
+        def opened() -> ProcessPoolExecutor:
+            context = multiprocessing.get_context("fork")
+            pool = ProcessPoolExecutor(count, context, _as_copy, (os.getpid(), function, tasks))
+            with warnings.catch_warnings():  # of threads of the linear algebra, which it begins anew in a copy
+                warnings.simplefilter("ignore", DeprecationWarning)
+                pool.submit(os.getpid)
+            return pool
+
+        with threadpool_limits(1, user_api="blas"):
+            found = _lost_replaced(opened, _inherited_task, range(len(tasks)), AHEAD * count)
+            yield from cast(Iterator[tuple[int, Found]], found)
+
+
+_inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
+"""In a copy of a process: the function and the tasks that it was made for."""
+
+
+def _as_copy(parent: int, function: Callable[..., object], tasks: Sequence[object]) -> None:
+    """Make this copy ready for its tasks; it ends with the process it was made of, however that ends."""
+    _inherited.append((function, tasks))
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _inherited_task(number: int) -> object:
+    function, tasks = _inherited[-1]
+    return function(tasks[number])
 
 
 @dataclass(frozen=True)
-class Cluster:
-    """The workers of a dask scheduler; what a lost one had in hand is done by another."""
+class Processes:
+    """New processes of this machine, for tasks that are pickled; 0 for one a core. One that is lost is replaced."""
 
-    client: "Client"
+    workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers. Raises KilledWorker where a task loses its worker again and again."""
-        from distributed import as_completed
+        """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
+        count = min(self.workers or cores(), len(tasks))
+        context = multiprocessing.get_context("spawn")
+        yield from _lost_replaced(lambda: ProcessPoolExecutor(count, context), function, tasks, AHEAD * count)
 
-        waiting = enumerate(tasks)
-        numbers: dict[object, int] = {}
 
-        def hand_out() -> "DaskFuture | None":
-            number, task = next(waiting, (0, None))
-            if task is None:
-                return None
-            future = self.client.submit(function, task, pure=False)
-            numbers[future.key] = number
-            return future
-
-        ahead = AHEAD * max(1, sum(self.client.nthreads().values()))
-        finished = as_completed([f for f in (hand_out() for _ in range(min(ahead, len(tasks)))) if f is not None])
+def _lost_replaced(
+    opened: Callable[[], ProcessPoolExecutor], function: Callable[[Task], Found], tasks: Sequence[Task], ahead: int
+) -> Iterator[tuple[int, Found]]:
+    """(number, result) of tasks as they finish in a pool, in another one where it has lost a process."""
+    left, lost = dict(enumerate(tasks)), 0
+    while left:
         try:
-            for future in finished:
-                number, found = numbers.pop(future.key), future.result()
-                if (following := hand_out()) is not None:
-                    finished.add(following)
-                future.release()
-                yield number, found
-        finally:
-            self.client.cancel([f for f in finished.futures], asynchronous=False)
-
-
-@contextmanager
-def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
-    """Where tasks go: threads here; `tcp://host:8786`, a running dask scheduler; `local:2`, processes of its own.
-
-    Raises InputError where dask is not installed, or no scheduler answers.
-    """
-    if address is None:
-        yield Threads(workers)
-        return
-    kind, _, count = address.partition(":")
-    if kind == "local" and not (count.isdecimal() and 0 < int(count) <= 1024):
-        raise InputError(f"{address!r}, expected local:N with N processes, or tcp://host:port", "scheduler")
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise InputError("needs dask; pip install 'gpmodel[cluster]'", "scheduler") from None
-    try:
-        if kind == "local":
-            place: LocalCluster | str = LocalCluster(n_workers=int(count), threads_per_worker=1, dashboard_address=None)
-        else:
-            place = address
-        client = Client(place, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
-        raise InputError(f"no dask scheduler answers at {address} ({error})", "scheduler") from None
-    with client:
-        try:
-            yield Cluster(client)
-        finally:
-            if not isinstance(place, str):
-                place.close()
+            with opened() as pool:
+                for number, found in _as_finished(pool, function, left, ahead):
+                    lost = 0
+                    del left[number]
+                    yield number, found
+        except BrokenProcessPool:
+            lost += 1
+            if lost == ATTEMPTS:
+                raise
 
 
 def _as_finished(

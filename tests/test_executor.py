@@ -1,6 +1,8 @@
 """Tasks side by side: every result with its place, the same numbers wherever they ran, and lost workers replaced."""
 
+import json
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -11,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gpmodel.cluster import scheduled
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
@@ -19,7 +22,7 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.executor import Processes, Threads, Workers, scheduled
+from gpmodel.executor import Forks, Processes, Threads, Workers
 
 
 def draw(seed: int) -> float:
@@ -61,6 +64,77 @@ def die(number: int) -> int:
 def numbered(workers: Workers, count: int) -> list[float]:
     found = dict(workers(draw, range(count)))
     return [found[n] for n in range(count)]
+
+
+FORKING = """
+import json, os, sys
+from pathlib import Path
+from gpmodel.errors import InputError
+from gpmodel.executor import Forks
+
+def work(number):
+    if number == 3 and not Path(sys.argv[1]).exists():
+        Path(sys.argv[1]).touch()
+        os.kill(os.getpid(), 9)
+    inner = [place for place, _ in Forks(2)(abs, range(3))]
+    return os.getpid(), number, inner
+
+def fail(number):
+    raise InputError("no such thing", "folds")
+
+found = dict(Forks(2)(work, range(8)))
+assert [found[n][1] for n in range(8)] == list(range(8))
+assert {tuple(inner) for _, _, inner in found.values()} == {(0, 1, 2)}
+try:
+    list(Forks(2)(fail, range(2)))
+except InputError as error:
+    said = [str(error), error.argument]
+print(json.dumps([os.getpid() in {pid for pid, _, _ in found.values()}, said]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads stand in elsewhere")
+def test_copies_give_every_result_replace_a_lost_one_and_hand_errors_on(tmp_path: Path) -> None:
+    """In a process of its own: where other threads run, as here, threads stand in."""
+    mark = tmp_path / "mark"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", FORKING, mark], capture_output=True, text=True)
+    assert not done.returncode, done.stderr
+    assert json.loads(done.stdout) == [False, ["folds: no such thing", "folds"]]
+    assert mark.exists()
+
+
+ORPHANS = """
+import os, sys, time
+from gpmodel.executor import Forks
+
+def sleep(number):
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+
+list(Forks(2)(sleep, range(2)))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="threads stand in elsewhere")
+def test_copies_end_with_the_process_they_were_made_of() -> None:
+    with subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        copies = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.kill()
+    until = time.monotonic() + 20.0
+    while time.monotonic() < until and any(Path(f"/proc/{pid}").exists() for pid in copies):
+        time.sleep(0.1)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in copies)
+
+
+def test_where_other_threads_run_threads_stand_in() -> None:
+    with_one_more = threading.Event()
+    threading.Thread(target=with_one_more.wait).start()
+    try:
+        assert {pid for _, pid in Forks(2)(lambda _: os.getpid(), range(4))} == {os.getpid()}
+    finally:
+        with_one_more.set()
 
 
 @pytest.mark.parametrize("workers", [Threads(1), Threads(3), Threads(), Processes(2)], ids=repr)
@@ -141,7 +215,7 @@ def test_a_task_that_loses_every_process_is_an_error() -> None:
 )  # fmt: skip
 def test_a_scheduler_that_is_none_is_one_line(address: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("gpmodel.executor.PATIENCE", "200ms")
+    monkeypatch.setattr("gpmodel.cluster.PATIENCE", "200ms")
     with pytest.raises(InputError, match=said) as caught, scheduled(address):
         pass
     assert caught.value.argument == "scheduler"

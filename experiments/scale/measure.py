@@ -18,6 +18,7 @@ from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.simulate import simulate
 from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.cluster import scheduled
 from gpmodel.discovery.explore import RoundContext, explore
 from gpmodel.discovery.journal import NullJournal
 from gpmodel.discovery.search import Search
@@ -28,7 +29,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.executor import Processes, Threads, Workers, scheduled
+from gpmodel.executor import Forks, Processes, Threads, Workers
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.progress import Teller
@@ -63,12 +64,18 @@ def speedup() -> dict[str, object]:
             seconds[name] = time.perf_counter() - began
             results.add((tuple(c.name for c in found.candidates), found.null_nats.tobytes()))
 
+    def both(name: str, workers: Workers) -> None:
+        run(name, workers, 1)
+        run(name, workers)
+
+    for name, workers in (("1 thread", Threads(1)), ("2 threads", Threads(2)), ("2 copies", Forks(2))):
+        both(name, workers)
     with scheduled("local:2") as two, scheduled("local:1") as one:
-        for name, workers in (("1 thread", Threads(1)), ("2 threads", Threads(2)), ("1 dask", one), ("2 dask", two)):
-            run(name, workers, 1)
-            run(name, workers)
+        both("1 dask", one)
+        both("2 dask", two)
     return {
         "seconds": seconds, "gain_threads": seconds["1 thread"] / seconds["2 threads"],
+        "gain_copies": seconds["1 thread"] / seconds["2 copies"],
         "gain_dask": seconds["1 dask"] / seconds["2 dask"], "same_numbers": len(results) == 1,
     }  # fmt: skip
 

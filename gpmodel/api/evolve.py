@@ -27,7 +27,7 @@ from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import KeptRuns, NothingKept, Plan, Run, run_all
 from gpmodel.evolution.settings import SelectionScheme
-from gpmodel.executor import Threads, Workers
+from gpmodel.executor import Forks, Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.source import choice_of
@@ -193,7 +193,7 @@ def evolve(
     called(progress, "progress")
     with extra_for("gpmodel.evolve"):
         import gpmodel.evolution.kernels.compiler  # noqa: F401
-    side_by_side = executor or Threads(whole(workers, "workers"))
+    side_by_side = executor or Forks(whole(workers, "workers"))
     effort = _effort(population, generations, seconds, selection)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)

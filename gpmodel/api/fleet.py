@@ -19,7 +19,7 @@ from gpmodel.api.table import TableLike
 from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
-from gpmodel.executor import Threads, Workers
+from gpmodel.executor import Forks, Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
@@ -151,7 +151,7 @@ def fleet(
     machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    side_by_side, kept = executor or Threads(whole(workers, "workers")), journal or KeptMachines()
+    side_by_side, kept = executor or Forks(whole(workers, "workers")), journal or KeptMachines()
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
     named, own, chosen = _effects(given, list(machines), tasks, side_by_side, kept, say)
     geometry = geometric_effects(arms[0][0])

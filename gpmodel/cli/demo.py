@@ -11,7 +11,7 @@ from gpmodel.cli.discover import discover_request, settings
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
-from gpmodel.executor import Threads
+from gpmodel.executor import Forks
 from gpmodel.files import folder_for
 from gpmodel.mechanism.source import MechanismChoice
 
@@ -34,7 +34,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
             "instrument": None, "no_catalogue": False, "in_order": False, "seed": seed, "representation": "linear",
         }  # fmt: skip
         request = Request("discover", table, MechanismChoice(MECHANISM), options, settings())
-        found = discover_request(request, folder, say, Threads(workers or 0))
+        found = discover_request(request, folder, say, Forks(workers or 0))
     if not quiet:
         click.echo(found.summary())
         click.echo(what_next(folder, found.record))

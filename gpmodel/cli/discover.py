@@ -17,10 +17,11 @@ from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import Request, Typed
 from gpmodel.cli.watch import Watch, on_screen
+from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Workers, scheduled
+from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import alone_in, folder_for
 from gpmodel.mechanism.source import LoadedMechanism

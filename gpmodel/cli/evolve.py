@@ -15,11 +15,12 @@ from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Request, Typed
+from gpmodel.cluster import scheduled
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
-from gpmodel.executor import Workers, scheduled
+from gpmodel.executor import Workers
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
 from gpmodel.records.journal_files import JournalFiles

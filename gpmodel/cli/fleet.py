@@ -10,9 +10,9 @@ from gpmodel.api.mechanism import load_mechanism
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Typed
+from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import scheduled
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import KeptMachines
 from gpmodel.hierarchy.record import MACHINES, NAME

@@ -50,11 +50,11 @@ seed_option = click.option(
 )
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 workers_option = click.option(
-    "--workers", type=click.IntRange(1), help="Threads; the numbers do not depend on it. [default: all cores]"
+    "--workers", type=click.IntRange(1), help="Processes; the numbers do not depend on it. [default: all cores]"
 )
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
-    help="Where the work goes: local:N processes, or dask at tcp://host:8786. [default: threads]",
+    help="Where the work goes: local:N processes, or dask at tcp://host:8786. [default: here]",
 )  # fmt: skip
 resume_option = click.option(
     "--resume", type=PATH, help="Folder of an interrupted run to go on with; nothing else is needed."

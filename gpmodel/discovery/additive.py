@@ -22,7 +22,6 @@ from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
-from gpmodel.executor import Threads
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family, names
 from gpmodel.families.inner import remembered
@@ -206,7 +205,7 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
         def verdict(name: str) -> Hypothesis:
             return _judged(left.without(asked[name].effects), asked[name], kept[name], last.chosen)
 
-        found = dict(Threads(choice.search.workers)(verdict, tuple(asked)))
+        found = dict(choice.search.here(verdict, tuple(asked)))
         return {name: found[number] for number, name in enumerate(asked)}
 
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, choice.fit)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget, SelectionScheme, Tournament
-from gpmodel.executor import Threads, Workers
+from gpmodel.executor import Forks, Workers
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,12 @@ class Search:
     @property
     def side_by_side(self) -> Workers:
         """What runs independent tasks."""
-        return self.executor or Threads(self.workers)
+        return self.executor or self.here
+
+    @property
+    def here(self) -> Workers:
+        """The same on this machine, for what is too large to be sent to another."""
+        return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
         """Nats of a program: of its nodes, and of the place that it acts at among so many."""

@@ -46,12 +46,10 @@ def _tail(value: float, null: Array) -> float:
     The law is known as well as T draws tell it: s is averaged over its log-normal uncertainty √((κ - 1) / 4T), freed
     of its bias 1 - (κ - 1) / 8T and widened by √(1 + 1/T) for that of the mean; κ = 5.4, Gumbel's kurtosis.
     """
-    from scipy import stats
-
     count = len(null)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     spread = max(float(np.std(null, ddof=1)), 1e-6) * (1 + (_KURTOSIS - 1) / (8 * count)) * np.sqrt(1 + 1 / count)
     beta = spread * np.exp(nodes * np.sqrt((_KURTOSIS - 1) / (4 * count))) * np.sqrt(6) / np.pi
     with np.errstate(over="ignore"):
-        tails = stats.gumbel_r.sf(value, null.mean() - _EULER * beta, beta)
+        tails = -np.expm1(-np.exp((null.mean() - value) / beta - _EULER))
     return float(weights @ tails / weights.sum())

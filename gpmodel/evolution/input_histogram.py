@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -107,12 +108,15 @@ def _using(records: Sequence[RunRecord]) -> dict[str, int]:
 
 
 def _by_count(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[float, ...]:
-    from scipy.stats import hypergeom
-
-    total = len(real) + len(null)
     pairs = zip(referencing(real, inputs), referencing(null, inputs), strict=True)
-    chances = (float(hypergeom.sf(here - 1, total, here + there, len(real))) for here, there in pairs)
+    chances = (_at_least(here, here + there, len(real), len(real) + len(null)) for here, there in pairs)
     return tuple(min(1.0, p * len(inputs)) for p in chances)
+
+
+def _at_least(count: int, marked: int, drawn: int, total: int) -> float:
+    """Chance of at least so many marked ones among those drawn: the upper tail of the hypergeometric distribution."""
+    ways = sum(comb(marked, k) * comb(total - marked, drawn - k) for k in range(count, min(marked, drawn) + 1))
+    return ways / comb(total, drawn)
 
 
 def _by_strength(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[float, ...]:

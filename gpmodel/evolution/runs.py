@@ -1,15 +1,18 @@
 """Many runs of the search side by side, each kept as it finishes; the same again on shuffled residuals."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Protocol
 from zlib import crc32
 
 import numpy as np
 
+from gpmodel.errors import InputError
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.input_histogram import RunRecord
 from gpmodel.evolution.problems import CartesianProblem, Problem
+from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Settings
 from gpmodel.executor import Workers
@@ -57,6 +60,20 @@ def run_task(task: Task) -> Evolution:
     return evolve(problem, task.settings, task.rng)
 
 
+_loaded: set[str] = set()
+"""Representations whose compiled loops this process has."""
+
+
+def load_loops(task: Task) -> None:
+    """Load the compiled loops that a task runs, once a process: copies of it need not then. A thousandth of a run."""
+    kind = label(task.settings.representation)
+    if kind not in _loaded:
+        _loaded.add(kind)
+        budget = replace(task.settings.budget, population=64, generations=1, polish_every=1, climb=0)
+        with suppress(InputError):
+            evolve(task.problem, replace(task.settings, budget=budget), np.random.default_rng(0))
+
+
 def run_all(
     tasks: Mapping[Number, Task], workers: Workers, kept: KeptRuns, said: Callable[[int], None]
 ) -> Iterator[tuple[Number, Evolution]]:
@@ -68,6 +85,8 @@ def run_all(
     left = [number for number in tasks if number not in found]
     said(len(found))
     yield from found.items()
+    if left:
+        load_loops(tasks[left[0]])
     for done, (place, run) in enumerate(workers(run_task, [tasks[number] for number in left]), len(found) + 1):
         kept.keep_run(left[place], run)
         said(done)

@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from gpmodel.executor import Forks
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
@@ -80,17 +82,23 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
-    """The same of any pictures."""
-    out: dict[str, str] = {}
-    for picture in pictures:
-        with drawing_style({"svg.hashsalt": picture.name}):
-            drawing = figure(picture)
-            out[picture.name] = inline(svg_of(drawing), picture.name)
-            if folder is not None:
-                (folder / "figures").mkdir(parents=True, exist_ok=True)
-                path = folder / "figures" / f"{picture.name}.png"
-                FigureCanvasAgg(drawing).print_png(path, metadata={"Software": None, "Description": picture.alt})
-    return out
+    """The same of any pictures, side by side."""
+    asked = tuple(pictures)
+    if folder is not None:
+        (folder / "figures").mkdir(parents=True, exist_ok=True)
+    made = dict(Forks()(partial(_drawn, folder=folder), asked))
+    return {picture.name: made[place] for place, picture in enumerate(asked)}
+
+
+def _drawn(picture: Picture, folder: Path | None) -> str:
+    """Inline SVG of one picture."""
+    with drawing_style({"svg.hashsalt": picture.name}):
+        drawing = figure(picture)
+        svg = inline(svg_of(drawing), picture.name)
+        if folder is not None:
+            path = folder / "figures" / f"{picture.name}.png"
+            FigureCanvasAgg(drawing).print_png(path, metadata={"Software": None, "Description": picture.alt})
+    return svg
 
 
 def figure(picture: Picture) -> Figure:
