@@ -23,13 +23,13 @@ from gpmodel.model.states import States
 
 # ruff: noqa: E501
 _OWN: tuple[Family, ...] = (
-    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance),
-    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance),
+    Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance, yields=True),
+    Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance, yields=True),
     Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_load.wrong_masses),
     Family("unknown_masses", "the joint yields to weights that nobody knows: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
     Family("base_unknown_masses", "the foundation tilts under weights that nobody knows", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
-    Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection),
-    Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending),
+    Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection, yields=True),
+    Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending, yields=True),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
     Family("gear_harmonic", "two cycles a turn: oval gear or flexspline", "Tuttle 1992", families_angle.gear_harmonic),
     Family("transmission_ripple", "a tooth- or wave-generator-passing error of the transmission", "Tuttle 1992", frequency_grid.transmission_ripple, frequency_grid.ripple_grids, refit_constants=True),

@@ -28,7 +28,8 @@ class Family:
     generic: it says how an error looks and names no part; only a search is offered it. needs_pointing: it stands
     for any dependence on its inputs, and is offered only where a histogram points at one of them. clamped: beyond
     the ranges it was fitted in it keeps its value at the edge. refit_constants: constants written in its bases were
-    chosen from many and belong to the last fit. wanders: it went there and back during the session, by no law that
+    chosen from many and belong to the last fit. yields: a part without a drive gives way to its load, so that
+    its number is positive. wanders: it went there and back during the session, by no law that
     says where it is afterwards.
     """
 
@@ -42,6 +43,7 @@ class Family:
     needs_pointing: bool = False
     clamped: bool = False
     refit_constants: bool = False
+    yields: bool = False
     wanders: bool = False
 
 

@@ -11,7 +11,7 @@ from gpmodel.application.usable import usable
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import explained
+from gpmodel.families.catalogue import explained, family
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
@@ -20,7 +20,7 @@ from gpmodel.model.states import States
 from gpmodel.report import fitted
 from gpmodel.report.fitted import statistics_mm, tool_displacements
 from gpmodel.report.origin import ranges
-from gpmodel.report.quantity import quantity, read_columns
+from gpmodel.report.quantity import Quantity, quantity, read_columns
 from gpmodel.report.schema import ErrorsMm
 from gpmodel.report.schema_search import EffectRecord, TermRecord
 
@@ -86,7 +86,7 @@ def effect_records(
                 unique_share=number.unique_share,
                 found_by=candidate.found_by,
                 catalogue=candidate.family or None,
-                explanation=candidate.explanation or explained(candidate.family),
+                explanation=_explanation(candidate, number, poses),
                 terms=tuple(
                     TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight)
                     for effect in candidate.effects[:MOST_TERMS]
@@ -103,3 +103,20 @@ def effect_records(
             )
         )
     return tuple(out)
+
+
+AGAINST = 2.0
+"""Standard errors below zero from which a compliance is no compliance."""
+
+
+def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
+    """What a finding is; of a part that yields to its load whether it does. Measured torques keep their signs."""
+    said = candidate.explanation or explained(candidate.family)
+    known = family(candidate.family)
+    computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)
+    if known is None or not known.yields or not computed or number.value > -AGAINST * number.stderr:
+        return said
+    return (
+        f"{said}. Its number is negative, and nothing yields against its load: it stands for something else that "
+        "follows the same loads, as a controller that corrects for sag, or a description with wrong masses"
+    )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from report_runs import calibrated, discovered
 
+import gpmodel as gp
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
@@ -112,6 +113,18 @@ def test_an_effect_that_was_named_is_explained_too() -> None:
     found = explain(calibrated(), 1)
     assert "foundation tilts" in found.cause
     assert found.chain.startswith("[base]")
+
+
+@pytest.mark.parametrize(
+    ("effect", "against"),
+    [("base_compliance=-4e-8", True), ("base_compliance=4e-8", False), ("joint_compliance J2=-2e-7", True),
+     ("gear_harmonic J4=-2e-4", False)],
+)  # fmt: skip
+def test_a_compliance_of_the_wrong_sign_is_said_to_be_none(effect: str, against: bool) -> None:
+    arm = gp.load_mechanism("irb6400r", payload="60 kg")
+    table = gp.simulate(arm, poses=60, effects=[effect], noise="0.03 mm", seed=1).table
+    (record,) = gp.calibrate(arm, table, effects=[effect.partition("=")[0]]).record.effects
+    assert ("nothing yields against its load" in record.explanation) == against
 
 
 @pytest.mark.parametrize("number", [0, 2, -1])
