@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import DIGITS, NonlinearParameters
@@ -84,20 +85,30 @@ def told_apart(residual: Residual, candidates: Mapping[str, Candidate]) -> dict[
     """Candidates by name without those beside which another at their place, with its constants where they are most
     likely, says as much alone: for a law between two values that were offered both were chosen, or a curve.
 
-    residual: with all of them in the model. As much is all but half a log of the measurements for each unknown that is
-    saved, and each constant. Source: Schwarz (1978).
+    residual: with all of them in the model. As much is what the other saves beside it, a constant inside it paid for by
+    half a log of the measurements. Source: Schwarz (1978).
     """
     kept = dict(candidates)
     for name, other in permutations(candidates, 2):
         if name in kept and other in kept and _movable(kept[name]) and _acts(kept[name]) == _acts(kept[other]):
-            effects = (*kept[name].effects, *kept[other].effects)
-            left = residual.without(effects)
+            left = residual.without((*kept[name].effects, *kept[other].effects))
             alone = refined(left, kept[name])
-            saved = len(effects) - len(alone.effects) + _movable(kept[other])
-            if _nats(left, effects) - _nats(left, alone.effects) < 0.5 * saved * np.log(left.measured):
+            gained = _nats(left, alone.effects) - _nats(left, kept[name].effects)
+            if gained > _saved(residual, kept[other], kept[name]) - 0.5 * _movable(kept[other]) * np.log(left.measured):
                 kept[name] = alone
                 del kept[other]
     return kept
+
+
+def _saved(residual: Residual, candidate: Candidate, beside: Candidate) -> float:
+    """Nats that a candidate saves beside another, its unknowns paid for by their priors, or each by half a log of the
+    measurements. residual: with both in the model."""
+    if candidate.has_priors:
+        return scores(residual.without(candidate.effects), [candidate])[0].nats
+    both = (*candidate.effects, *beside.effects)
+    left = residual.without(both)
+    paid = 0.5 * len(candidate.effects) * np.log(left.measured)
+    return float(_nats(left, both) - _nats(left, beside.effects) - paid)
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
