@@ -17,6 +17,7 @@ from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.together import eliminate_and_readmit
+from gpmodel.discovery.walk import is_timed
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
@@ -53,12 +54,13 @@ MOST_RIVALS = 6
 class Additive:
     """What was chosen together. hypotheses: every chosen group, judged, the worthiest first. calibration: with the
     accepted ones. null_nats: (T,) the most that any group gains on permuted residuals. laws: short ones evolved for the
-    curves that were chosen, offered beside them."""
+    curves that were chosen, offered beside them. offered_as: names of the accepted before constants in them moved."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration
     null_nats: Array
     laws: tuple[Candidate, ...] = ()
+    offered_as: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ class Choice:
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
     user name. pointed: inputs that stand out of the histograms, None where there
-    is none. late: whether the time is up.
+    is none. late: whether the time is up. timed: laws of the rows or of the time that alone may be offered, None for
+    all.
     """
 
     standard: Calibration
@@ -78,9 +81,12 @@ class Choice:
     criteria: Criteria
     pointed: frozenset[str] | None = None
     late: Callable[[], bool] = lambda: False
+    timed: frozenset[str] | None = None
 
     def asks_for(self, group: Group) -> bool:
         """Whether a group may be offered: what follows an input by no mechanism only where a histogram points at it."""
+        if self.timed is not None and group.name not in self.timed and is_timed(group, self.train.states):
+            return False
         known = family(group.family)
         proxy = known is not None and known.needs_pointing
         return self.pointed is None or not proxy or not self.pointed.isdisjoint(group.inputs)
@@ -94,12 +100,22 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     """Choose groups beside a calibration's own effects, fit them, and judge each beside all the others.
 
     evolved: what GP found, as groups among the others. A curve that a short law predicts as well as gives way to the
-    law, and the groups are chosen once more. One that fails a criterion is left out and the rest fitted again.
+    law, and the groups are chosen once more. One that fails a criterion is left out and the rest fitted again. Where a
+    random walk explains more than a law of the time, the groups are chosen without such laws, but those that passed:
+    several of them together had stood for the walk.
     """
     first = _together(choice, _chosen(choice, evolved))
     laws = _laws(choice, first)
-    last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws)) if laws else first
-    return replace(_accepted(choice, last), laws=tuple(laws.values()))
+    every = (*evolved, *laws.values())
+    last = _together(choice, _chosen(choice, every, first.candidates, laws)) if laws else first
+    found = _accepted(choice, last)
+    if any(not h.verdict.passed("walk") for h in found.hypotheses):
+        without = replace(choice, timed=found.offered_as)
+        again = _accepted(choice, _together(choice, _chosen(without, every, first.candidates if laws else {}, laws)))
+        told = {h.candidate.name for h in again.hypotheses}
+        refused = (h for h in found.hypotheses if not h.accepted and h.candidate.name not in told)
+        found = replace(again, hypotheses=(*again.hypotheses, *refused))
+    return replace(found, laws=tuple(laws.values()))
 
 
 @dataclass(frozen=True)
@@ -209,7 +225,8 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
         return {name: found[number] for number, name in enumerate(asked)}
 
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, choice.fit)
-    return Additive(tuple(judged.values()), calibration, last.chosen.by_chance)
+    passed = frozenset(name for name, h in judged.items() if h.accepted)
+    return Additive(tuple(judged.values()), calibration, last.chosen.by_chance, offered_as=passed)
 
 
 def _in_detail(choice: Choice, last: _Together) -> tuple[dict[str, Candidate], Calibration]:

@@ -10,16 +10,21 @@ from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import directions, scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.instrument import instrument_walk
+from gpmodel.model.states import States
 from gpmodel.selection.group import CAP
 from gpmodel.table.units import is_time
 
 
-def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
-    """Gain of a law of the rows or of the time beyond that of a random walk, nats, on a residual without either; None
-    for any other candidate, and for curves, of which a walk is one."""
-    states = residual.poses.states
+def is_timed(candidate: Candidate, states: States) -> bool:
+    """Whether it is a law of the rows or of the time; curves are none, of which a walk is one."""
     clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
-    if candidate.kind == "curve" or clocks.isdisjoint(candidate.inputs):
+    return candidate.kind != "curve" and not clocks.isdisjoint(candidate.inputs)
+
+
+def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
+    """Gain of a timed law beyond that of a random walk, nats, on a residual without either; None for any other."""
+    states = residual.poses.states
+    if not is_timed(candidate, states):
         return None
     walks = instrument_walk(residual.calibration.model.mechanism, states)
     most = max((_nats(residual, walk) for walk in walks), default=None)

@@ -7,11 +7,14 @@ import pytest
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.read import dataset_from
+from gpmodel.table.split import hold_out
 from robots import load_mechanism
 
 ROOT = Path(__file__).parents[2]
@@ -60,6 +63,24 @@ def test_ur5_random_poses_are_predicted_to_eight_hundredths_of_a_millimetre() ->
     grid, fresh = load("grid"), load("random")
     fit = calibrate(curves("ur5", grid), grid, condition_limit=50.0)
     assert errors_on(fit, fresh).mean() < 0.080e-3
+
+
+@pytest.mark.slow
+def test_the_loop_halves_what_the_geometry_leaves_of_the_ur5() -> None:
+    """The claim of experiments/ur5_measured: 0.103 to 0.048 mm, mean over 300 poses held out.
+
+    By curves of J1 to J5 and a walk of the tracker, for which a warm-up, another and a slip of the tool had stood.
+    """
+    poses = load("grid")
+    mechanism = load_mechanism("ur5")
+    assert mechanism is not None
+    found = discover(mechanism, poses, *hold_out(poses.dataset, 0.3, np.random.default_rng(0)), search=Search(runs=0))
+    standard, last = found.steps[1].heldout_error.mean(), found.steps[-1].heldout_error.mean()
+    assert last < 0.050e-3
+    assert last < 0.49 * standard
+    assert "instrument_walk" in {f.candidate.family for f in found.findings}
+    curved = {f.candidate.inputs for f in found.findings if f.candidate.family == "joint_curve"}
+    assert curved == {(joint.name,) for joint in mechanism.joints[:5]}
 
 
 @pytest.mark.slow
