@@ -75,8 +75,9 @@ def choose(
     problem: at theta (E,). nominal: of the constant effects alone, at zero. Constant effects are preferred in the order
     of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
     The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
-    the smallest, so that tables of one machine hold the same parameters. Effects that vary need a
-    unique share; those with a prior are always held, and where no reading shows size the length that is most of it.
+    the smallest, so that tables of one machine hold the same parameters; where no reading shows size it is SIZE_LIMIT,
+    and the length that is most of size is held. Effects that vary need a unique share; those with a prior are always
+    held.
     Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
@@ -104,7 +105,7 @@ def choose(
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
         system, target = ident.remove(taken, system), ident.remove(taken, target)
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed - int(local.sum()))
-        limit = min(_largest_good(curve), SIZE_LIMIT if hidden else np.inf)
+        limit = SIZE_LIMIT if hidden else _largest_good(curve)
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     varying = np.flatnonzero(~constant & ~prior)

@@ -8,7 +8,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linear_step import LinearStep, linear_step
 from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
 from gpmodel.calibration.noise import decorrelated, decorrelated_rows
-from gpmodel.calibration.priors import TOOL_REACH, geometry_reach, noise_sigma, off_mean
+from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 
@@ -74,7 +74,7 @@ class Fitting:
         prior = np.array([e.prior for e in self.model.effects])
         pulls = off_mean(self.model, theta) * sigma / prior
         tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values()]
-        geometry = theta * sigma / geometry_reach(self.model, at.problem)
+        geometry = at.geometry @ theta
         read = at.readings.pull(problem)
         return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry, read)))
 

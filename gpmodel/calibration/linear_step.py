@@ -7,7 +7,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import ReadJoints, belief_rows, noise_sigma
+from gpmodel.calibration.priors import ReadJoints, beliefs, noise_sigma
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.least_squares import solve
@@ -18,7 +18,8 @@ class LinearStep:
     """Least squares over the columns of `free` (K,) that are left, scaled to unit length, and the rows of the priors.
 
     priors: (B, F) rows beneath the scaled columns. pulls: (B,), their right side. readings: what of approximate joint
-    values is among them. factor: of the normal equations, where the columns are many.
+    values is among them. factor: of the normal equations, where the columns are many. geometry: (G, E) rows of the
+    description on the unknowns.
     """
 
     problem: Linearised
@@ -28,6 +29,7 @@ class LinearStep:
     pulls: Array
     readings: ReadJoints
     factor: tuple[Array, bool] | None
+    geometry: Array
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
         """The whole step (K,) for a residual (M,), zero for what is not free; and what it takes off the cost, m²."""
@@ -53,8 +55,8 @@ def linear_step(
     gram: products (K, K) of the columns where these are so many that the normal equations are solved.
     """
     free = problem.free(kept)
-    rows, pull, _, single = belief_rows(model, problem, theta, placement, kept)
-    rows = rows[:, free]
+    belief = beliefs(model, problem, theta, placement, kept)
+    rows = belief.rows[:, free]
     readings = ReadJoints.beside(
         problem, np.vstack([problem.columns[:, free], rows]), free, noise_sigma(model, problem)
     )
@@ -65,8 +67,8 @@ def linear_step(
     factor = None
     if gram is not None:
         inner = gram[np.ix_(free, free)] / np.outer(scale, scale)
-        inner[np.diag_indices_from(inner)] += np.sum(rows[:single] ** 2, axis=0)
-        inner += rows[single:].T @ rows[single:]
+        inner[np.diag_indices_from(inner)] += np.sum(rows[: belief.single] ** 2, axis=0)
+        inner += rows[belief.single :].T @ rows[belief.single :]
         factor = ident.factored(inner)
-    pulls = np.concatenate([pull, readings.pull(problem)])
-    return LinearStep(problem, free, scale, rows, pulls, readings, factor)
+    pulls = np.concatenate([belief.pulls, readings.pull(problem)])
+    return LinearStep(problem, free, scale, rows, pulls, readings, factor, belief.geometry)

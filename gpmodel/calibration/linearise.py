@@ -122,7 +122,7 @@ def linearise(
     observed = observe(model, poses, theta, placement)
     residual = measured_minus(observed, poses.dataset)
     weights = np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
-    blocks, names = _placement_columns(poses, observed, placement)
+    blocks, names = placement_columns(poses, observed, placement)
     if free_joints(model.mechanism):
         blocks.append(effect_columns(model.effects, model, poses, observed))
         columns = np.concatenate(blocks, axis=2)
@@ -177,7 +177,7 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
     sizes = np.linalg.norm(weighted, axis=(0, 1))
     rows = without_eliminated(left.rows(weighted), sizes)
     bare = observe(ErrorModel(model.mechanism, ()), poses, np.zeros(0), placement)
-    nominal = np.concatenate(_placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
+    nominal = np.concatenate(placement_columns(poses, bare, placement)[0], axis=2) * weights[:, :, None]
     rest = complement(joint_columns(model.mechanism, bare) * weights[:, :, None], measured).rows(nominal)
     rows[:, :count] = observable(left.rows(weighted[:, :, :count]), rest, sizes[:count])
     readings = joint_readings(model.mechanism, observed, dense.table - poses.dataset.q, weighted, weights)
@@ -195,7 +195,8 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
     )
 
 
-def _placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
+def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
+    """Columns (N, m, P) of registration, tool and what instruments have of their own, in blocks, and their names."""
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []

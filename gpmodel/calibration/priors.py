@@ -6,8 +6,9 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import size_hidden
+from gpmodel.calibration.size import size_hidden, spread, standing_for
 from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
 """Metres: no tool point is much farther from the flange. It decides only where the poses say nothing of the tool."""
@@ -15,10 +16,6 @@ TOOL_REACH = 1.0
 GEOMETRY_REACH = 0.01
 """Metres or radians: a description of a mechanism is right to about so much. It decides only where the poses say nearly
 nothing of a length or a twist, as of those that hundreds of harmonics have taken over."""
-
-DRAWN_REACH = 0.001
-"""Metres: likewise of a length where no reading shows size, so that the description alone says how large a mechanism
-is: all its lengths together, each as far off as machined parts may be."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
@@ -46,18 +43,39 @@ def of_the_description(model: ErrorModel) -> Mask:
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
-def geometry_reach(model: ErrorModel, problem: Linearised) -> Array:
-    """How far (E,) the description may be off, m or rad; infinite of what is none of its constants."""
-    length = DRAWN_REACH if size_hidden(problem) else GEOMETRY_REACH
-    each = np.array([length if e.unit == "m" else GEOMETRY_REACH for e in model.effects])
-    return np.where(of_the_description(model), each, np.inf)
+def geometry_rows(
+    model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, kept: Mask
+) -> tuple[Array, Array]:
+    """The same for the geometry, θ σ / reach = 0.
+
+    Where no reading shows size also those constants are believed that others stand for: what is held, θ = A θ_all, has
+    the covariance reach² A Aᵀ, so that the fit is the one nearest to the description whichever are held.
+    """
+    at = np.flatnonzero(kept & of_the_description(model))
+    rows = np.zeros((len(at), problem.columns.shape[1]))
+    if len(at) and size_hidden(problem):
+        weights = _nearest(model, theta, problem, placement, at)
+    else:
+        weights = np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
+    rows[:, problem.placement + at] = weights
+    return rows, -weights @ theta[at]
 
 
-def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """The same for the geometry, θ σ / reach = 0."""
-    weight = residual_sigma(problem) / geometry_reach(model, problem)
-    at = np.flatnonzero(kept & (weight > 0))
-    return _one_each(problem, at, weight[at]), -weight[at] * theta[at]
+def _nearest(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
+    """Rows (H, H) of the held constants `at` (H,) whose sum of squares is that of all constants over their reach.
+
+    How far that is, all but growth says, whose column is the residual itself: a machine that shrinks to a point would
+    explain whatever is left.
+    """
+    others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
+    stands, growth = standing_for(model, problem, placement, at, others)
+    parts = np.hstack([np.eye(len(at)), stands])
+    lower = np.linalg.cholesky(parts @ parts.T)
+    inverse = np.linalg.inv(lower)
+    first, columns = problem.placement, problem.columns[:, problem.placement + at]
+    others_than_growth = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), (columns @ lower).T).T
+    reach = spread(others_than_growth, problem.residual + columns @ theta[at], problem.columns[:, :first])
+    return inverse * residual_sigma(problem) / reach
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
@@ -75,15 +93,26 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
     return rows, pull
 
 
-def belief_rows(
-    model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask
-) -> tuple[Array, Array, int, int]:
-    """Rows (B, K) and right side (B,) of all of these; how many of them, the first, are of priors, and how many of one
-    effect each."""
-    parts = prior_rows(model, theta, problem, kept), geometry_rows(model, theta, problem, kept)
-    rows, pulls = zip(*parts, tool_rows(problem, placement), strict=True)
+@dataclass(frozen=True)
+class Beliefs:
+    """Rows (B, K) and right side (B,) of all of these. own: how many of them, the first, are of priors. single: how
+    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns."""
+
+    rows: Array
+    pulls: Array
+    own: int
+    single: int
+    geometry: Array
+
+
+def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
+    """All that is believed at a point, of the `kept` effects (E,)."""
+    geometry = geometry_rows(model, theta, problem, placement, kept)
+    parts = prior_rows(model, theta, problem, kept), geometry, tool_rows(problem, placement)
+    rows, pulls = zip(*parts, strict=True)
     own = len(pulls[0])
-    return np.vstack(rows), np.concatenate(pulls), own, own + len(pulls[1])
+    single = own + (0 if size_hidden(problem) else len(pulls[1]))
+    return Beliefs(np.vstack(rows), np.concatenate(pulls), own, single, geometry[0][:, problem.placement :])
 
 
 @dataclass(frozen=True)

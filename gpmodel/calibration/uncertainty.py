@@ -6,7 +6,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import freedom
-from gpmodel.calibration.priors import ReadJoints, belief_rows
+from gpmodel.calibration.priors import ReadJoints, beliefs
 from gpmodel.calibration.result import Covariance, Placed, Uncertainty
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
@@ -20,9 +20,9 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     tell it, by how far these are off."""
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
-    belief, _, own, _ = belief_rows(fitting.model, problem, fitted.theta, fitted.placement, kept)
-    believed = np.vstack([problem.columns, belief])[:, free]
-    informed = believed[: len(problem.columns) + own]
+    belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
+    believed = np.vstack([problem.columns, belief.rows])[:, free]
+    informed = believed[: len(problem.columns) + belief.own]
     rank = informed.shape[1] if problem.left is None else _rank(informed)
     left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import belief_rows
+from gpmodel.calibration.priors import beliefs
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import size_hidden
 from gpmodel.evidence.criteria import Criteria
@@ -220,15 +220,15 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
     free = problem.free(kept)
-    belief, pull, own, _ = belief_rows(model, problem, theta, calibration.placement, kept)
-    if not size_hidden(problem):
-        belief, pull = belief[:own], pull[:own]
+    believed = beliefs(model, problem, theta, calibration.placement, kept)
+    count = len(believed.rows) if size_hidden(problem) else believed.own
+    belief, pull = believed.rows[:count], believed.pulls[:count]
     order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
     system = np.vstack([problem.columns[:, free], belief[order][:, free]])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
     names = tuple(e.name for e, k in zip(model.effects, kept, strict=True) if k)
-    return system, np.concatenate([shortened, pull[order]]), names, len(pull) - own
+    return system, np.concatenate([shortened, pull[order]]), names, count - believed.own
 
 
 def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:

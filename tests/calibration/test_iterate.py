@@ -32,7 +32,7 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.rotation_weight, np.ones(60, dtype=bool))
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
     rows, pull = prior_rows(model, fit.theta, problem, fit.kept)
-    geometry, geometry_pull = geometry_rows(model, fit.theta, problem, fit.kept)
+    geometry, geometry_pull = geometry_rows(model, fit.theta, problem, fit.placement, fit.kept)
     tool, tool_pull = tool_rows(problem, fit.placement)
     system = np.vstack([problem.columns, rows, geometry, tool])[:, free]
     target = np.concatenate([problem.residual, pull, geometry_pull, tool_pull])
