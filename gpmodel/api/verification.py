@@ -10,13 +10,15 @@ import pandas as pd
 from gpmodel.api.arguments import file_path
 from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, dataset_of, described, in_metres
+from gpmodel.application.later import Session, errors_at
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
+from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
 from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
-from gpmodel.report.verification import NAME, Verification, VerifyRequest, by_row, to_json, verification
+from gpmodel.report.verification import NAME, Others, Verification, VerifyRequest, by_row, to_json, verification
 from gpmodel.table.dataset import Dataset, with_payload
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
@@ -101,7 +103,18 @@ def verify_saved(
     found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order))
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets.subset(rows))
-    return VerifyResult(verification(found, replace(asked, tolerance=limit, missed=missed, rows=len(dataset))))
+    asked = replace(asked, tolerance=limit, missed=missed, rows=len(dataset))
+    if len(rows) < len(dataset) and not dataset.observations:
+        asked = replace(asked, others=_others(found.session, dataset, rows))
+    return VerifyResult(verification(found, asked))
+
+
+def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
+    """The rows that are not `judged`, where a point was measured."""
+    errors = errors_at(session, dataset)
+    errors[judged] = np.nan
+    known = np.isfinite(errors)
+    return Others(tuple(dataset.row[known].tolist()), tuple((1e3 * errors[known]).tolist()))
 
 
 def _driven(

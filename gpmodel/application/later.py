@@ -7,6 +7,7 @@ import numpy as np
 from gpmodel.application.kinematics import tips
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import SavedModel
+from gpmodel.application.predict import AT_ONCE
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
@@ -113,3 +114,14 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
         registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
     kept = {key: saved.placement.anchors[key] for _, key in kept_by(saved, dataset)}
     return replace(saved, placement=Placement(registration, saved.placement.tool, kept))
+
+
+def errors_at(session: Session, dataset: Dataset) -> Array:
+    """3-D distance (N,), m, of every point of a table from the model, in the registration that a session found by some
+    of them. Raises InputError as `matched`."""
+    saved = session.saved
+    poses, parts = prepare(saved.mechanism, matched(saved, dataset)), []
+    for rows in np.array_split(np.arange(len(poses)), -(-len(poses) // AT_ONCE)):
+        part = poses.subset(rows)
+        parts.append(pose_error(observe(saved.model, part, saved.theta, saved.placement), part.dataset))
+    return np.concatenate(parts)

@@ -48,6 +48,14 @@ class PoseRecord:
 
 
 @dataclass(frozen=True)
+class Others:
+    """The rows of a long table that the verdict does not rest on, and their errors with the model, mm."""
+
+    rows: tuple[int, ...]
+    with_mm: tuple[NotNegative, ...]
+
+
+@dataclass(frozen=True)
 class KindRecord:
     """Readings of one kind that are no points, RMS in their own unit. mm: that one unit counts as."""
 
@@ -67,7 +75,8 @@ class Verification:
     verdict: holds, drifted or another machine. sigma_mm: of one coordinate, by the model. chi_square, degrees, chance:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
-    kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged.
+    kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged;
+    others: the rest, which the tolerance is of as well.
     """
 
     command: str
@@ -93,6 +102,7 @@ class Verification:
     tolerance_mm: NotNegative | None = None
     kinds: tuple[KindRecord, ...] = ()
     rows: int = 0
+    others: Others | None = None
     schema: int = SCHEMA
     kind: str = KIND
     versions: dict[str, str] = field(default_factory=dict)
@@ -118,12 +128,27 @@ class Verification:
     @property
     def passed(self) -> bool:
         """Whether the model holds, within the tolerance where one was asked."""
-        return self.verdict == "holds" and not self.beyond_tolerance
+        return self.verdict == "holds" and not self.beyond
+
+    @property
+    def beyond(self) -> int:
+        """How many rows exceed the tolerance, of all that there are."""
+        limit, others = self.tolerance_mm, self.others.with_mm if self.others else ()
+        return len(self.beyond_tolerance) + sum(limit is not None and mm > limit for mm in others)
+
+    @property
+    def worst(self) -> tuple[int, float | None]:
+        """The row of the largest error with the model, of all that there are, and that error, mm."""
+        first = self.worst_first[0]
+        pairs = list(zip(self.others.with_mm, self.others.rows, strict=True)) if self.others else []
+        mm, row = max(pairs, default=(0.0, 0))
+        return (row, mm) if mm > (first.with_mm or 0.0) else (first.row, first.with_mm)
 
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """What was asked. missed: (N,) m by which compensated targets were missed. rows: of the table."""
+    """What was asked. missed: (N,) m by which compensated targets were missed. rows: of the table. others: those that
+    are not judged."""
 
     command: str
     model_file: str
@@ -131,6 +156,7 @@ class VerifyRequest:
     tolerance: float | None = None
     missed: Array | None = None
     rows: int = 0
+    others: Others | None = None
 
 
 def verification(found: Verified, asked: VerifyRequest) -> Verification:
@@ -177,6 +203,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
         kinds=tuple(_kinds(found, promised)),
         rows=asked.rows,
+        others=asked.others,
         versions=versions(),
     )  # fmt: skip
 

@@ -48,7 +48,7 @@ def certificate(record: Verification, particulars: Particulars) -> Certificate:
 
 def _scope(record: Verification) -> Iterator[Line]:
     yield "result", verdict(record)
-    judged = "" if record.tolerance_mm is None else f"{'fail' if record.beyond_tolerance else 'pass'}: "
+    judged = "" if record.tolerance_mm is None else f"{'fail' if record.beyond else 'pass'}: "
     yield "tolerance", f"{judged}{tolerance(record)}"
     yield from facts(record)
     yield "model of the machine", record.mechanism.name

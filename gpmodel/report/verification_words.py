@@ -68,13 +68,14 @@ def tolerance(record: Verification) -> str:
     """Whether the tolerance is kept; empty where none was asked."""
     if record.tolerance_mm is None:
         return ""
-    worst, beyond, (unit, of_one) = record.worst_first[0], record.beyond_tolerance, record.shown
+    (row, worst), (unit, of_one) = record.worst, record.shown
     limit = f"{record.tolerance_mm / of_one:.4g} {unit}"
-    if not beyond:
-        return f"Every {record.data.unit.rstrip('s')} is within {limit}, the worst has {size(record, worst.with_mm)}."
+    if not record.beyond:
+        return f"Every {record.data.unit.rstrip('s')} is within {limit}, the worst has {size(record, worst)}."
+    count = len(record.poses) + (len(record.others.rows) if record.others else 0)
     return (
-        f"{len(beyond)} of {len(record.poses)} {record.data.unit} are beyond {limit}, "
-        f"the worst, row {worst.row}, has {size(record, worst.with_mm)}."
+        f"{record.beyond} of {count} {record.data.unit} are beyond {limit}, "
+        f"the worst, row {row}, has {size(record, worst)}."
     )
 
 
