@@ -6,6 +6,7 @@ from pathlib import Path
 from gpmodel.api.arguments import file_path, quantity
 from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
+from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
@@ -22,9 +23,10 @@ class CertificateResult:
 
     def report(self, folder: str | Path) -> None:
         """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
-        from gpmodel.report import certificate as of_report
-        from gpmodel.report import verification_certificate as of_verification
-        from gpmodel.report.certificate_pdf import write_pdf
+        with extra_for("a certificate", "report"):
+            from gpmodel.report import certificate as of_report
+            from gpmodel.report import verification_certificate as of_verification
+            from gpmodel.report.certificate_pdf import write_pdf
 
         record, said, tolerance = self.record, self.said, self.tolerance_mm
         if isinstance(record, Verification):

@@ -13,6 +13,7 @@ from gpmodel.api.fitted import RecordedResult
 from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.api.results import write_results
 from gpmodel.errors import InputError
+from gpmodel.extras import extra_for
 from gpmodel.files import write_text
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
@@ -81,7 +82,8 @@ class CompareResult:
 
     def report(self, folder: str | Path) -> None:
         """Leave compare.html in `folder`. Raises InputError when it cannot be written."""
-        from gpmodel.report.compare_page import html
+        with extra_for("the page of a comparison", "report"):
+            from gpmodel.report.compare_page import html
 
         write_text(file_path(folder, "folder") / "compare.html", html(self.found))
 
@@ -144,8 +146,9 @@ class ExplainResult:
 def explain(result: object, number: int) -> ExplainResult:
     """Finding `number`, from 1, of a result or its folder, in words; where it has a model, the advice is what its next
     poses could tell. Raises InputError where it is no result, or has no such finding."""
-    from gpmodel.api.next_poses import tellable_rivals
-    from gpmodel.report import explain as explained
+    with extra_for("an explanation", "report"):
+        from gpmodel.api.next_poses import tellable_rivals
+        from gpmodel.report import explain as explained
 
     record, wanted = record_of(result, "result"), whole(number, "number", 1)
     asked = wanted <= len(record.effects) and record.effects[wanted - 1].close_rivals()

@@ -15,6 +15,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
+from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, write_text
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.instruments import with_observations
@@ -72,10 +73,11 @@ class VerifyResult(Shown):
     def report(self, folder: str | Path) -> None:
         """Leave verify.html, verify.pdf, verify.csv and verify.json, which `certificate` reads, in `folder`: all or
         none. Raises InputError when they cannot be written."""
-        from gpmodel.report.certificate_pdf import write_pdf
-        from gpmodel.report.particulars import Particulars
-        from gpmodel.report.verification_certificate import certificate
-        from gpmodel.report.verification_words import html
+        with extra_for("the page of a verification", "report"):
+            from gpmodel.report.certificate_pdf import write_pdf
+            from gpmodel.report.particulars import Particulars
+            from gpmodel.report.verification_certificate import certificate
+            from gpmodel.report.verification_words import html
 
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "verify.html", html(self.record))

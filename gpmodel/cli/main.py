@@ -82,6 +82,9 @@ class CommandGroup(click.Group):
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:
             raise click.Abort(*stopped.args) from None
+        except ModuleNotFoundError:
+            with extra_for(f"gpmodel {ctx.invoked_subcommand}"):
+                raise
         except InputError as error:
             command = self.get_command(ctx, ctx.invoked_subcommand or "")
             raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error

@@ -84,6 +84,25 @@ def test_a_lean_installation_calibrates_saves_predicts_and_compensates(tmp_path:
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.long
+def test_a_lean_installation_says_which_extra_draws_pages(tmp_path: Path) -> None:
+    """What another computer left is asked for: nothing is missing until a page is drawn."""
+    path, folder, command = write(FRAME, tmp_path / "t.csv"), str(tmp_path / "r"), "from gpmodel.cli.main import main\n"
+    gp.calibrate(gp.load_mechanism("irb6400r"), str(path), ["base_compliance"]).report(folder)
+    asked = [
+        f"gp.certificate({folder!r}).report('c')",
+        f"gp.compare({folder!r}, {folder!r}).report('c')",
+        f"gp.explain({folder!r}, 1)",
+    ]
+    out = lean("\n".join(f"print(said(lambda: {each}))" for each in asked)).splitlines()
+    assert [line.partition("pip install ")[2] for line in out] == ["'gpmodel[report]'"] * 3
+    for name, *more in (("report",), ("certificate",), ("compare", folder, "--out", "c"), ("explain", "1")):
+        code = f"{command}main({[name, folder, *more]!r})"
+        done = subprocess.run([sys.executable, "-c", LEAN + code], capture_output=True, text=True)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+        assert "pip install 'gpmodel[" in done.stderr
+
+
 def test_a_robot_read_from_urdf_predicts_without_pinocchio(tmp_path: Path) -> None:
     arm, path = tmp_path / "arm.urdf", tmp_path / "t.csv"
     arm.write_text(ODD_URDF)
