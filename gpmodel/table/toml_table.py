@@ -84,6 +84,8 @@ class TomlTable:
     def number(self, key: str) -> float:
         """A finite number without unit."""
         value = self.take(key, None)
+        if value is None:
+            raise InputError(f"{self.where}: {key} is missing; expected one finite number")
         if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
             raise InputError(f"{self.where}: {key} is {value!r}, expected one finite number")
         return float(value)

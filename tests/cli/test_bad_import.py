@@ -100,6 +100,11 @@ DESCRIBED = {
     "no focal length": ("cameras", {"camera": {"C": {"focal_px": [0.0, 0.0]}}}, "expected more than zero"),
     "a distortion of nan": ("cameras", {"camera": {"C": {"distortion": [float("nan")]}}}, "expected at most 5 numbers"),
     "a board of nothing": ("board", {"board": {"B": BOARD | {"pitch_mm": 0.0}}}, "expected pitch_mm above zero"),
+    "a board without rows": (
+        "board",
+        {"board": {"B": {"columns": 5, "pitch_mm": 30}}},
+        "rows is missing; expected one",
+    ),
     "a board beyond count": ("board", {"board": {"B": BOARD | {"columns": 10**9}}}, "columns and rows from 2 to 1000"),
     "a plane that looks nowhere": ("surfaces", {"plane": {"P": {"normal": [0, 0, 0]}}}, "normal is [0.0, 0.0, 0.0]"),
     "a line to nowhere": ("surfaces", {"line": {"L": {"direction": [0, 0, 0]}}}, "direction is [0.0, 0.0, 0.0]"),

@@ -98,7 +98,7 @@ def test_modified_rows_multiply_out(tmp_path: Path) -> None:
         (MODIFIED + "tool = 3\n" + ROW, "expected a table"),
         (MODIFIED + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\nfactor=1\n", "'J2', expected one of 'J1'"),
         (MODIFIED + ROW + "[[coupling]]\njoint='J1'\nfollows='J1'\nfactor=1\n", "follows itself"),
-        (MODIFIED + ROW + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\n", "factor is None"),
+        (MODIFIED + ROW + ROW + "[[coupling]]\njoint='J2'\nfollows='J1'\n", "factor is missing"),
         ("units = 'mm'\n" + MODIFIED + ROW, "unknown key units"),
     ],
 )
