@@ -21,7 +21,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.shapes import shapes
 from gpmodel.evolution.smooth import distance, factors, summands, through, weighted_sum, without
-from gpmodel.formula.operators import operator_set
+from gpmodel.formula.operators import BY_NAME, WRITTEN, operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
 
@@ -55,10 +55,17 @@ def _of_one(problem: SlotProblem) -> list[Solution]:
     found = _with_fitted(problem, _shapes(problem))
     words = Vocabulary(problem.inputs, operator_set("slot"))
     best = sorted(found, key=lambda law: description_length(law, problem))
-    starts = [law.program for law in best[:CLIMBED]] + [pair for pair, _ in promising(problem, words, CLIMBED)]
+    starts = [law.program for law in best if _edited(law.program)][:CLIMBED]
+    starts += [pair for pair, _ in promising(problem, words, CLIMBED)]
     found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
     top = min(found, key=lambda law: description_length(law, problem))
     return found + _with_fitted(problem, list(_shorter(top.program)))
+
+
+def _edited(program: Program) -> bool:
+    """Whether single edits know all that the program is made of: an edge they do not."""
+    made_of = {node.operator for node in program.nodes} - {"input", "constant"}
+    return all(BY_NAME[name].code != WRITTEN for name in made_of)
 
 
 def _shorter(program: Program) -> Iterator[Program]:

@@ -2,7 +2,8 @@
 
 An element is an operator of k (u - c), u the input from 0 to 1 over the poses. Every element, every element of an
 element and every product of two is compared by projection at a few k and c, some thirty thousand, so that none of them
-is missed by chance; their constants are fitted afterwards.
+is missed by chance; their constants are fitted afterwards. An edge has no slope to fit its place by: it is looked for
+between all neighbouring values.
 
 Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 """
@@ -29,6 +30,8 @@ ALONE = 3
 """How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
 LINE = "({q} - {a})"
 """The element that is the input itself, from a place."""
+EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
+"""The element that sets in at once, and the share of the poses that it leaves at either side at least."""
 JOINED = 4.0
 """Nats that an element has to gain, about its nodes and constants."""
 
@@ -82,6 +85,15 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
     return function(-x)
 
 
+def edges(column: Array) -> list[Element]:
+    """An edge half way between any two neighbouring values of a column (N,) that have enough poses at either side."""
+    u = np.sort((column - column.min()) / np.ptp(column))
+    fewest = max(1, int(np.ceil(BESIDE_EDGE * len(u))))
+    low, high = u[fewest - 1 : len(u) - fewest], u[fewest : len(u) - fewest + 1]
+    middles = 0.5 * (low + high)[high > low]
+    return [Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist()]
+
+
 ELEMENTS, FINE = tuple(_elements()), tuple(_elements(ALONE))
 
 
@@ -118,7 +130,9 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     def composed(inner: Element, outer: Element) -> str:
         return outer.written(plain(inner), parse(plain(inner)).evaluate({name: column})[0])
 
-    look(on_grid(column, FINE), ((e.text,) for e in FINE), plain, FINE)
+    for elements in (FINE, edges(column)):
+        if elements:
+            look(on_grid(column, elements), ((e.text,) for e in elements), plain, elements)
     alone = on_grid(column)
     for one, values in zip(ELEMENTS, alone, strict=True):
         look(alone * values, (tuple(sorted((e.text, one.text))) for e in ELEMENTS), partial(multiplied, one))

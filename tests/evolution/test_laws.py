@@ -32,7 +32,7 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
     return SlotProblem(INPUTS, targets, parsimony=2.0)
 
 
-BRIEF = [("sin(2*J2 + 0.7)", 6), ("tanh(3*J5)", 4)]
+BRIEF = [("sin(2*J2 + 0.7)", 6), ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4)]
 LAWS = [
     ("J2*cos(J5)", 4),
     ("exp(-6*square(J2 - 0.6))", 7), ("sin(J2 - J5)", 4), ("max('torque J2' - 0.4, 0)", 5), ("exp(-1.5*row)", 4),
