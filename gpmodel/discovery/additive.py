@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested
-from gpmodel.discovery.compact import compact_laws, is_curve
+from gpmodel.discovery.compact import compact_laws, is_curve, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
@@ -19,12 +19,12 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.together import eliminate_and_readmit
 from gpmodel.discovery.walk import is_timed
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.cross_validation import better_by, cross_validated
+from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import family, names
+from gpmodel.families.catalogue import family
 from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
@@ -42,9 +42,6 @@ PLAIN = 2
 MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
 law of seven nodes has three constants."""
-
-CLEARLY = 2.0
-"""Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
 
 MOST_RIVALS = 6
 """Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
@@ -69,8 +66,8 @@ class Choice:
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
     user name. pointed: inputs that stand out of the histograms, None where there
-    is none. late: whether the time is up. timed: laws of the rows or of the time that alone may be offered, None for
-    all.
+    is none. late: whether the time is up. fresh: names of what was evolved since the last choice. timed: laws of the
+    rows or of the time that alone may be offered, None for all.
     """
 
     standard: Calibration
@@ -81,6 +78,7 @@ class Choice:
     criteria: Criteria
     pointed: frozenset[str] | None = None
     late: Callable[[], bool] = lambda: False
+    fresh: frozenset[str] = frozenset()
     timed: frozenset[str] | None = None
 
     def asks_for(self, group: Group) -> bool:
@@ -174,34 +172,24 @@ def _chosen(
 
 
 def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
-    """Of every curve that was chosen, and of what was evolved in several terms: the law of one term that saves most,
-    where it predicts as well within one standard error.
+    """Of every curve that was chosen, and of what was evolved in several terms or just now: the law of one term that
+    saves most, where it predicts as well within one standard error.
 
-    Where it does not predict better by two, it has to save as much as several terms, as a free function of its inputs
-    but for the price of a name, and more than one that a family of the catalogue explains, by the head start of named
-    effects. Curves with constants inside are refined instead. Terms were evolved beside poses that stood far out;
-    now these are explained.
-
-    Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
+    Programs are bred at all
+    places at once and miss forms that a search at one place looks at one by one. Curves with constants inside are
+    refined instead. Terms were evolved beside poses that stood far out; now these are explained.
     """
-    criteria = choice.criteria
     curves = [
         c
         for c, k in zip(first.candidates.values(), first.chosen.kept, strict=True)
-        if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None) or (not c.family and len(c.effects) > 1)
+        if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None)
+        or (not c.family and (len(c.effects) > 1 or c.name in choice.fresh))
     ]
     if not curves:
         return {}
-    found = {}
     searched = () if choice.late() else compact_laws(first.left, curves, choice.search)
-    for curve, residual, laws in searched:
-        own, *nats = (score.nats for score in scores(residual, (curve, *(law.candidate for law in laws))))
-        most, law = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
-        margin = criteria.head_start if curve.family in names() else -criteria.naming_margin * is_curve(curve)
-        worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
-        if worse < 1.0 and (most >= own + margin or worse < -CLEARLY):
-            found[curve.name] = law.simplified()
-    return found
+    found = ((curve.name, replacement(curve, residual, laws)) for curve, residual, laws in searched)
+    return {name: law.simplified() for name, law in found if law}
 
 
 def _accepted(choice: Choice, last: _Together) -> Additive:

@@ -9,12 +9,15 @@ import numpy as np
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import targets
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import better_by
 from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.laws import laws_at
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import family
+from gpmodel.families.catalogue import family, names
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.sites import Site, sites_of
@@ -23,6 +26,9 @@ from gpmodel.selection.programs import as_candidate, without_poles
 
 TOGETHER, MOST_INPUTS = 2, 3
 """Inputs of a law; and of what was evolved, of which a law in two may say as much: its third may be there by chance."""
+
+CLEARLY = 2.0
+"""Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,29 @@ def compact_laws(
         searched = [_candidates(residual, curve, task, found[next(numbers)], search) for task in tasks]
         if laws := tuple(chain.from_iterable(searched)):
             yield curve, residual, laws
+
+
+def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:
+    """The law that saves most in the place of a curve, where it predicts as well within one standard error.
+
+    Where it does not predict better by two, it has to save so much more as ``_margin`` says. residual: without the
+    curve. Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
+    """
+    criteria = residual.criteria
+    own, *nats = (score.nats for score in scores(residual, (curve, *(law.candidate for law in laws))))
+    most, law = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
+    worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
+    return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
+
+
+def _margin(curve: Candidate, criteria: Criteria) -> float:
+    """Nats by which a law has to save more: than what has a name, by the head start of named effects; than a free
+    function, by less than the price of a name; than several evolved terms, by none; than one, by what is no tie."""
+    if curve.family in names():
+        return criteria.head_start
+    if is_curve(curve):
+        return -criteria.naming_margin
+    return criteria.tie if len(curve.effects) == 1 else 0.0
 
 
 def is_curve(group: Group | Candidate) -> bool:

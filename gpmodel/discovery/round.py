@@ -37,7 +37,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     state.say(f"round {number}: choosing groups of effects together")
     choice = Choice(
         standard_fit, lambda found, start: state.fit(state.model(found), start) if found else standard_fit, train,
-        state.offers, state.search, state.criteria, pointed, lambda: state.late,
+        state.offers, state.search, state.criteria, pointed, lambda: state.late, frozenset(c.name for c in new),
     )  # fmt: skip
     found = additive(choice, (*state.evolved, *new))
     searched = [*judged, *(h for r in state.rounds for h in r.hypotheses)]
