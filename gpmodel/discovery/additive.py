@@ -175,9 +175,8 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
     """Of every curve that was chosen, and of what was evolved in several terms or just now: the law of one term that
     saves most, where it predicts as well within one standard error.
 
-    Programs are bred at all
-    places at once and miss forms that a search at one place looks at one by one. Curves with constants inside are
-    refined instead. Terms were evolved beside poses that stood far out; now these are explained.
+    Programs are bred at all places at once and miss forms that a search at one place looks at one by one. Curves with
+    constants inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
     """
     curves = [
         c
