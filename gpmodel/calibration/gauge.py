@@ -76,8 +76,8 @@ def choose(
     of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
     The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
     the smallest, so that tables of one machine hold the same parameters; where no reading shows size it is SIZE_LIMIT,
-    and the length that is most of size is held. Effects that vary need a unique share; those with a prior are always
-    held.
+    with values enough, and the length that is most of size is held. Effects that vary need a unique share; those with a
+    prior are always held.
     Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
@@ -105,7 +105,9 @@ def choose(
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
         system, target = ident.remove(taken, system), ident.remove(taken, target)
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed - int(local.sum()))
-        limit = SIZE_LIMIT if hidden else _largest_good(curve)
+        limit = _largest_good(curve)
+        if hidden and len(ranking.kept(SIZE_LIMIT)) + fixed + 1 < len(problem.residual):
+            limit = SIZE_LIMIT
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     varying = np.flatnonzero(~constant & ~prior)
