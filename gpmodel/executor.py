@@ -7,9 +7,9 @@ or how often it was begun again.
 import copyreg
 import multiprocessing
 import os
+import pickle
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
 from types import MappingProxyType
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, TypeVar
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -75,7 +75,8 @@ class Threads:
 
 @dataclass(frozen=True)
 class Forks:
-    """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled.
+    """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled; a task
+    whose result cannot be is done here.
 
     Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), and where other threads
     run, which may hold a lock at that moment; in a copy itself one task after another.
@@ -100,8 +101,8 @@ class Forks:
             return pool
 
         with threadpool_limits(1, user_api="blas"):
-            found = _lost_replaced(opened, _inherited_task, range(len(tasks)), AHEAD * count)
-            yield from cast(Iterator[tuple[int, Found]], found)
+            for number, found in _lost_replaced(opened, _inherited_task, range(len(tasks)), AHEAD * count):
+                yield number, function(tasks[number]) if found is None else pickle.loads(found)
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
@@ -114,15 +115,20 @@ def _as_copy(parent: int, function: Callable[..., object], tasks: Sequence[objec
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(1.0)
+            threading.Event().wait(1.0)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _inherited_task(number: int) -> object:
+def _inherited_task(number: int) -> bytes | None:
+    """The result of a task as bytes; None where it cannot be pickled, as with an effect of a user's own function."""
     function, tasks = _inherited[-1]
-    return function(tasks[number])
+    found = function(tasks[number])
+    try:
+        return pickle.dumps(found)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ def fail(number):
 found = dict(Forks(2)(work, range(8)))
 assert [found[n][1] for n in range(8)] == list(range(8))
 assert {tuple(inner) for _, _, inner in found.values()} == {(0, 1, 2)}
+assert [own() for _, own in sorted(Forks(2)(lambda number: lambda: number, range(3)))] == [0, 1, 2]
 try:
     list(Forks(2)(fail, range(2)))
 except InputError as error:

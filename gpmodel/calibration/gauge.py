@@ -67,6 +67,11 @@ def preference(
     return np.array([i for *_, i in sorted(kinds)], dtype=np.int64)
 
 
+ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
+"""Where no reading shows size: measured values for each unknown from which all constants can be held beside what the
+readings place, and the condition limit with fewer, at which some degrees of freedom are left."""
+
+
 def choose(
     model: ErrorModel, problem: Linearised, nominal: Linearised, theta: Array, condition_limit: float | None, seed: int
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
@@ -106,8 +111,9 @@ def choose(
         system, target = ident.remove(taken, system), ident.remove(taken, target)
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed - int(local.sum()))
         limit = _largest_good(curve)
-        if hidden and len(ranking.kept(SIZE_LIMIT)) + fixed + 1 < len(problem.residual):
-            limit = SIZE_LIMIT
+        if hidden:
+            enough = len(problem.residual) > ENOUGH * (len(ranking.kept(SIZE_LIMIT)) + fixed)
+            limit = SIZE_LIMIT if enough else min(limit, LIMIT_OF_FEW)
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     varying = np.flatnonzero(~constant & ~prior)

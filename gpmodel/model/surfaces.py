@@ -5,6 +5,7 @@ Each lies in a frame of its own: the plane is z = 0, the line the z axis, the sp
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -76,14 +77,26 @@ def _away(points: Array) -> Array:
     return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None, :]
 
 
-def _constant(rows: Array) -> Callable[[Array], Array]:
-    return lambda points: np.broadcast_to(rows, (len(points), *rows.shape))
+def _height(points: Array) -> Array:
+    return points[:, 2:].copy()
+
+
+def _across(points: Array) -> Array:
+    return points[:, :2].copy()
+
+
+def _itself(points: Array) -> Array:
+    return points.copy()
+
+
+def _everywhere(rows: Array, points: Array) -> Array:
+    return np.broadcast_to(rows, (len(points), *rows.shape))
 
 
 SURFACES = {
-    "on_plane": Surface(3, (2, 3, 4), lambda p: p[:, 2:].copy(), _constant(np.eye(3)[2:]), _place_plane),
+    "on_plane": Surface(3, (2, 3, 4), _height, partial(_everywhere, np.eye(3)[2:]), _place_plane),
     "on_sphere": Surface(4, (0, 1, 2), _off_sphere, _away, _place_sphere),
-    "point": Surface(1, (0, 1, 2), lambda p: p.copy(), _constant(np.eye(3)), _place_point),
-    "on_line": Surface(2, (0, 1, 3, 4), lambda p: p[:, :2].copy(), _constant(np.eye(3)[:2]), _place_line),
+    "point": Surface(1, (0, 1, 2), _itself, partial(_everywhere, np.eye(3)), _place_point),
+    "on_line": Surface(2, (0, 1, 3, 4), _across, partial(_everywhere, np.eye(3)[:2]), _place_line),
 }
 """By the column of the table that names what was touched, and the point that rows of one label share."""
