@@ -25,6 +25,7 @@ from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.executor import Forks
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
@@ -100,7 +101,7 @@ def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
     run = partial(discover, JOINT, search=Search(runs=0, workers=1), seed=1)
     found = run(poses, np.arange(POSES), np.zeros(0, dtype=np.int64))
     if found.findings:
-        found = discover_by_folds(run, run, poses, FOLDS, Criteria(), Search(workers=0))
+        found = discover_by_folds(run, run, poses, FOLDS, Criteria(), Forks())
     standard = found.steps[1].calibration
     chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)), seed=1)
     reads, name = KINDS[kind].reads, KINDS[kind].name

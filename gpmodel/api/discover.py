@@ -144,7 +144,7 @@ def discover(
     fraction, parts = _split(holdout, folds, poses.dataset)
     if parts:
         again = partial(run, search=replace(search or Search(), runs=0) if offers else search)
-        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), search or Search())
+        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), (search or Search()).here)
     else:
         found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))

@@ -31,8 +31,8 @@ def verify(
     `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
     tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as of `predict`. cameras, board,
     surfaces: as of `read_table`, where they are others than in the table of the fit. progress: called with what is
-    being done. command: what verify.json says made it. The verdict rests on 2000 rows of
-    more, in even stretches; the tolerance on all, where points were measured.
+    being done. command: what verify.json says made it. The verdict rests on 2000 rows of more, in even stretches; the
+    tolerance on all, where points were measured.
     Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
     four poses.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.application.kinematics import tips
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.predict import AT_ONCE
+from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
@@ -121,7 +121,7 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
     of them. Raises InputError as `matched`."""
     saved = session.saved
     poses, parts = prepare(saved.mechanism, matched(saved, dataset)), []
-    for rows in np.array_split(np.arange(len(poses)), -(-len(poses) // AT_ONCE)):
+    for rows in batches(len(poses)):
         part = poses.subset(rows)
         parts.append(pose_error(observe(saved.model, part, saved.theta, saved.placement), part.dataset))
     return np.concatenate(parts)

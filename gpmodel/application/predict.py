@@ -7,7 +7,7 @@ from gpmodel.application.matching import matched
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import check_finite, outside
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics.se3 import rotation_vector
@@ -30,11 +30,16 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
     """
     poses, parts = prepare(saved.mechanism, matched(saved, dataset)), list[dict[str, Array]]()
     solved = bool(free_joints(saved.mechanism)) and bool(np.isfinite(poses.dataset.position).any())
-    for rows in np.array_split(np.arange(len(poses)), -(-len(poses) // AT_ONCE)):
+    for rows in batches(len(poses)):
         if len(rows) < len(poses):
             say(Progress(f"{rows[0]} of {len(poses)} poses predicted", passing=True))
         parts.append(_predicted(saved, poses.subset(rows), solved))
     return {header: np.concatenate([part[header] for part in parts]) for header in parts[0]}
+
+
+def batches(count: int) -> list[IntArray]:
+    """The rows of a table, in order, some thousands at a time."""
+    return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:

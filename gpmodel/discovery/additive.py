@@ -109,7 +109,7 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     found = _accepted(choice, last)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         without = replace(choice, timed=found.offered_as)
-        again = _accepted(choice, _together(choice, _chosen(without, every, first.candidates if laws else {}, laws)))
+        again = _accepted(choice, _together(choice, _chosen(without, every, first.candidates, laws)))
         told = {h.candidate.name for h in again.hypotheses}
         refused = (h for h in found.hypotheses if not h.accepted and h.candidate.name not in told)
         found = replace(again, hypotheses=(*again.hypotheses, *refused))

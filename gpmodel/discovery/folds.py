@@ -14,10 +14,10 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.rows import drop_duplicate_rows
-from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.executor import Workers
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles
@@ -28,13 +28,13 @@ Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 
 
 def discover_by_folds(
-    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, search: Search
+    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, workers: Workers
 ) -> Discovery:
     """Run the whole loop on all poses, then once `again` without each of `count` folds of them, whole bundles.
 
     The errors of each step are those of the poses held out, as the choice without them predicts them: of a fold that
     found less, its last model stands for further steps. again: may leave the evolution out, which makes the errors
-    larger than those of such a choice, not smaller. search: of which the workers count.
+    larger than those of such a choice, not smaller. workers: of the repetitions.
     Raises InputError for fewer than two folds, or more than there are bundles of poses.
     """
     started = time.monotonic()
@@ -49,7 +49,7 @@ def discover_by_folds(
     def without(k: int) -> Discovery:
         return again(poses, np.flatnonzero(fold != k), np.flatnonzero(fold == k))
 
-    parts = dict(search.here(without, range(count)))
+    parts = dict(workers(without, range(count)))
     choices = [parts[k] for k in range(count)]
     steps = tuple(
         replace(step, heldout_error=_errors(poses, choices, number)) for number, step in enumerate(found.steps)

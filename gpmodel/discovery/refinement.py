@@ -91,24 +91,23 @@ def told_apart(residual: Residual, candidates: Mapping[str, Candidate]) -> dict[
     kept = dict(candidates)
     for name, other in permutations(candidates, 2):
         if name in kept and other in kept and _movable(kept[name]) and _acts(kept[name]) == _acts(kept[other]):
-            left = residual.without((*kept[name].effects, *kept[other].effects))
+            both = (*kept[name].effects, *kept[other].effects)
+            left = residual.without(both)
             alone = refined(left, kept[name])
-            gained = _nats(left, alone.effects) - _nats(left, kept[name].effects)
-            if gained > _saved(residual, kept[other], kept[name]) - 0.5 * _movable(kept[other]) * np.log(left.measured):
+            own = _nats(left, kept[name].effects)
+            saved = _saved(residual, kept[other], _nats(left, both) - own)
+            if _nats(left, alone.effects) - own > saved - 0.5 * _movable(kept[other]) * np.log(left.measured):
                 kept[name] = alone
                 del kept[other]
     return kept
 
 
-def _saved(residual: Residual, candidate: Candidate, beside: Candidate) -> float:
-    """Nats that a candidate saves beside another, its unknowns paid for by their priors, or each by half a log of the
-    measurements. residual: with both in the model."""
+def _saved(residual: Residual, candidate: Candidate, nats: float) -> float:
+    """What a candidate saves beside all others, its unknowns paid for by their priors, or each by half a log of the
+    measurements. residual: with it in the model. nats: what it saves beside another without priors, unpaid."""
     if candidate.has_priors:
         return scores(residual.without(candidate.effects), [candidate])[0].nats
-    both = (*candidate.effects, *beside.effects)
-    left = residual.without(both)
-    paid = 0.5 * len(candidate.effects) * np.log(left.measured)
-    return float(_nats(left, both) - _nats(left, beside.effects) - paid)
+    return float(nats - 0.5 * len(candidate.effects) * np.log(residual.measured))
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
