@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy import linalg
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
@@ -107,7 +108,8 @@ def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) 
 
 def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
     """RMS, mm, over the poses of what each group of effects moves the measured point by and nothing else in the model,
-    registration and tool included, takes up: the residual of its displacement projected on their columns.
+    registration and tool included, takes up: the residual of its displacement projected on their columns. By QR, which
+    keeps all inner products, the rows are as few as the columns.
 
     None beside free joints, which take up more at every pose, and where no point was read.
     """
@@ -115,7 +117,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     point = np.nonzero(problem.weights > 0)[1] < 3
     if problem.left is not None or not point.any():
         return [None] * len(groups)
-    columns = problem.columns[point]
+    columns = linalg.qr(problem.columns[point], mode="r", check_finite=False)[0]
     held = problem.free(fit.kept)
     theta = np.concatenate([np.zeros(problem.placement), fit.theta])
     out: list[float | None] = []
