@@ -62,10 +62,10 @@ class Model(Shown):
         poses: joint values and the further columns the model reads, as in a measured table. Now is the end of the
         session the model was fitted to, where effects that read its rows or time (`of_its_session`) have left it; the
         errors of the instrument that were found are left out. as_measured: with these, what the instrument would read.
-        session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which
-        the poses are taken, which play and hysteresis ask for. progress: called with what is being done. Outside its
-        ranges a law that nobody named keeps its value at the edge. Raises InputError where a column, a set-up or a tool
-        does not fit the model.
+        session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which the
+        poses are taken, which play and hysteresis ask for. progress: called with what is being done. Beyond its ranges,
+        by more than a twentieth of their width, a law that nobody named keeps its value. Raises InputError where a
+        column, a set-up or a tool does not fit the model.
         """
         return self.judged(poses, as_measured, session, in_order, progress)[0]
 

@@ -32,7 +32,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     """RMS and maximum, mm, of what groups of effects of a fit move the tool by at joint values anywhere within the
     limits.
 
-    Everything else is as in random rows of the table; laws that nobody named keep their value at the edge of the range
+    Everything else is as in random rows of the table; laws that nobody named keep their value well beyond the range
     they were fitted in, as `predict` has it. Nothing is said of what ended with the session, of a mechanism whose
     joints are not all measured, or where the model remembers rows that nobody says are in order.
     """

@@ -9,12 +9,14 @@ from cli_cases import robot, table
 
 import gpmodel as gp
 from gpmodel.api.model import POINTS, Point
+from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import predicted_columns
-from gpmodel.application.usable import placed_now, usable
+from gpmodel.application.usable import REACH, placed_now, usable
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import prepare
+from gpmodel.model.states import States
 from gpmodel.table.dataset import unmeasured
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
@@ -39,21 +41,40 @@ def test_the_deviation_covers_where_the_instrument_sees_the_true_point() -> None
     assert np.mean(np.linalg.norm(spread, axis=1) ** 2) == pytest.approx(np.mean(stated**2), rel=0.35)
 
 
-def test_beyond_its_ranges_an_unnamed_law_keeps_its_edge_and_a_named_one_goes_on() -> None:
-    arm = gp.load_mechanism("irb6400r")
+def saved_law(text: str, family: str = "") -> tuple[SavedModel, tuple[float, float]]:
+    """A model with a law of J3 at J3, and the range of J3 that it was fitted in."""
+    law = Effect("law", (Term("J3.moving", "Ry", gp.Expression(text)),), "rad", family)
     measured = table(60, effects=("J3.moving:Ry:J3**3=1 mrad",))
-    for family, clamped in (("", True), ("hardening_stiffness", False)):
-        law = Effect("law", (Term("J3.moving", "Ry", gp.Expression("J3**3")),), "rad", family)
-        saved = gp.calibrate(arm, measured, [law], standard=("none",)).model.saved
-        low, high = saved.ranges["J3"]
-        q = np.zeros((3, 6))
-        q[:, 2] = high, high + 0.1, high + 0.3
-        poses = unmeasured([j.name for j in arm.joints], q)
-        out = predicted_columns(usable(saved), poses)
-        assert out["outside"].tolist() == ["", "J3", "J3"]
-        twist = usable(saved).model.effects[0].terms[0].basis(prepare(arm, poses).states)
-        assert (np.ptp(twist[:2]) == 0.0) == clamped
-        assert low < high
+    saved = gp.calibrate(gp.load_mechanism("irb6400r"), measured, [law], standard=("none",)).model.saved
+    return saved, saved.ranges["J3"]
+
+
+@pytest.mark.parametrize(("family", "clamped"), [("", True), ("hardening_stiffness", False)])
+def test_well_beyond_its_ranges_an_unnamed_law_keeps_its_value_and_a_named_one_goes_on(
+    family: str, clamped: bool
+) -> None:
+    saved, (low, high) = saved_law("J3**3", family)
+    q = np.zeros((4, 6))
+    q[:, 2] = high + (high - low) * np.array([0.0, 0.5 * REACH, 2.0 * REACH, 3.0 * REACH])
+    poses = unmeasured([j.name for j in saved.mechanism.joints], q)
+    assert predicted_columns(usable(saved), poses)["outside"].tolist() == ["", "J3", "J3", "J3"]
+    twist = usable(saved).model.effects[0].terms[0].basis(prepare(saved.mechanism, poses).states)
+    assert twist[1] == pytest.approx(q[1, 2] ** 3)
+    assert (twist[2] == twist[3]) == clamped
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["reciprocal({x})", "reciprocal(square({x}))", "log({x})", "exp(-400*({x}))"],
+    ids=["pole", "even pole", "logarithm", "steep"],
+)
+def test_a_law_ends_at_its_range_where_it_changes_much_beyond_it(text: str) -> None:
+    _, (low, high) = saved_law("J3")
+    width = high - low
+    saved, _ = saved_law(text.format(x=f"J3 - ({low - 0.2 * REACH * width})"))
+    basis = usable(saved).model.effects[0].terms[0].basis
+    at_edge, beyond = basis(States({"J3": np.array([low, low - 0.5 * REACH * width])}, {"J3": "rad"}))
+    assert at_edge == beyond
 
 
 def test_within_its_ranges_nothing_changes() -> None:
