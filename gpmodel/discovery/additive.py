@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested
-from gpmodel.discovery.compact import compact_laws, is_curve, replacement
+from gpmodel.discovery.compact import compact_laws, is_curve, of_one_place, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
@@ -172,18 +172,20 @@ def _chosen(
 
 
 def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
-    """Of every curve that was chosen, and of what was evolved in several terms or just now: the law of one term that
-    saves most, where it predicts as well within one standard error.
+    """Of every curve that was chosen, of what was evolved in several terms or just now, and of several at one place
+    together: the law of one term that saves most, where it predicts as well within one standard error.
 
     Programs are bred at all places at once and miss forms that a search at one place looks at one by one. Curves with
     constants inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
     """
+    chosen = list(zip(first.candidates.values(), first.chosen.kept, strict=True))
     curves = [
         c
-        for c, k in zip(first.candidates.values(), first.chosen.kept, strict=True)
+        for c, k in chosen
         if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None)
         or (not c.family and (len(c.effects) > 1 or c.name in choice.fresh))
     ]
+    curves += of_one_place(c for c, k in chosen if k.determined <= MOST_DETERMINED)
     if not curves:
         return {}
     searched = () if choice.late() else compact_laws(first.left, curves, choice.search)

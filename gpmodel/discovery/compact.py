@@ -1,7 +1,8 @@
 """The shortest law of a curve: what was chosen as a sum of many terms, said in one."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, combinations, count
 
 import numpy as np
@@ -79,6 +80,29 @@ def compact_laws(
             yield curve, residual, laws
 
 
+def of_one_place(candidates: Iterable[Candidate]) -> Iterator[Candidate]:
+    """Candidates at one place that read two inputs together, as one: functions of both and of one of them may stand
+    for one law. Where all have names they stay what they are."""
+    at: dict[tuple[frozenset[object], bool], list[Candidate]] = defaultdict(list)
+    for one in candidates:
+        at[_sites(one), one.has_priors].append(one)
+    for (sites, _), parts in at.items():
+        read = {name for c in parts for name in c.inputs}
+        if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER and any(_unnamed(c) for c in parts):
+            name, cost = " and ".join(c.name for c in parts), sum(c.cost for c in parts)
+            effects = tuple(e for c in parts for e in c.effects)
+            yield replace(parts[0], name=name, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
+
+
+def _sites(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
+    """Slots, axes and weights at which it acts."""
+    return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
+
+
+def _unnamed(candidate: Candidate) -> bool:
+    return not candidate.family or is_curve(candidate)
+
+
 def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:
     """The law that saves most in the place of a curve, where it predicts as well within one standard error.
 
@@ -112,7 +136,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
     has several places or more inputs."""
     residual = left.without(curve.effects)
-    sites = {tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in curve.effects}
+    sites = _sites(curve)
     poses = len(residual.poses)
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)

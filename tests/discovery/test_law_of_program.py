@@ -1,6 +1,7 @@
-"""A program that was evolved and chosen gives way to the shorter law of its inputs at its place."""
+"""What was evolved and chosen, alone or in several parts at one place, gives way to the law of its inputs there."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from effect_cases import bare, measure, mechanism
@@ -8,8 +9,11 @@ from effect_cases import bare, measure, mechanism
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.additive import Additive, Choice, additive
+from gpmodel.discovery.compact import compact_laws, of_one_place, replacement
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
@@ -44,3 +48,37 @@ def test_what_was_evolved_just_now_gives_way_to_the_law_of_its_input(fresh: bool
     assert [c.inputs for c in accepted] == [("J4",)]
     nodes = Expression(str(accepted[0].effects[0].terms[0].basis)).program.complexity
     assert (nodes < Expression(AWKWARD).program.complexity) == fresh
+
+
+PRODUCT = "sqrt(J1 + 2.8)*max(J4, 0.4)"
+PARTS = "J1*J4", "J4"
+
+
+def at_one_place(*texts: str, found_by: str = "evolved", slot: str = "J4.moving") -> list[Candidate]:
+    return [Candidate(t, (effect_at(t, slot, "Rz", Expression(t)),), "", 20.0, found_by) for t in texts]
+
+
+@pytest.mark.long
+def test_parts_at_one_place_give_way_to_the_law_that_they_stood_for() -> None:
+    """The law of a part alone is searched beside the other part, which has taken some of it."""
+    arm = mechanism(ARM)
+    law = effect_at("law", "J4.moving", "Rz", Expression(PRODUCT))
+    truth = measure(ARM, [law], [1e-3], 3, dataset=bare(ARM, 150, 3))
+    parts = at_one_place(*PARTS)
+    effects = (*geometric_effects(arm), *(e for c in parts for e in c.effects))
+    left = residual_of(calibrate(ErrorModel(arm, effects), truth.poses), truth.poses, Criteria(), 0)
+    (whole,) = of_one_place(parts)
+    ((curve, residual, laws),) = compact_laws(left, [whole], Search(workers=2))
+    found = replacement(curve, residual, laws)
+    assert found is not None
+    before, after = scores(residual, [whole, found.candidate])
+    assert set(found.candidate.inputs) == {"J1", "J4"}
+    assert after.nats > before.nats + 100.0
+
+
+def test_what_is_named_or_elsewhere_or_reads_a_third_input_is_not_joined() -> None:
+    named = [replace(c, family="gear_ripple") for c in at_one_place("sin(J4)", "cos(J4)")]
+    elsewhere = [*at_one_place("J1"), *at_one_place("J2", slot="J5.moving")]
+    for apart in (named, elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
+        assert not list(of_one_place(apart))
+    assert [c.name for c in of_one_place([*named, *at_one_place("J4")])] == ["sin(J4) and cos(J4) and J4"]
