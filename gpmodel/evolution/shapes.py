@@ -1,7 +1,7 @@
 """Short shapes of one input: an operator of it, an operator of that, a product of two, all looked at on a grid.
 
 An element is an operator of k (u - c), u the input from 0 to 1 over the poses. Every element, every element of an
-element and every product of two is compared by projection at a few k and c, some thirty thousand, so that none of them
+element and every product of two is compared by projection at a few k and c, some forty thousand, so that none of them
 is missed by chance; their constants are fitted afterwards. An edge has no slope to fit its place by: it is looked for
 between all neighbouring values.
 
@@ -24,7 +24,7 @@ from gpmodel.formula.program import Program
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
 """Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
-STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 4), (1.5, 20.0, 2), (3.0, 8.0, 1)
+STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
 """Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
 ALONE = 3
 """How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
@@ -54,7 +54,7 @@ class Element:
 
 
 def _elements(finer: int = 1) -> Iterator[Element]:
-    """Line, parabola, kink, ramps, dead band; wave, steps, bump, resonance; growth, decay; roots, logarithms, poles."""
+    """Line, parabolas, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
     first, last, steps = INSIDE
     inside = np.linspace(first, last, steps * finer + 1).tolist()
@@ -73,7 +73,10 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         for k in widths:
             yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
             yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
+    for c in (*(-d for d in OUTSIDE), *(1.0 + d for d in OUTSIDE)):
+        yield Element("square({q} - {a})", np.square, c=c)
     for c, d in combinations(inside, 2):
+        yield Element("({q} - {a})*({q} - {b})", lambda x: x * (x - 1.0), 1.0 / (d - c), c)
         yield Element("({q} - max(min({q}, {b}), {a}))", lambda x: x - np.clip(x, 0.0, 1.0), 1.0 / (d - c), c)
     yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(growth, (1, -1)))
     for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
