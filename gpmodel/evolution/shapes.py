@@ -65,6 +65,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         yield Element(LINE, lambda x: x, c=c)
         yield Element("square({q} - {a})", np.square, c=c)
         yield Element("abs({q} - {a})", np.abs, c=c)
+        yield Element("({q} - {a})*sqrt(abs({q} - {a}))", lambda x: x * np.sqrt(np.abs(x)), c=c)
         yield Element("max({q} - {a}, 0)", lambda x: np.maximum(x, 0.0), c=c)
         yield Element("min({q} - {a}, 0)", lambda x: np.minimum(x, 0.0), c=c)
         yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in turns)
