@@ -41,8 +41,11 @@ before = gp.calibrate(arm, frame[:70], effects=["joint_compliance J5"]).model
 again = gp.verify(before, frame[70:], tolerance="0.2 mm")
 print(again.summary())
 
-# certificate: how accurate the machine is, a page and a PDF
-gp.certificate(again, machine="cell 4").report("certificate")
+# certificate: how accurate the machine is, printed, as a page and a PDF, and as JSON
+certified = gp.certificate(again, machine="cell 4")
+print(certified.summary())
+certified.report("certificate")
+certified.save("certificate.json")
 
 # Search: how hard to look; runs=0 leaves evolution out
 search = gp.Search(runs=0)

@@ -1,5 +1,6 @@
 """Pages of the documentation that are made of the package itself, each time it is built: none can be out of date."""
 
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +20,11 @@ import gallery_page  # noqa: E402
 import public_names  # noqa: E402
 
 import gpmodel as gp  # noqa: E402
+
+WORKER = "https://unpkg.com/iframe-worker/shim"
+"""Where the theme would load it from."""
+CODE, OPTION = re.compile(r"<code>[^<]*</code>"), re.compile(r"(?<![\w-])--?[a-z][\w-]*")
+"""Code in a sentence, and an option in it."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -51,9 +57,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Keeps the names of options in a sentence whole: a browser breaks lines after a hyphen."""
+    return CODE.sub(lambda code: OPTION.sub(r'<span class="option">\g<0></span>', code[0]), html)
+
+
+def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
+    """The same of the page that a server shows where there is none."""
+    return output.replace(WORKER, "/iframe-worker.js")
+
+
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Has the search of pages that are opened as files load its worker from beside them, not from the network."""
-    return output.replace("https://unpkg.com/iframe-worker/shim", get_relative_url("iframe-worker.js", page.url))
+    return output.replace(WORKER, get_relative_url("iframe-worker.js", page.url))
 
 
 def documents() -> dict[str, str]:

@@ -1,42 +1,66 @@
 """The certificate of a result: what machine, measured how, how accurate, on one or two sides of A4."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path, quantity
+from gpmodel.api.display import Shown
 from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
 from gpmodel.extras import extra_for
-from gpmodel.files import finished_folder, write_text
+from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
 from gpmodel.report.verification import Verification, read_verification
 
+if TYPE_CHECKING:
+    from gpmodel.report.certificate import Certificate
+
 
 @dataclass(frozen=True, repr=False)
-class CertificateResult:
+class CertificateResult(Shown):
     """The certificate of a calibration, a discovery or a verification. said: what stands beside the numbers."""
 
     record: Report | Verification
     said: Particulars
     tolerance_mm: float | None = None
+    _with_rows = False
 
-    def report(self, folder: str | Path) -> None:
-        """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
+    @cached_property
+    def sheet(self) -> "Certificate":
+        """Everything that it states, as text. Raises InputError where this installation cannot make one."""
         with extra_for("a certificate", "report"):
             from gpmodel.report import certificate as of_report
             from gpmodel.report import verification_certificate as of_verification
-            from gpmodel.report.certificate_pdf import write_pdf
 
         record, said, tolerance = self.record, self.said, self.tolerance_mm
         if isinstance(record, Verification):
             judged = record if tolerance is None else replace(record, tolerance_mm=tolerance)
-            sheet = of_verification.certificate(judged, said)
-        else:
-            sheet = of_report.certificate(record, said, tolerance)
+            return of_verification.certificate(judged, said)
+        return of_report.certificate(record, said, tolerance)
+
+    def summary(self) -> str:
+        """Particulars, scope, accuracy, repeatability and effects in 80 columns."""
+        sheet = self.sheet
+        from gpmodel.report.certificate_text import text
+
+        return text(sheet)
+
+    def report(self, folder: str | Path) -> None:
+        """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
+        sheet = self.sheet
+        from gpmodel.report.certificate import html
+        from gpmodel.report.certificate_pdf import write_pdf
+
         with finished_folder(file_path(folder, "folder")) as draft:
-            write_text(draft / "certificate.html", of_report.html(sheet, record.mechanism.name))
+            write_text(draft / "certificate.html", html(sheet, self.record.mechanism.name))
             write_pdf(sheet, draft / "certificate.pdf")
+
+    def save(self, file: str | Path) -> None:
+        """Write all that it states as JSON. Raises InputError when it cannot be written."""
+        write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.sheet)}))
 
     def __repr__(self) -> str:
         kind = "verification" if isinstance(self.record, Verification) else self.record.kind
@@ -46,7 +70,7 @@ class CertificateResult:
 def certificate(
     result: object, particulars: str | Path | Particulars | None = None, *, tolerance: str | None = None, **said: str
 ) -> CertificateResult:
-    """How accurate a machine is, to be written with `report(folder)`.
+    """How accurate a machine is, printed by `summary()`, written by `report(folder)` and, as JSON, `save(file)`.
 
     result: of `calibrate`, `discover` or `verify`, or a folder that one of them left; where it holds a verification,
     that is certified: it was measured and not predicted. particulars: a TOML file of the lines machine, serial,

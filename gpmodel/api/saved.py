@@ -1,6 +1,6 @@
 """Results read back from the folders that they were written to, and what is said of them."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +11,10 @@ import pandas as pd
 from gpmodel.api.arguments import file_path, shown, whole
 from gpmodel.api.fitted import RecordedResult
 from gpmodel.api.model import MODEL, Model, load_model
-from gpmodel.api.results import write_results
+from gpmodel.api.results import save_record, write_results
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
-from gpmodel.files import write_text
+from gpmodel.files import to_json, write_text
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 
@@ -39,6 +39,10 @@ class SavedResult(RecordedResult):
     def report(self, folder: str | Path) -> None:
         """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
         write_results(self.record, folder)
+
+    def save(self, file: str | Path) -> None:
+        """Write report.json again. Raises InputError when it cannot be written."""
+        save_record(self.record, file)
 
     def __repr__(self) -> str:
         return f"<{self.record.kind} of {self.record.mechanism.name} in {self.folder}: {self.verdict}>"
@@ -86,6 +90,12 @@ class CompareResult:
             from gpmodel.report.compare_page import html
 
         write_text(file_path(folder, "folder") / "compare.html", html(self.found))
+
+    def save(self, file: str | Path) -> None:
+        """Write verdict, sources and rows as JSON. Raises InputError when it cannot be written."""
+        rows = self.to_dataframe().to_dict("records")
+        said = {"schema": 1, "verdict": self.verdict, "sources": self.found.sources, "changes": rows}
+        write_text(file_path(file, "file"), to_json(said))
 
     def __repr__(self) -> str:
         return f"<comparison: {self.verdict}>"
@@ -138,6 +148,10 @@ class ExplainResult:
 
         page = explained.html(self.record, self.found.number, self.tellable)
         write_text(file_path(folder, "folder") / f"finding_{self.found.number}.html", page)
+
+    def save(self, file: str | Path) -> None:
+        """Write its parts as JSON. Raises InputError when it cannot be written."""
+        write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.found)}))
 
     def __repr__(self) -> str:
         return f"<finding {self.found.number}, {self.found.name}: {self.found.value}>"

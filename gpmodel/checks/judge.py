@@ -11,14 +11,17 @@ from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
-from gpmodel.checks.mixed_up import mixed_up
+from gpmodel.checks.mixed_up import mixed_up, spread_of
 from gpmodel.checks.notes import notes
 from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.observation import Distance
 from gpmodel.model.sites import geometric_effects
+from gpmodel.model.touches import Touches
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.progress import Teller
 from gpmodel.table.bundles import SAME_JOINT, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
@@ -30,9 +33,9 @@ MOST_FITTED, STRETCH = 2000, 50
 known to 1 / √(6 · 2000) of itself."""
 LIMIT_TOLERANCE = 1e-3
 """Radians or metres beyond a joint's limit that are its stop's play and the last digit written."""
-MINIMUM_DISTANCES, UNLIKE = 12, 0.2
-"""Share of their spread that distances from no fixed point leave; those of one leave the mechanism's errors, a
-hundredth."""
+MINIMUM_READINGS, UNLIKE = 12, 0.2
+"""Readings, and share of their spread that distances from no fixed point leave, or of the tool points' that touches of
+something else do; what fits leaves the mechanism's errors, a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def check_dataset(
         return errors
     rows = evenly(len(data))
     poses = weighed(mechanism, prepare(mechanism, data.subset(rows) if many else data))
-    if unlike := [Remark("error", text) for text in _unlike_distances(mechanism, poses)]:
+    if unlike := [Remark("error", text) for text in _unlike_readings(mechanism, poses)]:
         return unlike
     if many:
         tell(f"fitting registration and the standard model to {len(rows)} rows")
@@ -93,7 +96,7 @@ def evenly(count: int) -> IntArray:
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
     """Raises InputError with the first error check_dataset would find."""
     standard = geometric_effects(mechanism) if standard is None else standard
-    for text in (*_errors(mechanism, poses.dataset, standard), *_unlike_distances(mechanism, poses)):
+    for text in (*_errors(mechanism, poses.dataset, standard), *_unlike_readings(mechanism, poses)):
         raise InputError(text)
 
 
@@ -160,17 +163,23 @@ def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, .
         )
 
 
-def _unlike_distances(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Distances of which the best anchor and tool explain next to nothing."""
+def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
+    """Distances and touches of which the best place and tool explain next to nothing."""
     data = poses.dataset
-    if not data.distances or len(data) < MINIMUM_DISTANCES:
+    if len(data) < MINIMUM_READINGS or not (data.distances or data.observations):
         return
     fit = calibrate(ErrorModel(mechanism, ()), poses, robust=False)
-    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), data)
-    for i, (name, values) in enumerate(data.distances.items()):
-        left, spread = (float(np.sqrt(np.nanmean(v**2))) for v in (residual[:, 6 + i], values - np.nanmean(values)))
+    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    for kind in observed.kinds:
+        if isinstance(kind, Distance):
+            of, expected = kind.values[kind.readings[:, 0], None], "distances of the tool point from one fixed point"
+        elif isinstance(kind, Touches):
+            of, expected = observed.tip[kind.readings.any(axis=1), :3, 3], "what the tool point touched in these poses"
+        else:
+            continue
+        left, spread = root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings]), spread_of(of)
         if left > UNLIKE * spread:
             yield (
-                f"{data.source}, column '{name}': does not fit {mechanism.name}, {1e3 * left:.3g} mm are left of a "
-                f"spread of {1e3 * spread:.3g} mm; expected distances of the tool point from one fixed point"
+                f"{data.source}, column '{kind.name}': does not fit {mechanism.name}, {1e3 * left:.3g} mm are left of "
+                f"a spread of {1e3 * spread:.3g} mm; expected {expected}"
             )

@@ -46,7 +46,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     if len(rows) < FEWEST_ROWS or branched(mechanism):
         return _degrees_read_as_radians(largest) if largest > TURNS else None
     q, p, now = _typical(mechanism, data.q[rows], data.position[rows])
-    spread, reach = _spread(p), _spread(se3.chain(mechanism.transforms(q))[-1][:, :3, 3])
+    spread, reach = spread_of(p), spread_of(se3.chain(mechanism.transforms(q))[-1][:, :3, 3])
     if now < max(POOR_LENGTH, POOR_SHARE * min(spread, reach)):
         return None
     best, text = now, None
@@ -54,7 +54,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
         if least_misfit(mechanism, other_q, other_p) > best / FAR_BETTER:
             continue
         left = misfit(mechanism, other_q, other_p)
-        if left < best / FAR_BETTER and left < GOOD_SHARE * _spread(other_p):
+        if left < best / FAR_BETTER and left < GOOD_SHARE * spread_of(other_p):
             best = left
             text = f"{meaning}; registration alone then leaves {1e3 * left:.3g} mm, as it stands {1e3 * now:.3g} mm"
     if text is None and largest > TURNS:
@@ -122,7 +122,8 @@ def least_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
     return root_mean_square(np.linalg.norm(left, axis=1))
 
 
-def _spread(points: Array) -> float:
+def spread_of(points: Array) -> float:
+    """RMS distance of points (N, k) from their centre."""
     return root_mean_square(np.linalg.norm(points - points.mean(axis=0), axis=1))
 
 

@@ -21,8 +21,6 @@ from gpmodel.report.schema import Report
 from gpmodel.table.cells import read_frame
 from gpmodel.table.write import table_text
 
-OTHERS = (".xlsx", ".xls", ".tsv", ".json", ".html", ".pdf", ".toml", ".urdf", ".mat")
-"""Of files that no table is written to."""
 PATIENCE = 10.0
 """Seconds between passing lines where they cannot take each other's place."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
@@ -33,9 +31,10 @@ CLEAR = "\r\x1b[K"
 
 def path_for(out: Path, default_name: str) -> Path:
     """The file meant by --out: itself, or one of that name in a folder. Raises InputError for another kind of file."""
-    if out.suffix.lower() in OTHERS and not out.is_dir():
+    table = out.suffix.lower() in (".csv", ".txt")
+    if out.suffix[1:].isalpha() and not table and not out.is_dir():
         raise InputError(f"{out}: a table is written as .csv; expected such a file, or a folder", "out")
-    return out if out.suffix.lower() in (".csv", ".txt") and not out.is_dir() else out / default_name
+    return out if table and not out.is_dir() else out / default_name
 
 
 def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source: Path | None = None) -> Path | None:

@@ -1,5 +1,7 @@
 """What users of other libraries write without thinking."""
 
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,12 +119,33 @@ def test_what_was_written_is_read_compared_explained_certified_and_exported(foun
     assert found.findings[0].name in gp.explain(again, 1).summary()
     gp.certificate(found, machine="Cell 4").report(tmp_path)
     assert "Cell 4" in (tmp_path / "certificate.html").read_text()
+    for result in (again, gp.compare(found, again), gp.explain(again, 1)):
+        assert result.summary()
+        result.save(tmp_path / "saved.json")
+        assert json.loads((tmp_path / "saved.json").read_text())["schema"] == 1
     gp.export(tmp_path / "R", tmp_path / "E")
     assert (tmp_path / "E" / "exports" / "model.py").is_file()
     for call in (lambda: gp.compare(1, again), lambda: gp.explain(again, 99), lambda: gp.export(3),
                  lambda: gp.load_result(tmp_path), lambda: gp.certificate(found, mashine="x")):  # fmt: skip
         with pytest.raises(gp.InputError):
             call()
+
+
+def test_a_certificate_prints_and_saves_the_numbers_of_its_page(fit: gp.Model, tmp_path: Path) -> None:
+    certified = gp.certificate(fit, machine="Cell 4", tolerance="1 um")
+    said = certified.summary()
+    assert max(map(len, said.splitlines())) <= 80
+    certified.save(tmp_path / "c.json")
+    certified.report(tmp_path)
+    kept, page = json.loads((tmp_path / "c.json").read_text()), (tmp_path / "certificate.html").read_text()
+    assert dict(kept["particulars"])["machine"] == "Cell 4"
+    assert dict(kept["scope"])["tolerance"].startswith("fail: ")
+    for name, before, after in kept["statistics"]:
+        assert re.search(rf"{re.escape(name)} +{before} +{after}$", said, re.MULTILINE)
+        assert f'<td>{before}</td><td class="main">{after}</td>' in page
+    assert kept["effects"][0][0] in said
+    with pytest.raises(gp.InputError, match="cannot be written"):
+        certified.save(tmp_path)
 
 
 def test_which_point_is_compensated_is_said_and_may_be_chosen(fit: gp.Model) -> None:

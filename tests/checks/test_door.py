@@ -62,6 +62,14 @@ REFUSED = {
 }
 
 
+def test_touches_of_one_plane_that_the_points_are_not_on_are_refused(tmp_path: Path) -> None:
+    path = write(GOOD.assign(on_plane="P"), tmp_path / "t.csv")
+    for command in ("check", "calibrate"):
+        said = one_line(run(command, path, "--mechanism", "irb6400r"), 2)
+        assert "column 'on_plane': does not fit irb6400r" in said
+        assert said.endswith("expected what the tool point touched in these poses")
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_nothing_measures_is_refused(case: str) -> None:
     column, said = REFUSED[case]
@@ -126,6 +134,7 @@ OPTIONS = {
         "0,0,9mm",
     ): "--payload-com: nothing is carried in",
     ("simulate", "--mechanism", "ur5", "--out", "t.xlsx"): "--out: t.xlsx: a table is written as .csv; expected such",
+    ("simulate", "--mechanism", "ur5", "--out", "t.png"): "--out: t.png: a table is written as .csv; expected such",
     ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--rows", 50): "--rows: needs --watch",
     ("discover", "t.csv", "--mechanism", "irb6400r", "--batch", 5): "--batch: needs --watch",
