@@ -74,8 +74,6 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         for k in widths:
             yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
             yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
-    for c in (*(-d for d in OUTSIDE), *(1.0 + d for d in OUTSIDE)):
-        yield Element("square({q} - {a})", np.square, c=c)
     for c, d in combinations(inside, 2):
         yield Element("({q} - {a})*({q} - {b})", lambda x: x * (x - 1.0), 1.0 / (d - c), c)
         yield Element("({q} - max(min({q}, {b}), {a}))", lambda x: x - np.clip(x, 0.0, 1.0), 1.0 / (d - c), c)
@@ -99,6 +97,8 @@ def edges(column: Array) -> list[Element]:
 
 
 ELEMENTS, FINE = tuple(_elements()), tuple(_elements(ALONE))
+FAR = tuple(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
+"""Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
 
 
 def on_grid(column: Array, elements: Sequence[Element] = ELEMENTS) -> Array:
@@ -140,6 +140,7 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     alone = on_grid(column)
     for one, values in zip(ELEMENTS, alone, strict=True):
         look(alone * values, (tuple(sorted((e.text, one.text))) for e in ELEMENTS), partial(multiplied, one))
+    for one, values in zip((*ELEMENTS, *FAR), (*alone, *on_grid(column, FAR)), strict=True):
         if one.text != LINE and np.ptp(values) > 0:
             look(on_grid(values), ((e.text, "of " + one.text) for e in ELEMENTS), partial(composed, one))
     best = sorted(found.values(), key=lambda shape: -shape[0])[:most]
