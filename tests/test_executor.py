@@ -105,11 +105,11 @@ def test_copies_give_every_result_replace_a_lost_one_and_hand_errors_on(tmp_path
 
 
 ORPHANS = """
-import os, sys, time
+import os, time
 from gpmodel.executor import Forks
 
 def sleep(number):
-    print(os.getpid(), flush=True)
+    os.write(1, f"{os.getpid()}\\n".encode())
     time.sleep(60)
 
 list(Forks(2)(sleep, range(2)))
