@@ -45,7 +45,7 @@ class Candidate:
     believed: bool = False
 
     def __post_init__(self) -> None:
-        if not made_of(self.effects, Effect):
+        if not self.effects or not made_of(self.effects, Effect):
             raise InputError(f"candidate {self.name!r}: expected a tuple of one Effect or more")
         if not math.isfinite(self.cost):
             raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")

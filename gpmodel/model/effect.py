@@ -30,8 +30,8 @@ class Term:
 
 
 def made_of(parts: object, kind: type) -> bool:
-    """Whether it is a tuple of one or more of a kind."""
-    return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, kind) for part in parts)
+    """Whether it is a tuple of a kind alone."""
+    return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Effect:
 
     def __post_init__(self) -> None:
         if not made_of(self.terms, Term):
-            raise InputError(f"effect {self.name!r}: expected a tuple of one Term or more, as in (Term('base', 'Rx'),)")
+            raise InputError(f"effect {self.name!r}: expected a tuple of terms, as in (Term('base', 'Rx'),)")
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
