@@ -91,6 +91,8 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
         raise InputError(f"{file}: a design is of a ball in a socket, expected rotations about x, y and z")
     if "kind" not in given and (unknown := [key for key in given if key not in SECTIONS]):
         raise InputError(f"{file}: unknown key '{unknown[0]}', expected kind or one of {', '.join(SECTIONS)}")
+    if flat := [key for key in SECTIONS if not isinstance(given.get(key, {}), dict)]:
+        raise InputError(f"{file}: {flat[0]} = {given[flat[0]]!r}, expected a table [{flat[0]}]")
     sections = {name: dict(given.get(name, {})) for name in SECTIONS}
     if "ball" in given and "diameter" in given["ball"]:
         radius = laid_over("spherical_joint", {"ball": given["ball"]}, file)["ball"]["diameter"] / 2

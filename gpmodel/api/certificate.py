@@ -5,10 +5,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gpmodel.api.arguments import file_path, quantity
+from gpmodel.api.arguments import file_path, quantity, shown
 from gpmodel.api.display import Shown
 from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
+from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.report.particulars import Particulars, read_particulars
@@ -79,6 +80,8 @@ def certificate(
     "0.1 mm": pass or fail. Raises InputError for what is none of them.
     """
     limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
+    if not isinstance(particulars, str | Path | Particulars | None):
+        raise InputError(f"{shown(particulars)}, expected a TOML file or Particulars", "particulars")
     known = (
         read_particulars(file_path(particulars, "particulars")) if isinstance(particulars, str | Path) else particulars
     )

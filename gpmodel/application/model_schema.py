@@ -51,7 +51,7 @@ Row = tuple[Finite, Finite, Finite, Finite]
 Transform = tuple[Row, Row, Row, Row]
 Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=PLAIN)]
 Columns = Annotated[dict[Word, Unit], msgspec.Meta(max_length=MOST_COLUMNS)]
-Transforms = Annotated[dict[Name, Transform], msgspec.Meta(max_length=MOST_COLUMNS)]
+Transforms = Annotated[dict[Name, Transform], msgspec.Meta(min_length=1, max_length=MOST_COLUMNS)]
 Value = TypeVar("Value")
 Rows = Annotated[tuple[Value, ...], msgspec.Meta(max_length=MOST_ROWS)]
 Unknowns = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=16)]
@@ -103,8 +103,8 @@ class MeasuredPart(msgspec.Struct, frozen=True):
     sha256: Name
     row: Rows[int]
     heldout: Rows[Annotated[int, msgspec.Meta(ge=0)]]
-    q: Rows[tuple[float, ...]]
-    position_m: Rows[tuple[float | None, float | None, float | None]]
+    q: Rows[tuple[Finite, ...]]
+    position_m: Rows[tuple[Finite | None, Finite | None, Finite | None]]
     rotation_rad: Rows[tuple[float | None, float | None, float | None]] | None
     distances_m: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
     payload_kg: Rows[float] | None

@@ -12,6 +12,7 @@ from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Typed
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import KeptMachines
@@ -47,6 +48,8 @@ def fleet(
     if mechanism is None and tables is not None and resume is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
     asked["effects"] = list(asked["effects"])
+    if "none" in asked["effects"] and len(asked["effects"]) > 1:
+        raise InputError("none beside other effects; expected it alone", "effects")
     typed = Typed(tables, mechanism, folder, resume, asked, NAME)
     request = typed.request((Search(), Criteria()))
     if request is None:

@@ -35,6 +35,8 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
     """Raises InputError, naming the effect as `name`, where it acts at no place of the mechanism, reads what these
     poses do not have, or is not finite at some of them."""
     said = f"effect '{name or effect.name}'"
+    if not effect.terms:
+        raise InputError(f"{said}: has no terms; expected one at least, as in (Term('base', 'Rx'),)")
     for term in effect.terms:
         if term.slot not in places(mechanism):
             raise InputError(f"{said}: slot '{term.slot}' is unknown; available: {', '.join(places(mechanism))}")

@@ -7,10 +7,11 @@ from typing import Literal
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
 from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
-from gpmodel.model.effect import Effect, Term, drive_effect
+from gpmodel.model.effect import Effect, Term, drive_effect, made_of
 from gpmodel.model.states import States
 
 NO_LOAD = 1e-6
@@ -42,6 +43,12 @@ class Candidate:
     explanation: str = ""
     inner: NonlinearParameters | None = None
     believed: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.effects or not made_of(self.effects, Effect):
+            raise InputError(f"candidate {self.name!r}: expected a tuple of one Effect or more")
+        if not math.isfinite(self.cost):
+            raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
         """The candidate with other constants inside, its unknowns free of priors."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 
+from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
@@ -45,6 +46,10 @@ class Family:
     refit_constants: bool = False
     yields: bool = False
     wanders: bool = False
+
+    def __post_init__(self) -> None:
+        if not callable(self.build):
+            raise InputError(f"family {self.name!r}: expected a function (mechanism, states) that yields effects")
 
 
 def installed() -> tuple[Family, ...]:

@@ -29,6 +29,11 @@ class Term:
             raise InputError(f"{self.basis!r} is no basis; expected an Expression, as in Expression('sin(2*J4)')")
 
 
+def made_of(parts: object, kind: type) -> bool:
+    """Whether it is a tuple of a kind alone."""
+    return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
+
+
 @dataclass(frozen=True)
 class Effect:
     """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
@@ -43,6 +48,10 @@ class Effect:
     family: str = ""
     prior: float = math.inf
     mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not made_of(self.terms, Term):
+            raise InputError(f"effect {self.name!r}: expected a tuple of terms, as in (Term('base', 'Rx'),)")
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:

@@ -53,6 +53,8 @@ def csv(report: Report) -> str:
             "after [mm]": [p.after for p in poses],
         }
     )
+    if not poses:
+        return frame.to_csv(index=False, lineterminator="\n")
     before = "standard" if report.before_and_after()[0] == "standard" else "registration"
     for name, residual in (("before", before), ("after", "final")):
         if len(plots.residual_mm.get(residual, ())) == len(poses):

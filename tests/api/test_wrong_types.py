@@ -184,3 +184,26 @@ def test_an_effect_that_cannot_be_here_is_refused_before_the_search() -> None:
     ):
         refused(lambda wrong=wrong: gp.discover(ARM, TABLE, candidates=(*gp.catalogue, wrong)), "candidates")
         refused(lambda wrong=wrong: gp.calibrate(ARM, TABLE, [wrong]), "effects")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gp.calibrate(ARM, TABLE, [gp.Effect("a", (), "rad")]),
+        lambda: gp.discover(ARM, TABLE, candidates=(gp.Effect("a", (), "rad"),)),
+        lambda: gp.Effect("a", 5, "rad"),
+        lambda: gp.Effect("a", ("J1",), "rad"),
+        lambda: gp.Candidate("a", (), "f", 4.0),
+        lambda: gp.Candidate("a", (5,), "f", 4.0),
+        lambda: gp.Candidate("a", (gp.effect_at("a", "base", "Rx"),), "f", float("nan")),
+        lambda: gp.Family("a", "b", "c", 5),
+    ],
+)
+def test_what_effects_and_candidates_cannot_be_made_of_is_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(gp.InputError, match=r"'a'.*[Ee]xpected"):
+        make()
+
+
+def test_particulars_that_are_none_are_refused() -> None:
+    with pytest.raises(gp.InputError, match="5, expected a TOML file or Particulars"):
+        gp.certificate(RESULTS["calibrate"](), 5)

@@ -1,5 +1,6 @@
-"""A law that was found, with the constants inside it, is one term wherever it is exported."""
+"""A law that was found, with the constants inside it, is one term wherever it is exported; what is none, nowhere."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,3 +27,13 @@ def test_a_bump_is_found_named_and_exported_with_one_exponential() -> None:
     for suffix, (written, place) in EXPONENTIAL.items():
         (line,) = [line for line in texts[suffix].splitlines() if written in line and place in line]
         assert line.count(written) == 1
+
+
+def test_an_effect_that_is_undefined_where_it_was_fitted_is_exported_nowhere() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    saved = gp.calibrate(arm, gp.simulate(arm, poses=40, seed=3).table).model.saved
+    first, *others = saved.model.effects
+    odd = replace(first, terms=(replace(first.terms[0], basis=gp.Expression("1/(J1-J1)")),))
+    saved = replace(saved, model=replace(saved.model, effects=(odd, *others)))
+    with pytest.raises(gp.InputError, match="is infinite or undefined at some poses"):
+        exports_of(saved, Place.of(saved))

@@ -102,6 +102,7 @@ FIELDS: dict[str, tuple[dict[str, object], str]] = {
     "newer": ({"schema": 99}, "schema 99"),
     "no tool": ({"tool": ...}, "missing required field `tool`"),
     "no effects": ({"effects": ...}, "missing required field `effects`"),
+    "no tools": ({"tool": {}}, "tool: Expected `object` of length >= 1"),
     "not numbers": ({"registration": {"": "here"}}, "registration[...]: Expected `array`"),
     "wrong shape": ({"tool": {"": [1, 2, 3]}}, "tool[...]: Expected `array` of length 4, got 3"),
     "scaled": ({"registration": {"": (2 * TURN).tolist()}}, "registration['']: no rotation and translation"),

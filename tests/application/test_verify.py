@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
 from scipy import stats
@@ -209,6 +210,8 @@ def test_the_table_of_the_fit_itself_verifies_nothing(fitted: Fitted, tmp_path: 
     model = gp.calibrate("irb6400r", table, holdout=0.0).model
     with pytest.raises(gp.InputError, match="is the table the model was fitted to"):
         model.verify(table)
+    with pytest.raises(gp.InputError, match="is the table the model was fitted to"):
+        model.verify(pd.read_csv(table))
 
 
 def test_targets_that_were_compensated_are_judged_where_the_machine_went(fitted: Fitted, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ import pytest
 from report_runs import REPORTS, calibrated, discovered
 
 from gpmodel.report import explore, poses
+from gpmodel.report.schema_poses import PlotRecord
 
 
 def test_poses_are_listed_worst_first_and_are_those_of_the_ladder() -> None:
@@ -34,6 +36,11 @@ def test_poses_csv_has_a_row_a_pose_and_its_components() -> None:
     for name in ("before", "after"):
         length = np.linalg.norm(frame[[f"{name}_{a} [mm]" for a in "xyz"]], axis=1)
         np.testing.assert_allclose(length, frame[f"{name} [mm]"], atol=2e-4)  # rounded to 1e-4
+
+
+def test_without_residuals_poses_csv_has_its_header_alone() -> None:
+    text = poses.csv(replace(discovered(), plots=PlotRecord()))
+    assert text == "row,set,outlier,before [mm],after [mm]\n"
 
 
 def row_of(pose: poses.PoseError) -> int:

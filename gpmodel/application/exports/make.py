@@ -22,7 +22,7 @@ from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_lin
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, input_names, latex_text, numpy_text, to_the_digits
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import usable
+from gpmodel.application.usable import check_finite, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.printing import DIGITS
@@ -75,7 +75,9 @@ def exports_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> Exports:
     """Every export that this model allows. place: of those that hold one set-up or tool. box, nodes: of the lookup
-    grid, as `lookup_grid`."""
+    grid, as `lookup_grid`. Raises InputError where an effect is undefined at the poses it was fitted to."""
+    if saved.measured is not None:
+        check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
     rng = np.random.default_rng(seed)
     check = cache(lambda: Check.against(saved, place, place.poses(fresh_poses(saved, POSES, rng))))
     rigid = cache(lambda: refitted(saved))
