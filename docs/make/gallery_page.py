@@ -12,7 +12,7 @@ Eight machines with something that nobody declared, simulated at a known truth: 
 curves alone in seconds. From the root of the repository, `make pictures` takes them anew.
 """
 
-WIDTH = 84
+WIDTH = 78
 """Characters of a line of a command."""
 
 

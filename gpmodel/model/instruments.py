@@ -88,6 +88,9 @@ def _points(dataset: Dataset) -> Iterator[Touches]:
 def _bars(dataset: Dataset) -> Iterator[Touches]:
     names, which = _codes(dataset, "pair")
     lengths, bodies, end = dataset.readings.get("length"), [], np.full(len(dataset), -1)
+    if lengths is not None and len(alone := np.flatnonzero(np.isfinite(lengths) & (which < 0))):
+        row = dataset.row[alone[0]]
+        raise InputError(f"{dataset.source}, row {row}: a length without a pair; expected a column 'pair'")
     for i, name in enumerate(names):
         rows = np.flatnonzero(which == i)
         where = f"{dataset.source}, column 'pair', row {dataset.row[rows[0]]}: '{name}'"

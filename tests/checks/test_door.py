@@ -58,6 +58,7 @@ REFUSED = {
     "negative distance": ({"distance_a [mm]": "-5"}, "column 'distance_a', row 1: -5 mm; expected a distance of zero"),
     "one distance everywhere": ({"distance_a [mm]": "5"}, "expected distances of the tool point from one fixed point"),
     "below absolute zero": ({"temperature [degC]": "-400"}, "row 1: -400 degC is below absolute zero, -273.15 degC"),
+    "a length of no bar": ({"length [mm]": "5"}, "row 1: a length without a pair; expected a column 'pair'"),
     "no kelvin": ({"temperature [K]": "-1"}, "below absolute zero"),
 }
 
