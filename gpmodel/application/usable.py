@@ -219,13 +219,13 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
     """A basis within the ranges of its inputs, and a little beyond them unless it changes there by half of what it does
     within: a pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
+    if len(own) < len(basis.inputs):
+        return Clamped(basis, own)
     wider = {name: (low - REACH * (high - low), high + REACH * (high - low)) for name, (low, high) in own.items()}
     count = max(3, round(LOOKS ** (1.0 / max(len(own), 1))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
     at = States(dict(zip(own, map(np.ravel, np.meshgrid(*values, indexing="ij")), strict=True)), dict.fromkeys(own, ""))
-    if len(own) < len(basis.inputs):
-        return Clamped(basis, own)
     with np.errstate(all="ignore"):
         beyond, within = Clamped(basis, wider)(at), Clamped(basis, own)(at)
     return Clamped(basis, wider if np.abs(beyond - within).max() < 0.5 * np.ptp(within) else own)

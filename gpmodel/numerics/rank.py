@@ -137,7 +137,7 @@ def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Rank
     norms = np.linalg.norm(candidates, axis=0)
     alive = norms > NEGLIGIBLE * np.sqrt(len(candidates))
     scaled = candidates / np.where(alive, norms, 1.0)
-    both = _triangle(np.hstack([fixed, scaled]))
+    both = triangle(np.hstack([fixed, scaled]))
     order = np.arange(len(norms)) if order is None else order
     return Ranking(orthonormal(both[:, : fixed.shape[1]]), both[:, fixed.shape[1] :], order[alive[order]])
 
@@ -178,11 +178,11 @@ def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
     """Columns (M, K) and target (M,) made ready for cross-validation over folds (M,)."""
     both = np.column_stack([columns, target])
     rows = np.unique(fold_of_row, return_counts=True)
-    triangles = (_triangle(both[fold_of_row == fold]) for fold in rows[0])
+    triangles = (triangle(both[fold_of_row == fold]) for fold in rows[0])
     return Folded(tuple(triangles), rows[1])
 
 
-def _triangle(columns: Array) -> Array:
+def triangle(columns: Array) -> Array:
     """Rows (at most K, K) with the inner products of columns (M, K)."""
     return np.asarray(linalg.qr(columns, mode="r", check_finite=False)[0])[: columns.shape[1]]
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy import linalg
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
@@ -13,7 +12,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.numerics.rank import orthonormal, remove
+from gpmodel.numerics.rank import orthonormal, remove, triangle
 from gpmodel.numerics.se3 import chain
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
@@ -117,7 +116,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     point = np.nonzero(problem.weights > 0)[1] < 3
     if problem.left is not None or not point.any():
         return [None] * len(groups)
-    columns = linalg.qr(problem.columns[point], mode="r", check_finite=False)[0]
+    columns = triangle(problem.columns[point])
     held = problem.free(fit.kept)
     theta = np.concatenate([np.zeros(problem.placement), fit.theta])
     out: list[float | None] = []
