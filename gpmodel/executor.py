@@ -105,6 +105,16 @@ class Forks:
                 yield number, function(tasks[number]) if found is None else pickle.loads(found)
 
 
+ALONE = Forks(1)
+"""One task after another."""
+
+
+def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found]:
+    """What each of some calls returns, made side by side."""
+    found = dict(workers(lambda call: call(), calls))
+    return [found[number] for number in range(len(calls))]
+
+
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
 """In a copy of a process: the function and the tasks that it was made for."""
 

@@ -39,11 +39,19 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 
 def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
-    """The same of a fit, with model.json and every export that the model allows. Raises InputError likewise."""
+    """The same of a fit, with model.json and every export that the model allows, made while pictures are drawn. Raises
+    InputError likewise."""
     check_writable()
-    exports = _exports(model, file_path(folder, "folder"))
-    record = replace(record, exports=exports.records)
-    write_results(record, folder, partial(save_model, model), exports.write)
+    from gpmodel.report.figures import drawn_beside
+    from gpmodel.report.page import pictures
+    from gpmodel.report.write import write_pages
+
+    path = file_path(folder, "folder")
+    with finished_folder(path) as draft:
+        drawings, exports = drawn_beside(pictures(record), draft, partial(_exports, model, path))
+        write_pages(replace(record, exports=exports.records), drawings, draft)
+        save_model(model, draft)
+        exports.write(draft)
 
 
 def save_model(model: Model, folder: Path) -> None:

@@ -23,6 +23,7 @@ from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
+from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family
 from gpmodel.families.inner import remembered
@@ -168,7 +169,9 @@ def _chosen(
     grids = grids_of(choice.offers, mechanism, choice.train.states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
     offering = Offering(builders, sites, inputs, grids, wanted)
-    return select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED)
+    return select(
+        choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED, workers=choice.search.here
+    )
 
 
 def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
@@ -210,8 +213,8 @@ def _accepted(choice: Choice, last: _Together) -> Additive:
         def verdict(name: str) -> Hypothesis:
             return _judged(left.without(asked[name].effects), asked[name], kept[name], last.chosen)
 
-        found = dict(choice.search.here(verdict, tuple(asked)))
-        return {name: found[number] for number, name in enumerate(asked)}
+        found = called(choice.search.here, [partial(verdict, name) for name in asked])
+        return dict(zip(asked, found, strict=True))
 
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, choice.fit)
     passed = frozenset(name for name, h in judged.items() if h.accepted)

@@ -8,6 +8,7 @@ cross-validatory choice and assessment.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Workers
+from gpmodel.executor import Workers, called
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles
@@ -49,8 +50,7 @@ def discover_by_folds(
     def without(k: int) -> Discovery:
         return again(poses, np.flatnonzero(fold != k), np.flatnonzero(fold == k))
 
-    parts = dict(workers(without, range(count)))
-    choices = [parts[k] for k in range(count)]
+    choices = called(workers, [partial(without, k) for k in range(count)])
     steps = tuple(
         replace(step, heldout_error=_errors(poses, choices, number)) for number, step in enumerate(found.steps)
     )

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.result import Calibration
@@ -18,7 +19,7 @@ from gpmodel.discovery.state import State
 from gpmodel.discovery.suspects import suspects_of
 from gpmodel.evidence.confirmation import confirmation
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Threads
+from gpmodel.executor import Threads, called
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
@@ -114,6 +115,6 @@ def _ladder(state: State, base: Calibration, standard_fit: Calibration, calibrat
     state.add_rung("registration", base)
     state.add_rung("standard", standard_fit)
     models = [state.model(state.found[:count]) for count in range(1, len(state.findings))]
-    rungs = dict(Threads(state.search.workers)(lambda model: state.fit(model, standard_fit), models))
-    for i in range(len(state.findings)):
-        state.add_rung(f"effect {i + 1}", rungs.get(i, calibration), i)
+    rungs = called(Threads(state.search.workers), [partial(state.fit, model, standard_fit) for model in models])
+    for i, fit in enumerate([*rungs, calibration][: len(state.findings)]):
+        state.add_rung(f"effect {i + 1}", fit, i)

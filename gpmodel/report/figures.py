@@ -6,24 +6,26 @@ import io
 import logging
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from gpmodel.executor import Forks
+from gpmodel.executor import Forks, called
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
+
+Made = TypeVar("Made")
 
 DOTS_PER_INCH = 192
 """Twice a screen's: text stays sharp where a page is enlarged."""
@@ -83,11 +85,19 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
     """The same of any pictures, side by side."""
-    asked = tuple(pictures)
+    return drawn_beside(pictures, folder, lambda: None)[0]
+
+
+def drawn_beside(
+    pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made]
+) -> tuple[dict[str, str], Made]:
+    """The same, and what a call returns that is made meanwhile."""
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
-    made = dict(Forks()(partial(_drawn, folder=folder), asked))
-    return {picture.name: made[place] for place, picture in enumerate(asked)}
+    asked = tuple(pictures)
+    calls: list[Callable[[], object]] = [call, *(partial(_drawn, picture, folder) for picture in asked)]
+    made, *texts = called(Forks(), calls)
+    return {picture.name: cast(str, text) for picture, text in zip(asked, texts, strict=True)}, cast(Made, made)
 
 
 def _drawn(picture: Picture, folder: Path | None) -> str:

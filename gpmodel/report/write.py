@@ -1,5 +1,6 @@
 """All files of a report in a folder."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from gpmodel.files import write_text
@@ -11,8 +12,12 @@ def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
     """Write report.json, report.html, explore.html, poses.csv and figures/ in `folder`; the files, the page first."""
     from gpmodel.report.figures import draw
 
+    return write_pages(report, draw(report, folder), folder)
+
+
+def write_pages(report: Report, drawings: Mapping[str, str], folder: Path) -> tuple[Path, ...]:
+    """The same beside figures/ that are there, with the SVG of every picture by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawings = draw(report, folder)
     texts = {page.PAGE: page.html(report, drawings), saved.NAME: saved.to_json(report), poses.CSV: poses.csv(report)}
     if explore.drawable(report):
         texts[explore.PAGE] = explore.html(report)

@@ -12,8 +12,8 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.scan import conditional_gram, whitened_cross
 from gpmodel.selection.waves import most_by_chance
 
-MOST_NUMBERS = 100_000
-"""Entries of a class's gain matrices, times the residuals, that are worked on at once: a few megabytes."""
+MOST_NUMBERS = 1_000_000
+"""Entries of a class's gain matrices, times the residuals, that are worked on at once: some ten megabytes."""
 
 
 def best_by_chance(

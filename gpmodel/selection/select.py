@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,6 +15,7 @@ from gpmodel.calibration.priors import off_mean
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import exchangeable
+from gpmodel.executor import ALONE, Workers, called
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.by_chance import best_by_chance
@@ -44,19 +46,30 @@ class _Task:
 
 
 def select(
-    calibration: Calibration, poses: Poses, offering: Offering, *, criteria: Criteria | None = None, seed: int = 0
+    calibration: Calibration,
+    poses: Poses,
+    offering: Offering,
+    *,
+    criteria: Criteria | None = None,
+    seed: int = 0,
+    workers: Workers = ALONE,
 ) -> Selection:
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
     poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
-    the groups are scored on; seed: of their order.
+    the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _select(calibration, poses, offering, np.random.default_rng(seed), criteria or Criteria())
+        return _select(calibration, poses, offering, np.random.default_rng(seed), criteria or Criteria(), workers)
 
 
 def _select(
-    calibration: Calibration, poses: Poses, offering: Offering, rng: np.random.Generator, criteria: Criteria
+    calibration: Calibration,
+    poses: Poses,
+    offering: Offering,
+    rng: np.random.Generator,
+    criteria: Criteria,
+    workers: Workers,
 ) -> Selection:
     mechanism = calibration.model.mechanism
     bundle = sharing(poses.dataset)
@@ -70,13 +83,14 @@ def _select(
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
-    single = [*offered(offering, mechanism, shapes), *_free(task, base, state, offering)]
+    single = [*offered(offering, mechanism, shapes), *_free(_left(task, base, state), offering)]
     state = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
     groups = [*base, *single]
     kept = [g for g in groups if g.always_included or g.name in state.variances]
-    groups += waves_left(with_optimal_variances(_started(task, kept, state)), offering.grids) if offering.grids else []
-    names = {g.name for g in groups}
-    groups += [g for g in _free(task, kept, state, offering) if g.name not in names]
+    left = _left(task, kept, state)
+    waves, free = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
+    names = {g.name for g in (*groups, *waves)}
+    groups += [*waves, *(g for g in free if g.name not in names)]
     for _ in range(MOST_LOOKS):
         active, rivals = exchanged(stepwise(_started(task, groups, state)))
         before = state
@@ -88,11 +102,15 @@ def _select(
     return summarised(active, rivals, state, chance)
 
 
-def _free(task: _Task, beside: Sequence[Group], state: Expansion, offering: Offering) -> list[Group]:
-    """The free functions that what some groups leave asks for."""
+def _left(task: _Task, beside: Sequence[Group], state: Expansion) -> Active:
+    """What some groups leave."""
+    return with_optimal_variances(_started(task, beside, state))
+
+
+def _free(left: Active, offering: Offering) -> list[Group]:
+    """The free functions that what a model leaves asks for."""
     if not offering.inputs:
         return []
-    left = with_optimal_variances(_started(task, beside, state))
     return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
