@@ -13,7 +13,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.start import start_placement
+from gpmodel.calibration.start import start_placements
 from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
@@ -83,7 +83,7 @@ def _calibrate(
     before: dict[str, float] = {}
     if start is None:
         first = Fitting(ErrorModel(model.mechanism, ()), poses, use, ROTATION_WEIGHT, sharing(poses.dataset))
-        placement = iterate(first, np.zeros(0), start_placement(poses), np.zeros(0, dtype=bool)).placement
+        placement = _placed(first)
         fitting = replace(first, model=model)
     else:
         if robust and len(start.error) == len(poses):
@@ -99,6 +99,14 @@ def _calibrate(
         if lower < tried[-1].condition_limit and tried[-1].status != "converged":
             tried.append(replace(_fit(fitting, theta, placement, lower, manner), rank_curve=tried[0].rank_curve))
     return min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
+
+
+def _placed(bare: Fitting) -> Placement:
+    """The placement of the nominal mechanism that fits best, of those reached from every start: minima that are none of
+    the whole are reached from several as well."""
+    nothing = np.zeros(0, dtype=bool)
+    reached = (iterate(bare, np.zeros(0), start, nothing) for start in start_placements(bare.poses))
+    return min(reached, key=lambda found: residual_sigma(found.problem)).placement
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Where to start: registration and tool point in closed form, then what each observation has to find of itself."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy import optimize
 
@@ -7,7 +9,9 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses
 from gpmodel.model.observation import Tips, observations
+from gpmodel.model.touches import Touches
 from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
 
 START_POSES = 400
 """Poses that the start is found from; all of them take part in the fit that follows."""
@@ -18,12 +22,23 @@ TOOL_PULL = 1e-4
 GOOD_START = 1e-4
 """Metres RMS below which no other start is tried; poses in one plane have a mirrored one that fits far worse."""
 
+TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
+"""Tool points (7, 3), m, to start from: the flange, and as far off it as tools are, to every side."""
+
 
 def start_placement(poses: Poses) -> Placement:
     """Registration by Kabsch for every tool point tried, the tool points by least squares over what is left.
 
     Every observation starts its own unknowns from the tips that these give. Raises InputError when a setup has
     fewer than 3 measured poses, or an observation too little for its own.
+    """
+    return next(start_placements(poses))
+
+
+def start_placements(poses: Poses) -> Iterator[Placement]:
+    """The start, as `start_placement`; of balls that were touched and nothing that places the tool one from each of
+    TRIED_TOOLS: a ball of unknown place fits touches by another tool as well, with another radius, in a minimum of its
+    own. Later ones from which a ball has no place are left out.
     """
     data = poses.dataset
     slots = se3.chain(poses.transforms)
@@ -33,22 +48,40 @@ def start_placement(poses: Poses) -> Placement:
     measured: Mask = np.isfinite(data.position).all(axis=1)  # type: ignore[assignment]
     if not measured.any():
         registration = {name: np.eye(4) for name in setups}
-        points = np.zeros((len(tools), 3))
-    else:
-        for i, name in enumerate(setups):
-            if (count := int(measured[setup == i].sum())) < 3:
-                label = f"{data.source}, setup '{name}'" if name else data.source
-                raise InputError(f"{label}: {count} poses with x, y and z; registration needs at least 3")
-        rows = np.flatnonzero(measured)
-        fit_rows = rows[:: max(1, len(rows) // START_POSES)]
-        points = _tool_points(frames, data.position, setup, tool, fit_rows, len(tools))
-        tips = _tips(frames, points, tool)
-        registration = {}
-        for i, name in enumerate(setups):
-            chosen = measured & (setup == i)
-            turn, shift = se3.fit_rotation(tips[chosen], data.position[chosen])
-            registration[name] = se3.frame(turn, shift)
-    tool_frames = {name: se3.shift(point) for name, point in zip(tools, points, strict=True)}
+        for i, tried in enumerate(TRIED_TOOLS if _balls(data) else TRIED_TOOLS[:1]):
+            try:
+                yield _with_tools(poses, slots, registration, np.tile(tried, (len(tools), 1)))
+            except InputError:
+                if not i:
+                    raise
+        return
+    for i, name in enumerate(setups):
+        if (count := int(measured[setup == i].sum())) < 3:
+            label = f"{data.source}, setup '{name}'" if name else data.source
+            raise InputError(f"{label}: {count} poses with x, y and z; registration needs at least 3")
+    rows = np.flatnonzero(measured)
+    fit_rows = rows[:: max(1, len(rows) // START_POSES)]
+    points = _tool_points(frames, data.position, setup, tool, fit_rows, len(tools))
+    tips = _tips(frames, points, tool)
+    registration = {}
+    for i, name in enumerate(setups):
+        chosen = measured & (setup == i)
+        turn, shift = se3.fit_rotation(tips[chosen], data.position[chosen])
+        registration[name] = se3.frame(turn, shift)
+    yield _with_tools(poses, slots, registration, points)
+
+
+def _balls(data: Dataset) -> bool:
+    """Whether a ball was touched."""
+    touches = (kind for kind in observations(data) if isinstance(kind, Touches))
+    return any(f.surface == "on_sphere" for kind in touches for body in kind.bodies for f in body.features)
+
+
+def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
+    """The placement by registrations and tool points (T, 3), m: tools turned as measured, and what each observation
+    finds of its own from there. slots: (S, N, 4, 4), the frames of the nominal mechanism."""
+    data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
+    tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}
     if data.has_rotation:
         tool_frames = _turn_tools(poses, frames, registration, tool_frames)
     root = frames @ np.stack([tool_frames[name] for name in data.label("tool").tolist()])
@@ -72,11 +105,9 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
             out[chosen] = position[rows][chosen] - tips[chosen] @ turn.T - shift
         return np.append(out.ravel(), TOOL_PULL * flat)
 
-    starts = [np.zeros(3 * count)]
-    starts += [np.tile(0.15 * sign * axis, count) for axis in np.eye(3) for sign in (1.0, -1.0)]
     best = None
-    for start in starts:
-        found = optimize.least_squares(misfit, start, method="trf", x_scale=0.1, max_nfev=30)
+    for tried in TRIED_TOOLS:
+        found = optimize.least_squares(misfit, np.tile(tried, count), method="trf", x_scale=0.1, max_nfev=30)
         if best is None or found.cost < best.cost:
             best = found
         if np.sqrt(2 * best.cost / len(rows)) < GOOD_START:

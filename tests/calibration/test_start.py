@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_cases import MECHANISMS, measure
 
+import gpmodel as gp
 from gpmodel.calibration.start import start_placement
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import observe, prepare
@@ -64,3 +65,24 @@ def test_too_few_distances_name_the_column() -> None:
     few = {k: np.where(np.arange(20) < 3, v, np.nan) for k, v in truth.poses.dataset.distances.items()}
     with pytest.raises(InputError, match="column 'distance_0': 3 distances; its anchor needs at least 4"):
         start_placement(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few)))
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_balls_touched_by_an_unknown_tool_are_placed_from_whichever_tool_fits_best(seed: int) -> None:
+    """From the flange alone both seeds end in another minimum, centimetres off."""
+    made = gp.simulate("irb6400r", poses=40, instrument="spheres", geometry_sigma="1 mm", seed=seed)
+    fit = gp.calibrate("irb6400r", made.table, holdout=0).fit[0]
+    assert fit.status == "converged"
+    assert fit.sigma < 2e-4
+    off = fit.placement.tool[""][:3, 3] - made.truth.saved.placement.tool[""][:3, 3]
+    assert np.linalg.norm(off) < 0.02
+
+
+def test_few_touches_of_balls_hold_constants_enough() -> None:
+    """Twenty-eight touches fitted for fifteen numbers of three balls and a tool: some constants are held, none too
+    many."""
+    made = gp.simulate("irb6400r", poses=40, instrument="spheres", geometry_sigma="1 mm", seed=3)
+    result = gp.calibrate("irb6400r", made.table)
+    assert [step.calibration.status for step in result.calibrated.steps] == ["converged"] * 2
+    assert 10 <= result.calibrated.steps[-1].calibration.kept.sum() < 13
+    assert result.fit[0].sigma < 2e-4
