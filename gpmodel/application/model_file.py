@@ -13,7 +13,7 @@ from gpmodel.application.model_reader import converted, read_part
 from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
@@ -212,7 +212,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     if odd := [name for e in effects for name in e.inputs if not name.isidentifier()]:
         raise InputError(f"a basis reads {odd[0]!r}, which is no name of a column")
     if unknown := [s for e in effects for s in e.slots if s not in places(mechanism)]:
-        raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(places(mechanism))}")
+        raise InputError(f"slot '{unknown[0]}' is unknown; available: {choices(unknown[0], places(mechanism))}")
     return SavedModel(
         model=ErrorModel(mechanism, effects),
         theta=np.array([e.value for e in part.effects]),
