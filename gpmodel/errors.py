@@ -1,6 +1,8 @@
 """The exceptions a user can meet."""
 
+import difflib
 import re
+from collections.abc import Iterable
 
 LONGEST = 1000
 """Characters of a message; what it quotes may be a whole file."""
@@ -8,6 +10,25 @@ QUOTED = 60
 """Characters of a text in quotes."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
 """A long one, without the quotes that end one short text and begin the next."""
+
+LISTED, NEAREST = 6, 3
+"""Names of which all are listed, and those listed of more: the most alike."""
+
+
+def choices(name: object, known: Iterable[object]) -> str:
+    """What was expected in place of a name that is none of the known: all of a few, of many the nearest, case aside.
+
+    >>> choices("j7", ["J1", "J2"])
+    'J1, J2'
+    >>> choices("joint_complaince", [*"abcdef", "joint_compliance", "joint_bending"])
+    'joint_compliance, joint_bending, e and 5 others'
+    """
+    names = list(dict.fromkeys(map(str, known)))
+    if len(names) <= LISTED:
+        return ", ".join(names) or "none"
+    folded = {other.casefold(): other for other in reversed(names)}
+    alike = difflib.get_close_matches(str(name).casefold()[:LONGEST], folded, NEAREST, cutoff=0.0)
+    return f"{', '.join(folded[other] for other in alike)} and {len(names) - len(alike)} others"
 
 
 class GpModelError(Exception):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, first_yield_pressure, hertz
 from joints.description import SECTIONS, read_joint, spherical_joint
@@ -90,7 +90,7 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
     if [r.axis for r in joint.rotations] != ["x", "y", "z"]:
         raise InputError(f"{file}: a design is of a ball in a socket, expected rotations about x, y and z")
     if "kind" not in given and (unknown := [key for key in given if key not in SECTIONS]):
-        raise InputError(f"{file}: unknown key '{unknown[0]}', expected kind or one of {', '.join(SECTIONS)}")
+        raise InputError(f"{file}: unknown key '{unknown[0]}', expected kind or one of {choices(unknown[0], SECTIONS)}")
     if flat := [key for key in SECTIONS if not isinstance(given.get(key, {}), dict)]:
         raise InputError(f"{file}: {flat[0]} = {given[flat[0]]!r}, expected a table [{flat[0]}]")
     sections = {name: dict(given.get(name, {})) for name in SECTIONS}

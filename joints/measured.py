@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.units import factor_like, split_header
 from joints.settings import Settings
@@ -28,7 +28,7 @@ def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
         found = next((head for head, (called, given) in heads.items() if called == name and given is not None), "")
         factor = factor_like(heads[found][1] or "", unit) if found else None
         if factor is None:
-            raise InputError(f"{path}: columns {', '.join(heads)}, expected a column '{name} [{unit}]'")
+            raise InputError(f"{path}: columns {choices(name, heads)}, expected a column '{name} [{unit}]'")
         curve[name] = factor * numbers(frame[found], f"{path}: column '{name}'")
         if (empty := np.flatnonzero(np.isnan(curve[name]))).size:
             raise InputError(f"{path}: column '{name}', row {empty[0] + 1}: empty, expected a number")

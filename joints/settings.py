@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.table.units import factor_like, split_quantity
 from gpmodel.texts import read_toml as read_table
 from joints.limits import require
@@ -60,7 +60,7 @@ def read_toml(path: Path) -> Settings:
 def _overlay(default: Settings, given: Settings, file: str, place: str) -> Settings:
     unknown = [key for key in given if key not in default]
     if unknown:
-        names = ", ".join(default)
+        names = choices(unknown[0], default)
         raise InputError(f"{file}: unknown key '{place}{unknown[0]}', expected one of {names}")
     return {key: _value(default[key], given.get(key), file, f"{place}{key}") for key in default}
 

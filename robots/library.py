@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.extras import extra_for
 from gpmodel.numerics.se3 import shift
 from robots.branches import Branches, read_branches
@@ -140,7 +140,7 @@ def _measured_at(chain: SerialChain | Branches, frame: str | None) -> SerialChai
         return chain
     asked = [part.strip() for part in frame.split(",")]
     if unknown := [name for name in asked if name not in known]:
-        has = ", ".join(repr(name) for name in known)
+        has = choices(unknown[0], map(repr, known))
         raise InputError(f"{chain.name}: no frame named {unknown[0]!r} to measure at; it has {has}")
     chosen = tuple(known[name] for name in dict.fromkeys(asked))
     return chosen[0] if len(chosen) == 1 else Branches(chain.name, chosen)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
@@ -36,7 +36,7 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
     frame = default_frame(tree) if frame is None else frame
     if frame not in tree.frames:
         raise InputError(
-            f"{name or path}: no link named {frame!r} to measure at; its links are {', '.join(tree.frames)}"
+            f"{name or path}: no link named {frame!r} to measure at; its links are {choices(frame, tree.frames)}"
         )
     chain = [joint for joint in tree.route(frame) if joint.kind != "fixed"]
     for joint in chain:

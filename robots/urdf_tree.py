@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.quantities import LARGEST, checked, checked_mass
 from robots.links import placement
 from robots.urdf_file import parse_xml
@@ -126,7 +126,7 @@ def read_tree(path: Path) -> UrdfTree:
             if joint.mimic and joint.mimic.leader not in moving:
                 raise ValueError(
                     f"joint '{joint.name}' mimics '{joint.mimic.leader}', which is no moving joint of the file; "
-                    f"expected one of {', '.join(sorted(moving))}"
+                    f"expected one of {choices(joint.mimic.leader, sorted(moving))}"
                 )
         if twice or len(roots) != 1:
             said = f"'{twice[0]}' hangs on two joints" if twice else f"{', '.join(roots) or 'none'} without a parent"

@@ -1,15 +1,20 @@
 """Calibrations of a robot that are saved and read back."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from cli_cases import robot
 
-from gpmodel.application.model_file import SavedModel, saved_model
+from gpmodel.application.model_file import SavedModel, load_model, saved_model
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
+from gpmodel.texts import SEAL, seal
 
 CASES: dict[str, dict[str, Any]] = {
     "geometry": {},
@@ -30,3 +35,20 @@ def fitted(case: str) -> tuple[SavedModel, Dataset]:
     poses = prepare(mechanism, made.dataset)
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism) + extra), poses)
     return saved_model(fit, poses), made.dataset
+
+
+def sealed(content: dict[str, Any], **changes: object) -> str:
+    """A file that somebody made on purpose: its seal is whole. Fields that are `...` are left away."""
+    made = {k: v for k, v in (content | changes).items() if v is not ...}
+    return json.dumps(made | {SEAL: seal(made)})
+
+
+def refused(text: str, said: str, path: Path) -> None:
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_model(path)
+    line = str(caught.value)
+    assert said in line
+    assert line.startswith(str(path))
+    assert "\n" not in line
+    assert len(line) < 1000

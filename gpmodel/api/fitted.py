@@ -13,7 +13,7 @@ from gpmodel.api.results import save_fitted, write_fitted
 from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import root_residual
@@ -88,7 +88,7 @@ class RecordedResult:
 
         known = {p.name: p for p in pictures(self.record)}
         if not known or (name is not None and name not in known):
-            raise InputError(f"{name!r} is no picture of this result; available: {', '.join(known) or 'none'}", "name")
+            raise InputError(f"{name!r} is no picture of this result; available: {choices(name, known)}", "name")
         return figure(known[name or next(iter(known))])
 
     def _repr_html_(self) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from gpmodel.api.arguments import file_path, number, shown, texts, whole
 from gpmodel.api.display import Shown, aligned
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
 from gpmodel.formula.expression import Expression
@@ -129,7 +129,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
         wanted = named if names is None else names
         missing = [name for name in wanted if name not in named]
         if missing:
-            raise InputError(f"no column '{missing[0]}', there are {', '.join(named)}", "X")
+            raise InputError(f"no column '{missing[0]}', there are {choices(missing[0], named)}", "X")
         columns = table.set_axis(list(named), axis=1)[list(wanted)]
         text = [n for n, kind in zip(wanted, columns.dtypes, strict=True) if not pd.api.types.is_numeric_dtype(kind)]
         if text:

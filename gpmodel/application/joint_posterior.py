@@ -7,7 +7,7 @@ import numpy as np
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.balls import Ball, Shift, balls_of
 from gpmodel.mechanism.protocol import Mechanism
@@ -29,7 +29,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     """
     balls = {ball.name: ball for ball in balls_of(machine) if ball.name}
     if name not in balls:
-        raise InputError(f"'{name}' is no ball of {machine.name}; it has {', '.join(balls) or 'none'}", "joint")
+        raise InputError(f"'{name}' is no ball of {machine.name}; it has {choices(name, balls)}", "joint")
     single = balls_of(joint.mechanism)
     if len(single) != 1 or single[0].name:
         raise InputError(f"{name}: a result of {joint.mechanism.name}, expected one of a ball joint alone", "joint")

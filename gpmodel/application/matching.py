@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, Mask
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import states_of
@@ -36,7 +36,7 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
         if labelled == {""} and len(known) == 1:
             labels[column] = np.full(len(dataset), next(iter(known)))
         elif surplus := sorted(labelled - set(known)):
-            expected = ", ".join(f"'{k}'" for k in known)
+            expected = choices(surplus[0], (f"'{k}'" for k in known))
             raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
     return replace(dataset, labels=labels)
 

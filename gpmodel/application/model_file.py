@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel._version import __version__
+from gpmodel.application.another_machine import check_constants
 from gpmodel.application.measured import Measured, measured_from, measured_record
 from gpmodel.application.model_reader import converted, read_part
 from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
@@ -185,11 +186,13 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
     """Read model.json. mechanism: the one it was made for, where it was built in Python.
 
     Raises InputError: missing, too large, no JSON, of another kind or schema, a field beyond its bounds, changed since
-    it was written, or of another mechanism.
+    it was written, or of another machine.
     """
     part = read_part(path)
     try:
-        return _read(part, mechanism)
+        saved = _read(part, mechanism)
+        check_constants(saved.model, saved.theta, saved.placement, saved.measured)
+        return saved
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -206,12 +209,10 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         Effect(e.name, t, e.unit, e.family, np.inf if e.prior is None else e.prior)
         for e, t in zip(part.effects, terms, strict=True)
     )
-    odd = [name for e in effects for name in e.inputs if not name.isidentifier()]
-    if odd:
+    if odd := [name for e in effects for name in e.inputs if not name.isidentifier()]:
         raise InputError(f"a basis reads {odd[0]!r}, which is no name of a column")
-    unknown = [s for e in effects for s in e.slots if s not in places(mechanism)]
-    if unknown:
-        raise InputError(f"slot '{unknown[0]}' is unknown; available: {', '.join(places(mechanism))}")
+    if unknown := [s for e in effects for s in e.slots if s not in places(mechanism)]:
+        raise InputError(f"slot '{unknown[0]}' is unknown; available: {choices(unknown[0], places(mechanism))}")
     return SavedModel(
         model=ErrorModel(mechanism, effects),
         theta=np.array([e.value for e in part.effects]),

@@ -25,6 +25,8 @@ from gpmodel.records.unfinished import Unfinished, unfinished
 from gpmodel.texts import parse_json, seal
 
 Journal = TypeVar("Journal")
+NO_NUMBERS = ("resume", "folder", "quiet", "workers", "scheduler", "minutes")
+"""Options that a search which is finished may be asked again with: none of its numbers would be another."""
 CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""
 JOINT = "joint "
@@ -115,7 +117,8 @@ class Typed:
     def request(self, settings: object) -> Request | None:
         """What is to be done; None where the search to resume is finished, which is said.
 
-        Raises InputError where there is no table, nothing to resume, or a file that is no longer there.
+        Raises InputError where there is no table, nothing to resume, something beside a finished search that it would
+        not change, or a file that is no longer there.
         """
         ctx = click.get_current_context()
         command = str(ctx.command.name)
@@ -136,6 +139,9 @@ class Typed:
             if _made_by(done) != command:
                 said = f"{self.resume} has no unfinished search; expected the folder of an interrupted {command}"
                 raise InputError(said, "resume")
+            if ignored := _typed_beside(ctx):
+                raise InputError(f"{self.resume} is finished, which {', '.join(ignored)} would not change; leave "
+                                 f"{'that' if len(ignored) == 1 else 'them'} away, or --resume", "resume")  # fmt: skip
             click.echo(f"nothing is left to do in {self.resume}; report: {done.with_suffix('.html')}")
             return None
         try:
@@ -176,6 +182,15 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
         if files.empty:
             files.close()
         raise
+
+
+def _typed_beside(ctx: click.Context) -> list[str]:
+    """What was typed beside --resume that numbers depend on, by its name on the command line."""
+    return [
+        param.human_readable_name if isinstance(param, click.Argument) else param.opts[0]
+        for param in ctx.command.params
+        if ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE and param.name not in NO_NUMBERS
+    ]
 
 
 def _made_by(result: Path) -> str | None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
@@ -44,7 +44,8 @@ class Layout:
             raise InputError(f"inputs: {self.elements} elements, at most 256 can be addressed")
         unknown = [name for name in self.start if name is not None and name not in self.inputs]
         if unknown:
-            raise InputError(f"registers: no input {unknown[0]!r} to start from; inputs are {', '.join(self.inputs)}")
+            said = choices(unknown[0], self.inputs)
+            raise InputError(f"registers: no input {unknown[0]!r} to start from; inputs are {said}")
 
     @property
     def elements(self) -> int:

@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.evolution.description_length import fit_nats, ranked
 from gpmodel.evolution.engine import BLOCK, Code, compensator_fitness
 from gpmodel.evolution.projection import Targets
@@ -56,7 +56,7 @@ class Inputs:
         """Some of the inputs. Raises InputError for a name that is not there."""
         unknown = [name for name in names if name not in self.names]
         if unknown:
-            raise InputError(f"inputs: unknown {unknown[0]!r}, available: {', '.join(self.names)}")
+            raise InputError(f"inputs: unknown {unknown[0]!r}, available: {choices(unknown[0], self.names)}")
         rows = [self.names.index(name) for name in names]
         return Inputs(tuple(names), self.values[rows], tuple(self.kinds[row] for row in rows) if self.kinds else ())
 

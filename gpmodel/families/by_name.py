@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
@@ -39,7 +39,9 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
         raise InputError(f"{said}: has no terms; expected one at least, as in (Term('base', 'Rx'),)")
     for term in effect.terms:
         if term.slot not in places(mechanism):
-            raise InputError(f"{said}: slot '{term.slot}' is unknown; available: {', '.join(places(mechanism))}")
+            raise InputError(
+                f"{said}: slot '{term.slot}' is unknown; available: {choices(term.slot, places(mechanism))}"
+            )
         if not np.isfinite(term.basis(states)).all():
             raise InputError(f"{said}: '{term.basis}' is infinite or undefined at some poses")
 

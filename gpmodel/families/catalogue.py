@@ -5,7 +5,7 @@ The entry bar for a family: a cited mechanism, or a recorded discovery.
 
 from collections.abc import Iterable
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.families import angle as families_angle
 from gpmodel.families import axis as families_axis
 from gpmodel.families import curves as families_curves
@@ -125,10 +125,10 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     first, *words = name.split() or [""]
     of_family = [c for c in pool if c.family == first]
     if first not in names():
-        raise InputError(f"effect '{name}' is unknown; available: {', '.join(names())}")
+        raise InputError(f"effect '{name}' is unknown; available: {choices(first, names())}")
     wanted = [c for c in of_family if all(_mentions(c.name, w, mechanism) for w in words)]
     if not wanted:
-        instances = "; ".join(c.name for c in of_family[:12]) or "none on this mechanism and table"
+        instances = choices(name, (c.name for c in of_family)) if of_family else "none on this mechanism and table"
         raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
     return wanted[0].effects
 

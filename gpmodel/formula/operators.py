@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 
 TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 """Input elements 9 to 15 of Table 5.1."""
@@ -126,7 +126,8 @@ def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
     unknown = sorted(chosen.difference(offered))
     if unknown:
         raise InputError(
-            f"unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; operators are {', '.join(offered)}",
+            f"unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; operators are "
+            f"{choices(unknown[0], offered)}",
             "operators",
         )
     if not chosen:

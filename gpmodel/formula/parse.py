@@ -3,7 +3,7 @@
 import ast
 import sys
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
@@ -110,7 +110,8 @@ class _Reader:
                 return self.builder.apply(_BINARY[type(operation)], self.read(left), self.read(right))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in BY_NAME:
                 return self.call(name, arguments)
-        raise InputError(f"{self.whole}: cannot read {ast.unparse(node)!r}; functions are {', '.join(BY_NAME)}")
+        said = ast.unparse(node)
+        raise InputError(f"{self.whole}: cannot read {said!r}; functions are {choices(said.split('(')[0], BY_NAME)}")
 
     def number(self, value: float) -> int:
         """A constant. Raises InputError where it is too large for one."""

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.formula.operators import BY_NAME
 
 _INFIX = {"add": ("+", 1), "subtract": ("-", 1), "multiply": ("*", 2), "divide": ("/", 2), "modulo": ("%", 2)}
@@ -49,7 +49,7 @@ class Program:
         """
         missing = sorted(set(self.inputs) - set(inputs))
         if missing:
-            raise InputError(f"program {self}: no input {missing[0]!r}, available: {', '.join(inputs)}")
+            raise InputError(f"program {self}: no input {missing[0]!r}, available: {choices(missing[0], inputs)}")
         length = max((np.size(column) for column in inputs.values()), default=1)
         values = self.values(inputs, length)
         return np.stack([values[k] for k in self.outputs]) if self.outputs else np.empty((0, length))
@@ -210,7 +210,7 @@ class Builder:
     def apply(self, operator: str, *arguments: int) -> int:
         """The number of the node that applies an operator to earlier ones. Raises InputError for an unknown one."""
         if operator not in BY_NAME:
-            raise InputError(f"program: unknown operator {operator!r}, available: {', '.join(BY_NAME)}")
+            raise InputError(f"program: unknown operator {operator!r}, available: {choices(operator, BY_NAME)}")
         if len(arguments) != BY_NAME[operator].arity:
             raise InputError(f"program: {operator} takes {BY_NAME[operator].arity} arguments, {len(arguments)} given")
         return self._intern(Node(operator, arguments))

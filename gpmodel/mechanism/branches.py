@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Mechanism, bare_of, closed
 from gpmodel.numerics import se3
 
@@ -95,5 +95,5 @@ def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
         own |= tree.tips if tree else {}
         known = {**own, **{joint.name: f"{joint.name}.moving" for joint in mechanism.joints}, **known}
     if link not in known:
-        raise InputError(f"{where}: link '{link}' is unknown; expected {', '.join(dict.fromkeys(['world', *known]))}")
+        raise InputError(f"{where}: link '{link}' is unknown; expected {choices(link, ['world', *known])}")
     return mechanism.slots.index(known[link]) if known[link] else -1

@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.workspace import links
@@ -43,7 +43,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
         known += getattr(sys.modules[provider.module], "mechanism_names", tuple)()
     raise InputError(
         f"'{name}' is unknown; expected a .urdf file, a .toml file of DH rows, a joint or a hexapod, or one of "
-        f"{', '.join(known)}{''.join(broken)}",
+        f"{choices(name, known)}{''.join(broken)}",
         "mechanism",
     )
 

@@ -65,17 +65,24 @@ TIP_TOLERANCE = 1e-7
 """m, by which two descriptions of one machine may differ: rounding."""
 
 
-def tip_at_probe(mechanism: Mechanism) -> Array:
-    """Tip (3,), m, at one oblique pose: a fingerprint of the nominal geometry up to the measured frame.
-
-    The pose is near the middle of the limits where loops do not close at the usual one.
-    """
+def probe(mechanism: Mechanism) -> Array:
+    """One oblique pose (1, n); near the middle of the limits where loops do not close at the usual one."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
     q, loops = 0.1 * count[None], closed(mechanism)
     if loops is not None and not loops.closes(q)[0]:
         lower, upper = np.array([joint_range(joint) for joint in mechanism.joints]).T
         q = (0.5 * (lower + upper) + 0.01 * (upper - lower) * count)[None]
-    return chain(mechanism.transforms(q))[-1][0, :3, 3]
+    return q
+
+
+def tip_at_probe(mechanism: Mechanism) -> Array:
+    """Tip (3,), m, at that pose: a fingerprint of the nominal geometry up to the measured frame."""
+    return chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3]
+
+
+def length_at_probe(mechanism: Mechanism) -> float:
+    """The lengths, m, of all links together at that pose."""
+    return float(np.linalg.norm(mechanism.transforms(probe(mechanism))[:, 0, :3, 3], axis=1).sum())
 
 
 def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:

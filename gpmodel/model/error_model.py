@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import assembled, branched, lineage
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import Effect
@@ -73,7 +73,9 @@ class ErrorModel:
         for effect in self.effects:
             for slot in effect.slots:
                 if slot not in known:
-                    raise InputError(f"effect '{effect.name}': slot '{slot}' is unknown; available: {', '.join(known)}")
+                    raise InputError(
+                        f"effect '{effect.name}': slot '{slot}' is unknown; available: {choices(slot, known)}"
+                    )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
         """Error twists (N, 6), m and rad, by the index of the slot they act at; none where nothing acts."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import carrier_slot
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import boards_of, cameras_of, features_of
@@ -129,8 +129,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
         where = f"{dataset.source}, row {dataset.row[row]}"
         for column, known in (("camera", by_name), ("marker", markers)):
             if (text := str(dataset.label(column)[row])) not in known:
-                said = f"expected {', '.join([*known][:8])}" + (" ..." if len(known) > 8 else "")
-                raise InputError(f"{where}: {column} '{text}' is unknown; {said}")
+                raise InputError(f"{where}: {column} '{text}' is unknown; expected {choices(text, known)}")
         camera[row] = by_name[str(dataset.label("camera")[row])]
         board[row], corner[row] = markers[str(dataset.label("marker")[row])]
     same = np.column_stack([np.round(dataset.q / SAME_VIEW), dataset.codes("setup")[1], dataset.codes("repeat")[1]])

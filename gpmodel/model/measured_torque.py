@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import choices
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import torque_factor
@@ -32,7 +33,7 @@ def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
         if column not in of_joints and _SPELLED.match(column) and torque_factor(unit):
             yield (
                 f"{dataset.source}: column '{column}' names no joint of {mechanism.name} and is an input like any "
-                f"other; expected {', '.join(f'torque_{joint.name}' for joint in mechanism.joints)}"
+                f"other; expected {choices(column, (f'torque_{joint.name}' for joint in mechanism.joints))}"
             )
     for column, joint in of_joints.items():
         if not np.ptp(dataset.extras[column]) > 0:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
@@ -70,8 +70,7 @@ class States:
                 "are taken, or a column of times that never falls",
                 "in_order",
             )
-        available = ", ".join(self.columns)
-        raise InputError(f"input '{name}' is not known here; available: {available}")
+        raise InputError(f"input '{name}' is not known here; available: {choices(name, self.columns)}")
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -140,8 +139,8 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
     tips = {"": next(iter(tree.tips.values())), **tree.tips}
     for row, name in zip(dataset.row, dataset.label("tip").tolist(), strict=True):
         if name not in tips:
-            expected = ", ".join(tree.tips)
-            raise InputError(f"{dataset.source}, column 'tip', row {row}: '{name}' is no tip; expected {expected}")
+            said = f"'{name}' is no tip; expected {choices(name, tree.tips)}"
+            raise InputError(f"{dataset.source}, column 'tip', row {row}: {said}")
     return np.array([slots.index(tips[name]) for name in dataset.label("tip").tolist()], dtype=np.int64)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.texts import read_toml
 
 
@@ -36,7 +36,9 @@ class Particulars:
         known = [f.name for f in dataclasses.fields(self)]
         for name in said:
             if name not in known:
-                raise InputError(f"'{name}' is no line of a certificate; available: {', '.join(known)}", "particulars")
+                raise InputError(
+                    f"'{name}' is no line of a certificate; available: {choices(name, known)}", "particulars"
+                )
         return dataclasses.replace(self, **{name: value for name, value in said.items() if value})
 
 
@@ -49,7 +51,7 @@ def read_particulars(path: Path) -> Particulars:
     known = [f.name for f in dataclasses.fields(Particulars)]
     for key, value in content.items():
         if key not in known:
-            raise InputError(f"{path}: key '{key}' is unknown; available: {', '.join(known)}")
+            raise InputError(f"{path}: key '{key}' is unknown; available: {choices(key, known)}")
         if not isinstance(value, str | int | float | datetime.date) or isinstance(value, bool):
             raise InputError(f"{path}: {key} = {value!r}; expected text")
     return Particulars(**{key: str(value) for key, value in content.items()})

@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.table.cells import LARGEST, numbers, read_frame
 from gpmodel.table.dataset import LABELS
@@ -153,5 +153,5 @@ def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Arr
 
 def _column(frame: pd.DataFrame, name: str, path: Path, where: str) -> pd.Series:
     if name not in frame.columns:
-        raise InputError(f"{where}: {path.name} has no column '{name}'; it has {', '.join(frame.columns)}")
+        raise InputError(f"{where}: {path.name} has no column '{name}'; it has {choices(name, frame.columns)}")
     return frame[name]

@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.units import JOINT_UNITS
 
@@ -31,7 +31,7 @@ def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where:
     if mechanism is None:
         raise InputError(f"{where}: joint values without units; expected --mechanism M, whose joints turn or slide")
     if missing := [j.name for j in mechanism.joints if j.name not in values]:
-        raise InputError(f"{where}: no values of joint '{missing[0]}'; it has {', '.join(values) or 'none'}")
+        raise InputError(f"{where}: no values of joint '{missing[0]}'; it has {choices(missing[0], values)}")
     return {f"{j.name} [{JOINT_UNITS[j.kind]}]": cells(values[j.name]) for j in mechanism.joints}
 
 

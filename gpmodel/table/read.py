@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.mechanism.quantities import checked_mass
@@ -170,11 +170,14 @@ def _joint_columns(
     missing = [name for name in expected if name not in columns]
     if missing:
         units = "[mm] or [m]" if expected[missing[0]].kind == "prismatic" else "[deg] or [rad]"
-        ways = " or ".join(dict.fromkeys((", ".join(by_number), ", ".join(by_name))))
+        by_names = choices(expected[missing[0]].name, by_name)
+        ways = " or ".join(dict.fromkeys((choices(missing[0], by_number), by_names)))
         raise InputError(f"{path.name}: joint column '{missing[0]}' is missing; expected {ways}, this one with {units}")
     surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
     if surplus:
-        raise InputError(f"{path.name}: joint column '{surplus[0]}' is one too many; expected {', '.join(by_number)}")
+        raise InputError(
+            f"{path.name}: joint column '{surplus[0]}' is one too many; expected {choices(surplus[0], by_number)}"
+        )
     values: dict[str, Array] = {}
     for column, joint in expected.items():
         unit, series = columns[column]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.quantities import LARGEST
 from gpmodel.numerics import se3
 from gpmodel.table.imported import Imported
@@ -48,9 +48,7 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
             )
             used |= found
     if not used:
-        raise InputError(
-            f"{path.name}: no offset of a joint of {nominal.name}; it has {', '.join([*offsets][:8]) or 'none'}"
-        )
+        raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {choices('', offsets)}")
     left = ", ".join(sorted(offsets.keys() - used))
     note = f"{nominal.name} with the offsets of {path.name}" + (f"; of no joint here: {left}" if left else "")
     robot.insert(0, ET.Comment(f" {note.replace('--', '- -')} "))

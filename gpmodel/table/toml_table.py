@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.quantities import checked
 from gpmodel.table.units import factor
 
@@ -110,5 +110,5 @@ class TomlTable:
     def done(self) -> None:
         """Checks that no key was left over."""
         if self.content:
-            unknown, known = ", ".join(self.content), ", ".join(dict.fromkeys(self.known))
-            raise InputError(f"{self.where}: unknown key {unknown}; expected {known}")
+            unknown = next(iter(self.content))
+            raise InputError(f"{self.where}: unknown key {unknown}; expected {choices(unknown, self.known)}")

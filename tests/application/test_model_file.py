@@ -66,6 +66,7 @@ def test_a_mechanism_of_a_file_goes_with_the_model(tmp_path: Path) -> None:
     saved = replace(fitted("geometry")[0], model=ErrorModel(mechanism, geometric_effects(mechanism)))
     count = len(saved.model.effects)
     saved = replace(saved, theta=np.full(count, 1e-4), stderr=np.full(count, np.nan), covariance=unfitted(count))
+    saved = replace(saved, measured=None)
     save_model(tmp_path / "model.json", saved)
     shutil.rmtree(urdf.parent)
     text = (tmp_path / "model.json").read_text()

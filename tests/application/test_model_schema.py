@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from effect_cases import bare, mechanism
 from group_cases import STANDING
-from model_cases import fitted
+from model_cases import fitted, refused, sealed
 
 import gpmodel as gp
 from gpmodel.application.model_file import check_kept, load_model, model_text, save_model
@@ -19,13 +19,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering, offered
-from gpmodel.texts import SEAL, seal
-
-
-def sealed(content: dict[str, Any], **changes: object) -> str:
-    """A file that somebody made on purpose: its seal is whole. Fields that are `...` are left away."""
-    made = {k: v for k, v in (content | changes).items() if v is not ...}
-    return json.dumps(made | {SEAL: seal(made)})
+from gpmodel.texts import SEAL
 
 
 @pytest.mark.parametrize("name", ["irb6400r", "panda", "spherical-joint"])
@@ -63,17 +57,6 @@ def test_a_model_is_read_back_as_it_is_written(tmp_path: Path) -> None:
         InputError, match=r"^model.json was written and cannot be read back: effects\[0\].unit: Expected"
     ):
         save_model(tmp_path / "odd" / "model.json", odd)
-
-
-def refused(text: str, said: str, path: Path) -> None:
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        load_model(path)
-    line = str(caught.value)
-    assert said in line
-    assert line.startswith(str(path))
-    assert "\n" not in line
-    assert len(line) < 1000
 
 
 @pytest.fixture(scope="module")

@@ -119,6 +119,19 @@ def test_results_of_another_command_and_a_foreign_request_are_one_line(cut: Path
         assert "was not written by gpmodel" in one_line(run("discover", "--resume", cut), 2)
 
 
+@pytest.mark.parametrize("command", ["discover", "evolve", "fleet"])
+def test_what_a_finished_search_would_ignore_is_refused(command: str, tmp_path: Path) -> None:
+    (tmp_path / ("fleet.json" if command == "fleet" else "report.json")).write_text(f'{{"kind": "gpmodel {command}"}}')
+    for typed, said in (
+        (["other.csv"], "is finished, which"),
+        (["--seed", "3"], "--seed would not change; leave that away"),
+        (["--mechanism", "ur5", "--seed", "3"], "--mechanism, --seed would not change; leave them away"),
+    ):
+        assert said in one_line(run(command, *typed, "--resume", tmp_path), 2)
+    done = run(command, "--resume", tmp_path, "--out", tmp_path, "--workers", 1, "--quiet")
+    assert (done.exit_code, done.stdout.split(" in ")[0]) == (0, "nothing is left to do")
+
+
 def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_asked(
     cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -161,7 +161,7 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("design", '[demand]\npull = "0 N"', "demand.pull = 0, expected above 0"),
         ("design", 'kind = "universal"', "a design is of a ball in a socket, expected rotations about x, y and z"),
         ("design", "demand = 5", "demand = 5, expected a table"),
-        ("design", "[magic]\na = 1", "unknown key 'magic', expected kind or one of preload, contact"),
+        ("design", "[magic]\na = 1", "unknown key 'magic', expected kind or one of dynamics, "),
         ("design", '[film]\npreload = "5 mm"', r"\[film\]: preload: '5 mm', expected a quantity with its unit"),
         ("pugh", "chart = []", r"no \[\[chart\]\]"),
         ("pugh", '[[chart]]\nconcepts = ["a"]\nmarks = {x = ["?"]}', r"mark '\?', expected 0"),

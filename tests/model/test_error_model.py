@@ -75,7 +75,9 @@ def test_two_effects_at_one_slot_act_together() -> None:
 
 
 def test_an_effect_at_a_slot_the_mechanism_has_not_is_never_skipped() -> None:
-    with pytest.raises(InputError, match=r"effect 'lost': slot 'J77.moving' is unknown; available: base, "):
+    with pytest.raises(
+        InputError, match=r"effect 'lost': slot 'J77.moving' is unknown; available: elbow_joint.moving, "
+    ):
         ErrorModel(mechanism("ur5"), (effect_at("lost", "J77.moving", "Rx"),))
 
 
