@@ -51,6 +51,10 @@ class Branches:
     def tips(self) -> Mapping[str, str]:
         return {chain.tool_frame: own[-1] for chain, own in zip(self.chains, self._own, strict=True)}
 
+    def alone(self, tip: str) -> SerialChain:
+        """The chain that ends at a measured link; see gpmodel.mechanism.branches.Branched."""
+        return next(chain for chain in self.chains if chain.tool_frame == tip)
+
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         return tuple({joint.name: joint for chain in self.chains for joint in chain.joints}.values())

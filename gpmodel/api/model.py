@@ -143,7 +143,8 @@ class Model(Shown):
         box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
         one the largest cube about a measured pose near the middle that is reached and corrected everywhere. nodes: of
         the grid along each side; 5 for None. setup, tool: whose registration and tool point the sources and the grid
-        have, where the model knows several; the first for None. seed: of the fresh poses the errors are judged at.
+        have, where the model knows several, and of two arms the tool's; the first for None. seed: of the fresh poses
+        the errors are judged at.
         Raises InputError for a box that is none, or of which nothing is reached, or a name the model does not know.
         """
         with extra_for("an export", "report"):

@@ -110,7 +110,11 @@ def compensate(
 @click.option("--nodes", default=NODES, show_default=True, type=click.IntRange(2), help="Of it along each side.")
 @click.option("--setup", metavar="NAME",
               help="Whose registration model.py and model.c have, of several. [default: the first]")  # fmt: skip
-@click.option("--tool", metavar="NAME", help="Whose point they and the grid have, of several. [default: the first]")
+@click.option(
+    "--tool",
+    metavar="NAME",
+    help="Whose point they and the grid have, of several, and of two arms whose arm. [default: the first]",
+)
 @shared.seed_option
 @click.option("--out", "folder", type=shared.PATH, help="Folder. [default: RESULT]")
 @shared.quiet_option

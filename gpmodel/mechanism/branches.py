@@ -28,6 +28,9 @@ class Branched(Protocol):
     def tips(self) -> Mapping[str, str]:
         """Measured link -> the slot that carries it; the first is the one a row reads that names none."""
 
+    def alone(self, tip: str) -> Mechanism:
+        """The chain that ends at a measured link, by itself: its slots by their names here, but the last, `tool`."""
+
 
 def branched(mechanism: Mechanism) -> Branched | None:
     """The mechanism, or what it was loaded from, where it has several chains; None of a single one."""

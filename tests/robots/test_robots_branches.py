@@ -1,11 +1,11 @@
 """Two arms on one torso: the tree as it is, and the arms calibrated against one another by points that both touch."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_cases import one_line, run
+from torso_cases import TIPS, torso
 
 import gpmodel as gp
 from gpmodel.application.exports.make import exports_of
@@ -21,32 +21,6 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from robots.urdf import read_urdf
 
-ARM = (("0 0 0.1", "0 0 1"), ("0 0 0.1", "0 1 0"), ("0 0 0.35", "0 1 0"), ("0.1 0 0.3", "1 0 0"), ("0.1 0 0", "0 1 0"))
-TIPS = "left_tool,right_tool"
-
-
-def joint(name: str, kind: str, parent: str, child: str, xyz: str, axis: str, rpy: str = "0 0 0") -> str:
-    return (
-        f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
-        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-    )
-
-
-def torso() -> str:
-    parts = [
-        '<robot name="torso"><link name="floor"/>',
-        joint("torso", "revolute", "floor", "chest", "0 0 0.5", "0 0 1"),
-    ]
-    for side, y, roll in (("left", 0.2, -0.8), ("right", -0.2, 0.8)):
-        parent = "chest"
-        for k, (xyz, axis) in enumerate(ARM):
-            first = (f"0 {y} 0.3", f"{roll} 0 0") if k == 0 else (xyz, "0 0 0")
-            parts.append(joint(f"{side}_{k}", "revolute", parent, f"{side}_link_{k}", first[0], axis, first[1]))
-            parent = f"{side}_link_{k}"
-        parts.append(joint(f"{side}_mount", "fixed", parent, f"{side}_tool", "0.1 0 0", "1 0 0"))
-    return "".join(parts) + "</robot>"
-
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -58,12 +32,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def weighty(file: Path) -> Path:
     """The same with a kilogram in every link."""
-    mass = (
-        '<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    )
-    text = re.sub(r'<link name="(\w+_link_\d)"/>', rf'<link name="\1">{mass}</inertial></link>', file.read_text())
     path = file.with_name("weighty.urdf")
-    path.write_text(text)
+    path.write_text(torso(weighty=True))
     return path
 
 

@@ -1,6 +1,6 @@
 """A mechanism as a chain of constant transforms and single motions, read from what it does."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,11 +51,26 @@ class Chain:
         return out
 
 
+def arm_of(mechanism: Mechanism, tip: str) -> Chain:
+    """The chain that ends at a measured link, of several arms, moved by all coordinates of the table; of one arm the
+    chain itself. Raises InputError as `chain_of`, or where no link is said."""
+    tree = branched(mechanism)
+    if tree is None:
+        return chain_of(mechanism)
+    if not tip:
+        raise InputError(f"no tool is of one arm of {mechanism.name} alone; expected tools of their own in 'tool'")
+    alone = tree.alone(tip)
+    own = chain_of(alone)
+    weights = np.zeros((len(own.slots), len(mechanism.joints)))
+    weights[:, [[j.name for j in mechanism.joints].index(j.name) for j in alone.joints]] = own.weights
+    return replace(own, slots=(*own.slots[:-1], tree.tips[tip]), weights=weights)
+
+
 def chain_of(mechanism: Mechanism) -> Chain:
     """The chain. Raises InputError for a mechanism that is none: several arms, or a motion about more than one axis of
     a slot."""
     if branched(mechanism):
-        raise InputError(f"{mechanism.name} has several arms, which only a URDF holds; expected a serial chain")
+        raise InputError(f"{mechanism.name} has several arms; expected a serial chain")
     slots, joints = mechanism.slots, mechanism.joints
     axes, weights = [""] * len(slots), np.zeros((len(slots), len(joints)))
     for column, joint in enumerate(joints):

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.application.exports.chain import Chain, chain_of
+from gpmodel.application.exports.chain import Chain, arm_of
 from gpmodel.application.exports.loads import Body, Loads
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import Clamped, Ended, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis, Expression
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import AXES, Massive, bare_of
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import read_by
@@ -30,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Forward:
-    """T_register · Π T_s exp(Σ lines) · T_tool, of the set-up and the tool of `place`.
+    """T_register · Π T_s exp(Σ lines) · T_tool, of the set-up, the tool and the arm of `place`.
 
     computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
     inputs: names and units of what has to be given beside the joint values. bodies: the last one is 1 kg of payload.
@@ -51,19 +52,20 @@ class Forward:
 def forward_of(saved: SavedModel, place: Place) -> Forward:
     """The forward model of what `predict` uses, without what it cannot write of the end of the session.
 
-    Raises InputError for a mechanism that is no serial chain, or a load that its masses do not give.
+    Of several arms it is of one, whose tool `place` has. Raises InputError for a mechanism that is no serial chain, or
+    a load that its masses do not give.
     """
     whole = usable(saved)
     kept = placed_now(whole)
-    chain = chain_of(saved.mechanism)
+    chain = arm_of(saved.mechanism, place.tip)
     lines = tuple(
         Line(chain.slots.index(t.slot), AXES.index(t.axis), float(value * t.weight), basis)
         for e, value in zip(kept.model.effects, kept.theta, strict=True)
         if value != 0.0
         for t in e.terms
-        if (basis := _written(t.basis)) is not None
+        if t.slot in chain.slots and (basis := _written(t.basis)) is not None
     )
-    bodies, gravity = _masses(saved, chain)
+    bodies, gravity = _masses(saved, chain, place.tip)
     own = {joint.name for joint in saved.mechanism.joints} | set("xyz")
     read = [n for n in dict.fromkeys(name for line in lines for name in line.basis.inputs) if n not in own]
     given = set(kept.input_units) | _measured_torques(saved) | {n for n in read if read_by(n)}
@@ -93,9 +95,13 @@ def _measured_torques(saved: SavedModel) -> set[str]:
     return {f"torque_{joint}" for joint in measured_torques(saved.mechanism, saved.measured.dataset)}
 
 
-def _masses(saved: SavedModel, chain: Chain) -> tuple[tuple[Body, ...], Array]:
-    bare = bare_of(saved.mechanism)
+def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
+    """What weighs and gravity; each of several arms bears itself alone, no payload."""
+    tree = branched(saved.mechanism)
+    bare = bare_of(saved.mechanism) if tree is None else tree.alone(tip)
     if not isinstance(bare, Massive):
         return (), np.zeros(3)
-    bodies = [Body(chain.slots.index(slot), mass, centre) for slot, (mass, centre) in bare.bodies.items()]
-    return (*bodies, Body(len(chain.slots) - 1, 1.0, np.asarray(bare.payload_com))), bare.gravity
+    slots = dict(zip(bare.slots, range(len(chain.slots)), strict=True))
+    bodies = [Body(slots[slot], mass, centre) for slot, (mass, centre) in bare.bodies.items()]
+    carried = Body(len(chain.slots) - 1, float(tree is None), np.asarray(bare.payload_com))
+    return (*bodies, carried), bare.gravity

@@ -42,7 +42,15 @@ class Loads:
     bodies: tuple[Body, ...]
 
     def text(self, name: str) -> str:
-        """The load of that name. Raises InputError for any other name, or where no masses are known."""
+        """The load of that name. Raises InputError for any other name, or where no masses of its arm are known."""
+        try:
+            return self._text(name)
+        except ValueError:
+            raise InputError(
+                f"input '{name}' is a load of another arm than {self.chain.slots[-1]}; expected one of its own"
+            ) from None
+
+    def _text(self, name: str) -> str:
         if self.bodies and (match := _BASE_COUPLE.match(name)):
             axis = 3 + "xyz".index(match["side"])
             return f"couple(frames, {self._slot(match['link'])}, {'xyz'.index(match['along'])}, 0, {axis})"

@@ -94,7 +94,7 @@ def exports_of(
     }
     if branched(saved.mechanism):
         fresh = partial(fresh_poses, saved, POSES, rng)
-        makers["calibrated.urdf"] = lambda file: _arms(file, rigid(), saved, fresh())
+        urdf = cache(lambda: _arms("calibrated.urdf", rigid(), saved, fresh()))
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -150,11 +150,14 @@ def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
         case "exports/kinematics.yaml":
             return kinematics_text(urdf, note_of(rigid, measured_link(urdf))), "as origins of joints, for xacro"
         case "exports/joint_offsets.yaml":
-            note = note_of(rigid, link, beyond(urdf, link, measured_link(urdf)))
+            links = zip(link.split(","), measured_link(urdf).split(","), strict=True)
+            note = note_of(rigid, link, {there: beyond(urdf, there, measured) for there, measured in links})
             return offsets_text(nominal, urdf, note), "as robot_calibration's offsets to the nominal URDF"
         case "exports/ur_kinematics.yaml":
+            if branched(mechanism):
+                raise InputError(f"{mechanism.name} has several arms; expected one, as in ur_description")
             last = last_ur_link(urdf)
-            note = note_of(rigid, last, beyond(urdf, last, measured_link(urdf)))
+            note = note_of(rigid, last, {last: beyond(urdf, last, measured_link(urdf))})
             return ur_text(nominal, urdf, note), "as the kinematics file of ur_description"
     note = note_of(rigid, "the last frame")
     return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.exports.sample import measured_table
+from gpmodel.application.exports.sample import measured_table, tips_of
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.naming import translate
@@ -26,13 +27,14 @@ from gpmodel.wording import length
 class Rigid:
     """fit: to all rows. placement: registration and tool as they are now. twists: constant error twist (6,), m and rad,
     of every slot that has one. heldout: 3-D errors on rows held out of a fit to the others, m. missing: effects left
-    out, by the names of the table of the fit."""
+    out, by the names of the table of the fit. tips: of several arms the measured link that each tool is on."""
 
     fit: Calibration
     placement: Placement
     twists: Mapping[str, Array]
     heldout: Array
     missing: tuple[str, ...]
+    tips: Mapping[str, str]
 
 
 def refitted(saved: SavedModel) -> Rigid:
@@ -54,7 +56,7 @@ def refitted(saved: SavedModel) -> Rigid:
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     placement = placed_now(usable(saved_model(fit, poses))).placement
-    return Rigid(fit, placement, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing)
+    return Rigid(fit, placement, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing, tips_of(saved))
 
 
 def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:
@@ -99,9 +101,10 @@ def measured_link(text: str) -> str:
     return text.partition(LINK)[2].partition("\n")[0]
 
 
-def note_of(rigid: Rigid, link: str = "the measured link", at: Array | None = None) -> str:
-    """What the geometry holds, how far it is off, and what is missing, in lines. link: that the tool point is said in;
-    at: the measured link there, (4, 4), m."""
+def note_of(rigid: Rigid, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
+    """What the geometry holds, how far it is off, and what is missing, in lines. link: that the tool point is said in,
+    of several arms those of all with commas between; at: the measured link there, (4, 4), m, by the name of that one,
+    of which nothing is where it is itself."""
     fit = rigid.fit
     lines = [f"Geometry of {fit.model.mechanism.name}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
@@ -110,7 +113,10 @@ def note_of(rigid: Rigid, link: str = "the measured link", at: Array | None = No
     else:
         lines.append("No poses were held out: its error on other poses is not known.")
     lines.append(f"Missing: {'; '.join(rigid.missing)}." if rigid.missing else "Nothing of the model is missing.")
+    tree = branched(fit.model.mechanism)
+    links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
     for name, tool in rigid.placement.tool.items():
-        point = ", ".join(f"{1e3 * v:.4f}" for v in ((np.eye(4) if at is None else at) @ tool)[:3, 3])
-        lines.append(f"Tool point{f' {name}' if name else ''} in {link}, mm: {point}.")
+        own = links.get(rigid.tips.get(name, ""), link)
+        point = ", ".join(f"{1e3 * v:.4f}" for v in ((at or {}).get(own, np.eye(4)) @ tool)[:3, 3])
+        lines.append(f"Tool point{f' {name}' if name else ''} in {own}, mm: {point}.")
     return "\n".join(lines)

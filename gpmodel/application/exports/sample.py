@@ -9,6 +9,7 @@ from gpmodel.application.matching import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.workspace import drawn_between
 from gpmodel.table.dataset import Dataset
 
@@ -22,20 +23,25 @@ def measured_table(saved: SavedModel) -> Dataset:
 
 @dataclass(frozen=True)
 class Place:
-    """The set-up whose registration, and the tool whose point, an export has."""
+    """The set-up whose registration, and the tool whose point, an export has. tip: of several arms the measured link
+    that the tool is on, empty where it is not on one alone."""
 
     setup: str
     tool: str
+    tip: str = ""
 
     @classmethod
     def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
         """Those of these names, the first of the model for None. Raises InputError for a name that it does not know."""
         placed = saved.placement
-        return cls(_named(placed.registration, setup, "setup"), _named(placed.tool, tool, "tool"))
+        chosen = _named(placed.tool, tool, "tool")
+        return cls(_named(placed.registration, setup, "setup"), chosen, tips_of(saved).get(chosen, ""))
 
     def poses(self, data: Dataset) -> Dataset:
         """`data` as if all of it were measured there."""
         here = {"setup": np.full(len(data), self.setup), "tool": np.full(len(data), self.tool)}
+        if self.tip:
+            here["tip"] = np.full(len(data), self.tip)
         return replace(data, labels={**data.labels, **here})
 
     def said(self, saved: SavedModel) -> str:
@@ -43,6 +49,19 @@ class Place:
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
         return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
+
+
+def tips_of(saved: SavedModel) -> dict[str, str]:
+    """Of several arms the measured link that each tool is on, those on one alone; nothing of a single arm."""
+    tree = branched(saved.mechanism)
+    if tree is None or saved.measured is None:
+        return {} if tree is None else {tip: tip for tip in tree.tips if tip in saved.placement.tool}
+    data = saved.measured.dataset
+    both = {*zip(data.label("tool").tolist(), data.label("tip").tolist(), strict=True)}
+    on: dict[str, set[str]] = {}
+    for tool, tip in both:
+        on.setdefault(tool, set()).add(tip or next(iter(tree.tips)))
+    return {tool: tips.pop() for tool, tips in on.items() if len(tips) == 1}
 
 
 def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
