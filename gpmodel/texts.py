@@ -34,9 +34,12 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
 
 
 def read_text(path: Path, largest: int, expected: str) -> str:
-    """The text of such a file in UTF-8. Raises InputError as read_limited, and where it is no text."""
+    """The text of such a file in UTF-8, without the mark that some editors begin it with.
+
+    Raises InputError as read_limited, and where it is no text.
+    """
     try:
-        return read_limited(path, largest, expected).decode("utf-8")
+        return read_limited(path, largest, expected).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is no text in UTF-8 ({error.reason}); expected {expected}") from None
 

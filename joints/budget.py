@@ -35,6 +35,8 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
     return eliminate(columns, np.zeros(columns.shape[:2]), joint_columns(joint, observed)[:, :3])[0]
 
 
+MOST_DRAWS = 1_000_000
+"""Of all poses together: a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 
@@ -139,11 +141,12 @@ def error_budget(
 ) -> Budget:  # fmt: skip
     """The budget of one kind of error over poses spread by the equal distribution criterion.
 
-    Raises InputError where no source is of that kind, or for no poses or draws.
+    Raises InputError where no source is of that kind, and for no poses or draws or too many.
     """
     chosen = tuple(s for s in sources if s.kind == kind)
-    if not chosen or poses < 1 or draws < 1:
-        raise InputError(f"error budget: {len(chosen)} {kind} sources, {poses} poses, {draws} draws; expected some")
+    if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:
+        said = f"{len(chosen)} {kind} sources, {poses} poses, {draws} draws"
+        raise InputError(f"error budget: {said}; expected some, {MOST_DRAWS} of all poses at most")
     q = spread_poses(joint, poses, rng)
     parameters = np.zeros((poses, draws, PARAMETERS))
     for source in chosen:

@@ -32,7 +32,7 @@ def contact_types(path: Path | None = None) -> tuple[ContactType, ...]:
     """
     file = path or DATA / "contact_types.toml"
     entries = read_toml(file).get("type", [])
-    if not entries:
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries) or not entries:
         keys = ", ".join(ContactType.__struct_fields__)
         raise InputError(f"{file.name}: no contact type; expected [[type]] entries with {keys}")
     return tuple(_entry(e, f"{file.name}, type {i}") for i, e in enumerate(entries, 1))

@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from joints.film import FilmGeometry
 from joints.orifice import LinearOrifice, NozzleOrifice, Orifice
 from joints.settings import Settings
@@ -15,9 +15,11 @@ def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmG
 
 
 def orifice_law(settings: Settings) -> Orifice:
-    """The orifice an [orifice] table describes."""
-    if settings["law"] == "linear":
-        return LinearOrifice(settings["slope"], settings["offset"])
-    if settings["law"] == "nozzle":
-        return NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"])
-    raise InputError(f"orifice.law = '{settings['law']}', expected 'linear' or 'nozzle'")
+    """The orifice an [orifice] table describes. Raises InputError for a number that either law cannot have."""
+    laws: dict[str, Orifice] = {
+        "linear": LinearOrifice(settings["slope"], settings["offset"]),
+        "nozzle": NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"]),
+    }
+    if settings["law"] not in laws:
+        raise InputError(f"orifice.law = '{settings['law']}', expected {choices(settings['law'], laws)}")
+    return laws[settings["law"]]

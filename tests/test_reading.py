@@ -8,7 +8,7 @@ import pytest
 from cli_cases import one_line, run, table, write
 
 from gpmodel.errors import InputError
-from gpmodel.texts import read_limited
+from gpmodel.texts import read_limited, read_toml
 
 WANTED = "not a regular file"
 
@@ -45,3 +45,8 @@ def test_no_more_is_read_than_the_limit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a table"):
         read_limited(tmp_path / "large", 1999, "a table")
     assert "Is a directory" in one_line(run("check", tmp_path, "--mechanism", "irb6400r"), 2)
+
+
+def test_the_mark_that_some_editors_begin_a_file_with_is_none_of_it(tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text("a = 1\n", encoding="utf-8-sig")
+    assert read_toml(tmp_path / "arm.toml", "a table") == {"a": 1}

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from joints import figures
 from joints.film_settings import film_geometry, orifice_law
-from joints.limits import not_negative, require
+from joints.limits import not_negative, positive, require
 from joints.measured import curve_of
 from joints.regime_fit import fit_regimes
 from joints.settings import Settings, load_settings
@@ -97,6 +97,9 @@ def _measured(s: Settings, path: Path | None, seed: int) -> tuple[Array, Array, 
         return curve["displacement"], curve["force"], s["file"]
     require(s["rows"] >= 12, "measured.rows", s["rows"], "at least 12")
     not_negative("measured.noise", s["noise"], "N")
+    for name, (unit, scale) in _UNITS.items():
+        if unit.startswith("N"):
+            positive(f"measured.{name}", s[name] / scale, unit)
     truth = RegimeCurve(**{name: s[name] for name in _UNITS})
     reach = truth.film_end - truth.contact_end
     x = np.linspace(truth.contact_end - 0.12 * reach, truth.film_end + 4 * reach, s["rows"])

@@ -67,7 +67,7 @@ def test_results_draw_and_print_themselves(fit: gp.Model, found: gp.Model) -> No
         assert page.count("<table") >= 1
         assert "<svg" in page
         assert "var(--ink)" not in page or "--ink:" in page
-    with pytest.raises(gp.InputError, match="is no picture of this result; available: ladder"):
+    with pytest.raises(gp.InputError, match="is no picture of this result; available: error_histogram, "):
         fit.plot("nothing")
     assert next(iter(found.histogram.columns)) == "input"
 

@@ -1,6 +1,7 @@
 """Machines calibrated together: what was planted comes back, and what is believed helps a further machine."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -175,3 +176,11 @@ def test_the_same_numbers_from_a_folder(found: FleetResult, tmp_path: Path) -> N
     (folder / "fleet.toml").write_text(f'mechanism = "{MECHANISM}"\n[serials]\n"R-01.csv" = "first"\n')
     of_files = gp.fleet(None, folder, [BASE])
     assert [m.serial for m in of_files.record.machines] == ["first", "R-02"]
+
+
+def test_every_cell_of_the_page_says_on_a_phone_what_it_is() -> None:
+    template = (Path(gp.__file__).parent / "report" / "templates" / "fleet.html.j2").read_text(encoding="utf-8")
+    assert template.count("<table") == template.count(' stack">') == 3
+    assert [cell for cell in re.findall(r"<td[^>]*>", template) if "data-label=" not in cell] == 3 * [
+        '<td class="none">'
+    ]

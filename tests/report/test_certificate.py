@@ -124,7 +124,7 @@ def test_particulars_are_read_from_toml(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("machine = ", "is no TOML"),
-        ('colour = "red"', "key 'colour' is unknown; available: machine, serial"),
+        ('colour = "red"', "key 'colour' is unknown; available: controller, payload, operator and"),
         ("operator = [1]", "operator = [1]; expected text"),
         ("operator = true", "expected text"),
     ],
