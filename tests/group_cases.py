@@ -6,13 +6,16 @@ from functools import cache
 import numpy as np
 from effect_cases import bare, measure
 
+import gpmodel as gp
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, geometry_groups
@@ -48,3 +51,14 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
         active = active.added(g, a)
     return active, target
+
+
+@cache
+def bars() -> tuple[Active, Poses, Calibration]:
+    """An innocent robot measured by sixty bars, its geometry in; the standard model fitted to them."""
+    made = gp.simulate(ARM, poses=120, instrument="bar", geometry_sigma="0.3 mm", seed=1)
+    arm, poses = made.truth.mechanism, prepare(made.truth.mechanism, made.table)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
+    linear = linearise(fit.model, poses, fit.theta, fit.placement, 1.0, np.ones(len(poses), bool))
+    rows = Rows(arm, linear, linear.residual, blocks_of(linear, np.arange(len(poses)), 0.0), Shapes(poses.states))
+    return Active(GroupPool(rows, list(geometry_groups(fit.model.effects)), Criteria()), {}, {}, 9e-10), poses, fit

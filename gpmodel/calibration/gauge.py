@@ -106,7 +106,7 @@ def choose(
                 f"{problem.poses.dataset.source}: the poses fitted are all of one group; expected at least 2 groups, "
                 "to choose the condition limit between, or a condition limit"
             )
-        local = _of_one_fold(problem.columns[:, :fixed], fold)
+        local = of_one_fold(problem.columns[:, :fixed], fold)
         system = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, at]])
         target = problem.residual + columns[:, at] @ theta[at]
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
@@ -131,9 +131,9 @@ def choose(
     return kept, limit, curve
 
 
-def _of_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """The columns (P,) that only rows of one fold have, as of a point that only they touched: no other fold could find
-    them, so that they are taken out of it."""
+def of_one_fold(columns: Array, fold: IntArray) -> Mask:
+    """The columns (P,) that only rows (M,) of one fold have, as of a point that only they touched: no other fold could
+    find them, so that they are taken out of it."""
     there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
     return np.asarray(there.sum(axis=0) == 1)
 

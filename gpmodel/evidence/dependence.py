@@ -16,8 +16,9 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     them depend on one another: repeats, stretches of rows, regions of space. At least 1.
 
     With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
-    Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986); 1 where it is no further above 1 than
-    two standard deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
+    Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), over what it is without dependence where
+    poses have placed a body together (`_when_independent`); 1 where it is no further above 1 than two standard
+    deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
     within a block stays slow in any order of them (experiments/coverage).
     """
     explained = contribution(residual, candidate)
@@ -26,12 +27,30 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
     plain = float(score @ score)
-    out = {}
+    out, placed = {}, residual.placed_by_units * explained[rows, None]
     for name, block in _partitions(residual):
         together = np.bincount(block, score)
         ratio = float(together @ together) / max(plain, 1e-300)
+        if placed.shape[1]:
+            ratio /= _when_independent(explained[rows], placed, residual.problem.pose_of_row, block)
         out[name] = ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / len(together)) else 1.0
     return out
+
+
+def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:
+    """The ratio (Σ_blocks (Σ s)²) / Σ s² to be expected of independent noise, of which what poses placed together, a
+    bar, has taken the part along U: Σ_blocks (|e|² - |Uᵀe|²) over the same sum over poses. Both ends of a bar show the
+    one length that is left of it, so that their products are the same number twice and the ratio is two.
+
+    explained: e. placed: (M, k) rows of U times e. pose: (M,) of the rows. block: (N,) of the poses.
+    """
+    whole = float(explained @ explained)
+    taken = []
+    for code in (block[pose], pose):
+        sums = np.zeros((int(code.max()) + 1, placed.shape[1]))
+        np.add.at(sums, code, placed)
+        taken.append(float(np.sum(sums**2)))
+    return max(whole - taken[0], 1e-300) / max(whole - taken[1], 1e-300)
 
 
 def order_matters(residual: Residual, candidate: Candidate) -> bool:

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.gauge import of_one_fold
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import beliefs
 from gpmodel.calibration.result import Calibration, problem_at
@@ -147,6 +148,13 @@ class Residual:
         out = np.repeat(self.values[:, None], count, axis=1)
         out[: self.measured] = reordered(self.problem, self.values[: self.measured], self.unit_of_pose, rng, count)
         return self.span.remove(out)
+
+    @cached_property
+    def placed_by_units(self) -> Array:
+        """Orthonormal columns (M, k) of what poses of one unit alone have placed: a bar, a point that was touched."""
+        columns = self.system[: self.measured]
+        alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row]) & columns.any(axis=0)
+        return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":
         """The residual with its priors weighed by its own σ: σ² = r·r / freedom, by iteration.

@@ -5,10 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauge import of_one_fold
 from gpmodel.evidence.gain import best
 from gpmodel.evidence.units import reordered
 from gpmodel.families.frequency_grid import FrequencyGrid
+from gpmodel.numerics import rank as ident
 from gpmodel.selection.active import Active
+from gpmodel.selection.rows import Rows
 from gpmodel.selection.scan import conditional_gram, whitened_cross
 from gpmodel.selection.waves import most_by_chance
 
@@ -59,9 +62,22 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
     """Targets (M, count), whitened: what the model explains, and the rest in another order of the bundles.
 
     The rest is made as large as the noise σ of the model: the fit has taken a part of the noise, of few poses a large
-    one, and takes that part again of every permuted residual.
+    one, and takes that part again of every permuted residual. What places a body that one bundle alone touched, a bar,
+    takes five sixths of a residual once: what is left of another bar has nothing more for it to take.
     """
     rows, left = active.pool.rows, active.left
-    scaled = left * np.sqrt(active.sigma2 * len(left) / max(active.energy, np.finfo(float).tiny))
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
-    return (rows.target - left)[:, None] + reordered(rows.problem, scaled, codes, rng, count)
+    turned = reordered(rows.problem, left, codes, rng, count)
+    energy, size = max(active.energy, np.finfo(float).tiny), float(len(left))
+    own = _of_one_bundle(rows, codes)
+    if own.shape[1]:
+        taken = float(np.mean(np.sum((own.T @ turned) ** 2, axis=0)))
+        size = (size - own.shape[1]) / max(1.0 - taken / energy, 1.0 / size)
+    return (rows.target - left)[:, None] + turned * np.sqrt(active.sigma2 * size / energy)
+
+
+def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
+    """Orthonormal columns (M, k) of what is placed by poses of one bundle alone; codes: (N,) of the poses."""
+    placed = rows.problem.columns[:, : rows.problem.placement]
+    alone = of_one_fold(placed, codes[rows.pose_of_row]) & placed.any(axis=0)
+    return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

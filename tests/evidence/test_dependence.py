@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_cases import measure
+from group_cases import bars
 from loop_cases import ARM
 from residual_cases import NAMES, pool, seen
 
@@ -15,6 +16,7 @@ from gpmodel.evidence.dependence import inflation
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import deflated, scores
 from gpmodel.evolution.description_length import fit_nats
+from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 
@@ -23,6 +25,14 @@ from gpmodel.model.sites import geometric_effects
 def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
     own = next(c for c in pool() if c.name == planted)
     assert max(inflation(seen(planted), own).values()) < 2.5
+
+
+def test_both_ends_of_a_bar_are_one_length_and_no_dependence() -> None:
+    _, poses, fit = bars()
+    residual = residual_of(fit, poses, Criteria(), 0)
+    steps = [c for c in catalogue.candidates(fit.model.mechanism, poses.states) if "joint compliance" in c.name]
+    assert steps
+    assert {inflation(residual, candidate)["repeats"] for candidate in steps} == {1.0}
 
 
 def wandering(seed: int) -> Residual:

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from group_cases import problem
+from group_cases import bars, problem
 
 from gpmodel.evidence.gain import best
 from gpmodel.selection.by_chance import permuted, with_the_best
 from gpmodel.selection.moves import with_optimal_variances
+from gpmodel.table.bundles import bundles
 
 
 def test_permuted_residuals_are_as_large_as_the_noise() -> None:
@@ -15,6 +16,17 @@ def test_permuted_residuals_are_as_large_as_the_noise() -> None:
     trials = permuted(active, np.arange(20), np.random.default_rng(0), 400)
     explained = trials.mean(axis=1, keepdims=True)
     assert np.mean((trials - explained) ** 2) == pytest.approx(active.sigma2, rel=0.1)
+
+
+def test_of_bars_the_permuted_residuals_are_as_large_as_the_noise_that_their_places_leave() -> None:
+    """Five of the six numbers of a bar place it, what is left of a bar another does not; a tool is common to all."""
+    active, poses, _ = bars()
+    trials = permuted(active, bundles(poses.dataset), np.random.default_rng(0), 50)
+    explained = active.pool.rows.target - active.left
+    left = active.pool.rows.clean(trials - explained[:, None])
+    freedom = active.pool.rows.freedom
+    assert freedom == 60 - 3
+    assert np.mean(np.sum(left**2, axis=0)) == pytest.approx(freedom * active.sigma2, rel=0.1)
 
 
 def test_the_best_of_many_groups_is_that_of_all_though_most_are_not_looked_at() -> None:
