@@ -1,12 +1,16 @@
 """`gpmodel joint`: every command runs, writes whole files, repeats itself, and refuses bad input before writing."""
 
+import errno
 import json
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from cli_cases import one_line
 from click.testing import CliRunner, Result
 
 from gpmodel.cli.main import main
@@ -210,3 +214,12 @@ def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         run("thermal", "--out", str(tmp_path / "file"))
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with mock.patch("os.fsync", side_effect=[None, full]):
+        said = one_line(CliRunner().invoke(main, ["joint", "film", "--out", str(out)]), 2)
+    assert said.startswith(f"gpmodel: {out}/figures/film_guide.png: cannot be written (No space left on device)")
+    assert [p for p in out.rglob("*") if p.is_file() or p.name.startswith(".gpmodel")] == []
