@@ -156,6 +156,8 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("film", '[orifice]\ntemperature = "-20 K"', "air temperature = -20, expected above 0 K"),
         ("dynamics", "[orifice]\ndischarge = 0", "discharge coefficient = 0, expected above 0 and at most 1"),
         ("film", 'clearance = "100 mm"', "radial clearance = 0.1, expected less than the ball radius"),
+        ("stiffness", "[measured]\nrows = 4000001", r"measured.rows = 4e\+06, expected 12 to 10000"),
+        ("contact", 'allowed_stress = "0 MPa"', "allowed stress = 0, expected above 0 Pa"),
         ("stiffness", '[measured]\npeak_force = "-90 N"', "measured.peak_force = -90, expected above 0 N"),
         ("budget", "draws = 10000001", "10000001 draws; expected some, 1000000 of all poses at most"),
         ("contact_types", 'type = "text"', r"no contact type; expected \[\[type\]\] entries"),
