@@ -85,13 +85,15 @@ def finished_folder(out: Path) -> Iterator[Path]:
                     os.replace(path, target)
             else:
                 os.replace(draft, out)
+        except WriteError as error:
+            raise WriteError(str(error).replace(str(draft), str(out))) from None
         finally:
             shutil.rmtree(draft, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` as `write_bytes` does, in UTF-8."""
-    write_bytes(path, text.encode())
+    """Write `text` to `path` as `write_bytes` does, in UTF-8; what of a file's name is no text, as escapes."""
+    write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,7 +52,7 @@ def _command(name: str) -> click.Command:
     )
     @click.option("--defaults", is_flag=True, help="Print the TOML table of the thesis' joint and stop.")
     def run(toml: Path | None, json_file: Path | None, out: Path | None, seed: int, defaults: bool) -> None:
-        from gpmodel.files import write_bytes
+        from gpmodel.files import finished_folder, write_bytes
         from joints.settings import DATA
 
         with extra_for("gpmodel joint"):
@@ -64,8 +65,9 @@ def _command(name: str) -> click.Command:
             return
         study = STUDIES[name](toml, seed)
         files = study_files(name, study, seed, json_file, out)
-        for path, content in files.items():
-            write_bytes(path, content)
+        with finished_folder(out) if out else nullcontext(Path()) as draft:
+            for path, content in files.items():
+                write_bytes(draft / path.relative_to(out) if out and path.is_relative_to(out) else path, content)
         show(study, [str(path) for path in files])
 
     return run
@@ -101,13 +103,13 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
     record = plain({"schema": 1, "command": f"joint {name}", "seed": seed, **study.data})
     numbers = (json.dumps(record, indent=1) + "\n").encode()
     files: dict[Path, bytes] = {}
-    if json_file is not None:
-        files[json_file] = numbers
     if out is not None:
         files[out / f"joint_{name}.json"] = numbers
         for figure_name, figure in study.figures.items():
             files[out / "figures" / figure_name] = png(figure)
         files |= {out / page_name: text.encode() for page_name, text in study.pages.items()}
+    if json_file is not None:
+        files[json_file] = numbers
     return files
 
 

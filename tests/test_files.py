@@ -132,3 +132,8 @@ def test_a_removed_folder_is_gone_from_one_moment_to_the_next(tmp_path: Path) ->
     with mock.patch("shutil.rmtree", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
         files.remove_folder(tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_name_of_bytes_that_are_no_text_is_kept_as_an_escape(tmp_path: Path) -> None:
+    files.write_text(tmp_path / "a.json", files.to_json({"command": "gpmodel o\udcff.csv"}))
+    assert texts.parse_json((tmp_path / "a.json").read_bytes()) == {"command": "gpmodel o\udcff.csv"}

@@ -1,7 +1,7 @@
 """Measured tables, from files or data frames."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -62,9 +62,7 @@ def read_table(
     arm = mechanism_of(mechanism)
     given = described(cameras, board, surfaces)
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
-    for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
-        if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
-            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it says something of", name)
+    check_told_of(dataset, given)
     if choice_of(arm).payload_com is not None and choice_of(arm).payload is None and not dataset.payload_given:
         said = f"nothing is carried in {dataset.source}; expected a payload, or a column 'payload [kg]', beside it"
         raise InputError(said, "payload_com")
@@ -90,6 +88,13 @@ def described(
         for name, value in given.items()
         if value is not None
     }
+
+
+def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
+    """Raises InputError, naming the argument, where cameras, a board or surfaces are given that no column reads."""
+    for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
+        if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
+            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it says something of", name)
 
 
 def dataset_of(

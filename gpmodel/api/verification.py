@@ -9,7 +9,7 @@ import pandas as pd
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.display import Shown
-from gpmodel.api.table import Described, TableLike, cells_of, dataset_of, described, in_metres
+from gpmodel.api.table import Described, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
 from gpmodel.application.later import Session, errors_at
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.verify import misses_of, verified
@@ -100,7 +100,9 @@ def verify_saved(
 ) -> VerifyResult:  # fmt: skip
     """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
     InputError as `gpmodel.verify`."""
-    dataset, targets = _driven(saved, table, described(**sights))
+    told = described(**sights)
+    dataset, targets = _driven(saved, table, told)
+    check_told_of(dataset, told)
     rows = evenly(len(dataset))
     found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order))
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")

@@ -19,6 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.observation import Distance
+from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.touches import Touches
 from gpmodel.numerics.least_squares import root_mean_square
@@ -34,8 +35,8 @@ known to 1 / √(6 · 2000) of itself."""
 LIMIT_TOLERANCE = 1e-3
 """Radians or metres beyond a joint's limit that are its stop's play and the last digit written."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
-"""Readings, and share of their spread that distances from no fixed point leave, or of the tool points' that touches of
-something else do; what fits leaves the mechanism's errors, a hundredth."""
+"""Readings, and share of their spread that distances from no fixed point or pixels of another board leave, or of the
+tool points' that touches of something else do; what fits leaves the mechanism's errors, a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, .
 
 
 def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Distances and touches of which the best place and tool explain next to nothing."""
+    """Distances, touches and pixels of which the best places and tool explain next to nothing."""
     data = poses.dataset
     if len(data) < MINIMUM_READINGS or not (data.distances or data.observations):
         return
@@ -175,11 +176,14 @@ def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
             of, expected = kind.values[kind.readings[:, 0], None], "distances of the tool point from one fixed point"
         elif isinstance(kind, Touches):
             of, expected = observed.tip[kind.readings.any(axis=1), :3, 3], "what the tool point touched in these poses"
+        elif isinstance(kind, Pixels):
+            of, expected = kind.values[kind.readings.all(axis=1)], "what these cameras see of these boards"
         else:
             continue
         left, spread = root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings]), spread_of(of)
         if left > UNLIKE * spread:
+            scale, unit = (1e3, "mm") if kind.unit == "m" else (1.0, kind.unit)
             yield (
-                f"{data.source}, column '{kind.name}': does not fit {mechanism.name}, {1e3 * left:.3g} mm are left of "
-                f"a spread of {1e3 * spread:.3g} mm; expected {expected}"
+                f"{data.source}, column '{kind.name}': does not fit {mechanism.name}, {scale * left:.3g} {unit} are "
+                f"left of a spread of {scale * spread:.3g} {unit}; expected {expected}"
             )

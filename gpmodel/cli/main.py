@@ -13,6 +13,7 @@ from typing import NoReturn
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+os.environ["MPLBACKEND"] = "agg"  # nothing is shown, and one that is not installed ends every picture
 
 import click  # noqa: E402
 
@@ -110,8 +111,10 @@ class CommandGroup(click.Group):
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             sys.exit(DONE)
-        except (GpModelError, OSError) as error:
-            _end(BAD_INPUT, str(error if isinstance(error, GpModelError) else InputError(str(error))), arguments)
+        except GpModelError as error:
+            _end(BAD_INPUT, str(error), arguments)
+        except OSError as error:
+            _end(BAD_INPUT, str(InputError(f"'{error.filename or ''}': {error.strerror or error}")), arguments)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
             place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"

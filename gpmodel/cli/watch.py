@@ -12,6 +12,8 @@ from gpmodel.api.poses import choose_poses
 from gpmodel.errors import InputError
 from gpmodel.progress import Progress, Say
 from gpmodel.report.schema import Report
+from gpmodel.table.cells import LARGEST_FILE
+from gpmodel.texts import read_limited
 
 PAUSE = 1.0
 """Seconds between two looks at the file; rows count once it has rested for so long."""
@@ -91,8 +93,8 @@ def standing(record: Report) -> str:
 
 
 def _rows(table: Path) -> int:
-    """Whole lines below the header."""
-    return max(0, table.read_bytes().count(b"\n") - 1) if table.exists() else 0
+    """Whole lines below the header. Raises InputError for a folder, a device or what is too large."""
+    return max(0, read_limited(table, LARGEST_FILE, "a measured table").count(b"\n") - 1) if table.exists() else 0
 
 
 def on_screen(quiet: bool) -> Callable[[str], None]:

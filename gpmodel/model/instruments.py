@@ -116,6 +116,10 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
     values = np.column_stack([dataset.readings.get(c, np.full(len(dataset), np.nan)) for c in "uv"])
     values[~np.isfinite(values).all(axis=1)] = np.nan
     seen = np.isfinite(values[:, 0])
+    if not seen.any():
+        raise InputError(
+            f"{dataset.source}: no row has both u and v; expected columns 'u [px]' and 'v [px]' of numbers"
+        )
 
     def slot(link: str, where: str) -> int:
         return carrier_slot(mechanism, link, where)

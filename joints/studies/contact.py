@@ -7,6 +7,7 @@ import numpy as np
 
 from joints import figures
 from joints.contact import Body, HertzContact, first_yield_pressure, hertz, published_hertz
+from joints.limits import positive
 from joints.settings import load_settings
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
@@ -33,7 +34,8 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
     onset = float(first_yield_pressure(s["yield_stress"], min(ball.poisson, support.poisson)))
 
     cases: dict[str, HertzContact] = {"as printed": printed, "printed formulas, true radii": fitted, "exact": exact}
-    rows = [(name, *_numbers(case, force, s["allowed_stress"], onset)) for name, case in cases.items()]
+    allowed = float(positive("allowed stress", s["allowed_stress"], "Pa"))
+    rows = [(name, *_numbers(case, force, allowed, onset)) for name, case in cases.items()]
     coefficients = {
         "equivalent_radius_m": printed.equivalent_radius, "cos_theta": printed.cos_theta, "theta_rad": printed.theta,
         "alpha": printed.alpha, "beta": printed.beta, "lambda": printed.lam,

@@ -95,7 +95,7 @@ def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
 def _measured(s: Settings, path: Path | None, seed: int) -> tuple[Array, Array, str]:
     if curve := curve_of(s, path, {"displacement": "um", "force": "N"}):
         return curve["displacement"], curve["force"], s["file"]
-    require(s["rows"] >= 12, "measured.rows", s["rows"], "at least 12")
+    require(12 <= s["rows"] <= 10_000, "measured.rows", s["rows"], "12 to 10000")
     not_negative("measured.noise", s["noise"], "N")
     for name, (unit, scale) in _UNITS.items():
         if unit.startswith("N"):

@@ -114,3 +114,9 @@ def test_a_table_of_another_instrument_is_refused_by_its_name() -> None:
         probe.verify(pixels)
     with pytest.raises(gp.InputError, match="fitted to pixel, which says nothing of the noise of on_plane"):
         camera.verify(touches)
+
+
+def test_a_board_that_no_column_sees_is_not_passed_over() -> None:
+    model, data = fitted("inclinometer")
+    with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v that it says something of"):
+        model.verify(data, board={"board": {}})

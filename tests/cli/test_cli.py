@@ -77,10 +77,11 @@ def test_unknown_command_is_one_line() -> None:
 
 
 def test_one_blas_thread_is_the_default() -> None:
-    bare = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
-    code = "import gpmodel.cli.main, os; print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    bare = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {"MPLBACKEND": "x"}
+    names = "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MPLBACKEND"
+    code = f"import gpmodel.cli.main, os; print(*map(os.environ.get, {names}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=bare)
-    assert done.stdout.split() == ["1", "1"]
+    assert done.stdout.split() == ["1", "1", "agg"]
 
 
 FAILURES: list[tuple[BaseException, int, str]] = [

@@ -55,6 +55,19 @@ def test_what_is_refused_is_one_line_with_its_row(tmp_path: Path) -> None:
     assert "row 5: camera 'D' is unknown; expected C" in said
 
 
+def test_pixels_that_no_camera_saw_are_refused(tmp_path: Path) -> None:
+    table, options = simulated("camera", tmp_path)
+    good = pd.read_csv(table, dtype=str)
+    crossed = {"u [px]": "v [px]", "v [px]": "u [px]"}
+    for frame, said in (
+        (good.rename(columns=crossed), "column 'pixel': does not fit irb6400r, "),
+        (good.rename(columns={"v [px]": "w [px]"}), "no row has both u and v; expected columns 'u [px]' and 'v [px]'"),
+    ):
+        for command in ("check", "calibrate"):
+            path = write(frame, tmp_path / "other.csv")
+            assert said in one_line(run(command, path, "--mechanism", ARM, *options), 2)
+
+
 def test_touches_that_say_too_little_are_refused(tmp_path: Path) -> None:
     table, _ = simulated("points", tmp_path)
     frame = pd.read_csv(table, dtype=str)

@@ -75,3 +75,8 @@ def test_a_table_that_shrank_is_another_and_a_workbook_is_refused(
     assert watch.Watch(path, batch=2)._grown(seen=40) == 3
     line = one_line(run("discover", tmp_path / "t.xlsx", "--mechanism", "irb6400r", "--out", tmp_path, "--watch"), 2)
     assert "--watch" in line
+
+
+def test_a_folder_is_no_table_that_grows(tmp_path: Path) -> None:
+    followed = run("discover", tmp_path, "--mechanism", "irb6400r", "--watch", "--rows", 5, "--out", tmp_path / "out")
+    assert f"{tmp_path}: cannot be read (Is a directory); expected a measured table" in one_line(followed, 2)

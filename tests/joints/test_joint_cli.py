@@ -1,12 +1,16 @@
 """`gpmodel joint`: every command runs, writes whole files, repeats itself, and refuses bad input before writing."""
 
+import errno
 import json
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from cli_cases import one_line
 from click.testing import CliRunner, Result
 
 from gpmodel.cli.main import main
@@ -152,6 +156,8 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("film", '[orifice]\ntemperature = "-20 K"', "air temperature = -20, expected above 0 K"),
         ("dynamics", "[orifice]\ndischarge = 0", "discharge coefficient = 0, expected above 0 and at most 1"),
         ("film", 'clearance = "100 mm"', "radial clearance = 0.1, expected less than the ball radius"),
+        ("stiffness", "[measured]\nrows = 4000001", r"measured.rows = 4e\+06, expected 12 to 10000"),
+        ("contact", 'allowed_stress = "0 MPa"', "allowed stress = 0, expected above 0 Pa"),
         ("stiffness", '[measured]\npeak_force = "-90 N"', "measured.peak_force = -90, expected above 0 N"),
         ("budget", "draws = 10000001", "10000001 draws; expected some, 1000000 of all poses at most"),
         ("contact_types", 'type = "text"', r"no contact type; expected \[\[type\]\] entries"),
@@ -210,3 +216,12 @@ def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         run("thermal", "--out", str(tmp_path / "file"))
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with mock.patch("os.fsync", side_effect=[None, full]):
+        said = one_line(CliRunner().invoke(main, ["joint", "film", "--out", str(out)]), 2)
+    assert said.startswith(f"gpmodel: {out}/figures/film_guide.png: cannot be written (No space left on device)")
+    assert [p for p in out.rglob("*") if p.is_file() or p.name.startswith(".gpmodel")] == []
