@@ -22,6 +22,7 @@ from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.judge import refuse
+from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined, effects_named
 from gpmodel.hierarchy.further import further_machine
@@ -127,6 +128,7 @@ def calibrate(
     for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
             raise InputError(f"{poses.dataset.source}: the fit of {step} diverged: {tried.reason}")
+    note = " ".join([note, *(f"{poses.dataset.source}: {said}." for said in poor_fit(final, "the fit"))]).strip()
     named = tuple(effect for _, group in groups for effect in group)
     made = Origin(command, seed, time.perf_counter() - started)
     return CalibrationResult(Ladder(poses, train, steps, final, named), made, note)

@@ -87,7 +87,12 @@ def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], poin
     root = frames @ np.stack([tool_frames[name] for name in data.label("tool").tolist()])
     register = np.stack([registration[name] for name in data.label("setup").tolist()])
     predicted = Tips(root, register @ root, slots)
-    own = {key: value for kind in observations(data) for key, value in kind.start(predicted).items()}
+    own: dict[str, Array] = {}
+    for kind in observations(data):
+        try:
+            own |= kind.start(predicted)
+        except InputError as error:
+            raise InputError(f"{data.source}: {error.said}") from None
     return Placement(registration, tool_frames, own)
 
 

@@ -12,7 +12,7 @@ from gpmodel.model.measured_torque import unused_torques
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.bundles import SAME_JOINT, original, replicates
-from gpmodel.table.dataset import Dataset
+from gpmodel.table.dataset import TOUCHED, Dataset
 
 SMALL_RANGE = np.radians(20.0)
 """A joint that moves less makes sines look like straight lines."""
@@ -56,13 +56,15 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 
 
-def poor_fit(fit: Calibration) -> Iterator[str]:
-    """A residual that no effect of a machine explains."""
+def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
+    """A residual that no effect of a machine explains; called: what was fitted."""
     left = root_mean_square(fit.error)
     if left > POOR:
+        touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
+        wrong = f"a wrong label or length ({', '.join(touched)})" if touched else "a wrong column"
         yield (
-            f"the standard model leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "
-            "mm: a wrong column, rows of different poses, or an instrument so uncertain that little can be found"
+            f"{called} leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "
+            f"mm: {wrong}, rows of different poses, or an instrument so uncertain that little can be found"
         )
 
 

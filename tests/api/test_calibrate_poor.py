@@ -1,0 +1,35 @@
+"""What no machine leaves is said in the verdict of a calibration, with the file and what is wrong then."""
+
+from pathlib import Path
+
+import pytest
+
+import gpmodel as gp
+
+WRONG = {"spheres": ("on_sphere", "A", "on_sphere"), "bar": ("length [mm]", "3000", "pair")}
+
+
+@pytest.mark.parametrize("instrument", WRONG)
+def test_wrong_labels_and_lengths_are_said_in_the_verdict(instrument: str, tmp_path: Path) -> None:
+    frame = gp.simulate("ur5", poses=90, instrument=instrument, geometry_sigma="0.3 mm", seed=1).to_dataframe()
+    column, value, said = WRONG[instrument]
+    frame[column] = value
+    frame.to_csv(tmp_path / "touched.csv", index=False)
+    verdict = gp.calibrate("ur5", tmp_path / "touched.csv").verdict
+    assert "touched.csv: the fit leaves" in verdict
+    assert f"mm RMS; calibrated machines leave less than 2 mm: a wrong label or length ({said})" in verdict
+
+
+def test_a_fit_that_is_as_of_a_machine_says_nothing_of_it(tmp_path: Path) -> None:
+    made = gp.simulate("ur5", poses=40, geometry_sigma="0.3 mm", seed=1)
+    assert "the fit leaves" not in gp.calibrate("ur5", made.table).verdict
+
+
+def test_a_label_touched_along_one_circle_is_said_with_its_file(tmp_path: Path) -> None:
+    frame = gp.simulate("ur5", poses=90, instrument="spheres", seed=1).to_dataframe()
+    frame.loc[frame.on_sphere == "B", frame.columns[:6]] = (
+        frame.loc[frame.on_sphere == "B", frame.columns[:6]].iloc[:1].to_numpy()
+    )
+    frame.to_csv(tmp_path / "touched.csv", index=False)
+    with pytest.raises(gp.InputError, match=r"touched\.csv: on_sphere B"):
+        gp.calibrate("ur5", tmp_path / "touched.csv")
