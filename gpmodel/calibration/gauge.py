@@ -81,15 +81,15 @@ def choose(
 
     problem: at theta (E,). nominal: of the constant effects alone, at zero. Constant effects are preferred in the order
     of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
-    The limit is the one of LIMITS that holds most of those whose cross-validated error is within a standard error of
-    the smallest, so that tables of one machine hold the same parameters; where no reading shows size it is SIZE_LIMIT,
-    or LIMIT_OF_FEW, and the length that is most of size is held. Effects that vary need a unique share; those with a
-    prior are always held.
+    The limit is the one of LIMITS that holds most of those whose cross-validated error, beside effects that vary, is
+    within a standard error of the smallest, so that tables of one machine hold the same parameters; where no reading
+    shows size it is SIZE_LIMIT, or LIMIT_OF_FEW, and the length that is most of size is held. Effects that vary need a
+    unique share; those with a prior are always held.
     Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
     prior = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
-    at, fixed = np.flatnonzero(constant), problem.placement
+    at, varying, fixed = np.flatnonzero(constant), np.flatnonzero(~constant & ~prior), problem.placement
     columns = problem.columns[:, fixed:]
     still = still_joints(model.mechanism, problem.poses.dataset)
     hidden = size_hidden(problem)
@@ -107,11 +107,11 @@ def choose(
                 "to choose the condition limit between, or a condition limit"
             )
         local = of_one_fold(problem.columns[:, :fixed], fold)
-        system = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, at]])
-        target = problem.residual + columns[:, at] @ theta[at]
+        beside = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, varying]])
+        target = problem.residual + columns[:, at] @ theta[at] + columns[:, varying] @ theta[varying]
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
-        system, target = ident.remove(taken, system), ident.remove(taken, target)
-        curve = ident.rank_curve(ranking, ident.folded(system, target, fold), fixed - int(local.sum()))
+        system, target = ident.remove(taken, np.hstack([beside, columns[:, at]])), ident.remove(taken, target)
+        curve = ident.rank_curve(ranking, ident.folded(system, target, fold), beside.shape[1])
         limit = _largest_good(curve)
         if hidden:
             values = len(problem.residual)
@@ -121,7 +121,6 @@ def choose(
                 limit /= 2.0
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
-    varying = np.flatnonzero(~constant & ~prior)
     late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])
     kept[varying[late.kept(1.0 / MINIMUM_SHARE)]] = True
     kept |= prior
