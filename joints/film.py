@@ -31,7 +31,6 @@ class FilmGeometry:
         angle_within("socket angle", self.socket_angle, np.pi / 2)
         angle_within("orifice angle", self.orifice_angle, self.socket_angle * (1 - 1e-9))
         positive("radial clearance", self.clearance, "m")
-        require(self.clearance < self.ball_radius, "radial clearance", self.clearance, "less than the ball radius")
         require(self.orifices >= 1, "number of orifices", self.orifices, "at least 1")
         positive("viscosity", self.viscosity, "Pa s")
 
