@@ -42,4 +42,4 @@ def test_two_arms_before_one_tracker_are_no_mix_up(tmp_path: Path) -> None:
     fit = gp.calibrate(made.truth.mechanism, made.table, holdout=0.0)
     assert fit.record.ladder[-1].train.rms_mm < 0.1
     refused = fit.model.export().summary()
-    assert "several arms, which only a URDF holds" in " ".join(refused.split())
+    assert "several arms; expected a serial chain" in " ".join(refused.split())
