@@ -102,6 +102,8 @@ def test_what_an_export_of_two_arms_cannot_be_is_one_line(model: Model, of_one_a
 
 def test_an_arm_that_yields_to_the_load_of_the_other_cannot_be_written(model: Model) -> None:
     load = Effect("load", (Term("left_3.moving", "Ry", gp.Expression("torque_right_1")),), "rad")
-    known = replace(model.saved, model=ErrorModel(model.mechanism, (load,)), theta=np.array([1e-3]))
+    saved = model.saved
+    effects, theta = (load, *saved.model.effects[1:]), np.append(1e-3, saved.theta[1:])
+    known = replace(saved, model=ErrorModel(model.mechanism, effects), theta=theta)
     with pytest.raises(InputError, match="'torque_right_1' is a load of another arm than tool; expected one of its"):
         forward_of(known, Place.of(known))
