@@ -153,7 +153,7 @@ class Residual:
     def placed_by_units(self) -> Array:
         """Orthonormal columns (M, k) of what poses of one unit alone have placed: a bar, a point that was touched."""
         columns = self.system[: self.measured]
-        alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row]) & columns.any(axis=0)
+        alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":

@@ -79,5 +79,5 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
     """Orthonormal columns (M, k) of what is placed by poses of one bundle alone; codes: (N,) of the poses."""
     placed = rows.problem.columns[:, : rows.problem.placement]
-    alone = of_one_fold(placed, codes[rows.pose_of_row]) & placed.any(axis=0)
+    alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))
