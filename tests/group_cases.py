@@ -1,10 +1,11 @@
 """A small choice of groups that the tests of it share."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from effect_cases import bare, measure
+from effect_cases import NOISE, Truth, bare, measure
 
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
@@ -18,7 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Shapes, geometry_groups
+from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.rows import Rows
@@ -51,6 +52,20 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
         active = active.added(g, a)
     return active, target
+
+
+def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, int]]:
+    """A robot's geometry in the model and groups beside it, by name."""
+    arm, shapes = truth.model.mechanism, Shapes(truth.poses.states)
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
+    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, 1.0, np.ones(len(truth.poses), bool))
+    noise = blocks_of(linear, replicates(truth.poses.dataset))
+    geometry = geometry_groups(fit.model.effects)
+    rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
+    active = Active(GroupPool(rows, [*geometry, *groups], Criteria()), {}, {}, NOISE**2)
+    for g in range(len(geometry)):
+        active = active.added(g, 1e-6)
+    return active, {g.name: i for i, g in enumerate([*geometry, *groups])}
 
 
 @cache

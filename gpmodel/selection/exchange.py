@@ -1,20 +1,23 @@
 """One group for another, and one for several: what adding and pruning alone do not find."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.selection.active import Active
-from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
-from gpmodel.selection.moves import backward_eliminated, first_better, found, split, stepwise, with_optimal_variances
+from gpmodel.selection.merge import LAW, TRIED, curves_to_laws, merged, replace_catch_alls
+from gpmodel.selection.moves import SETTLED, backward_eliminated, found, split, stepwise, with_optimal_variances
 from gpmodel.selection.scan import Replacements
 
 MOST_SWAPS = 4
 """Rounds of swaps at most; they end by themselves far earlier."""
 MOST_RIVALS = 20
 """Rivals kept of a group, nearest first."""
+
+FREE = 1e4
+"""How many times their variance laws have while another is exchanged: a hundred times their size holds them no more."""
 
 
 @dataclass(frozen=True)
@@ -52,31 +55,35 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
         active = merged(split(replace_catch_alls(curves_to_laws(merged(active)))))
-        rivals, changed, replacements = {}, False, Replacements(active)
+        rivals, changed, replacements = {}, False, Replacements(_freed(active))
         for g in found(active):
             if g not in active.variances:
                 continue
             rivals[g], variances = instead_of(replacements, g)
-            h = _successor(active, g, rivals[g])
-            if h is not None:
-                swapped = with_optimal_variances(active.without(g).added(h, float(variances[h])), 4)
-                better = first_better(active, [backward_eliminated(swapped)])
-                if better is not active:
-                    active, changed, replacements = better, True, Replacements(better)
+            better = _swapped(active, g, rivals[g], variances)
+            if better is not active:
+                active, changed, replacements = better, True, Replacements(_freed(better))
         if not changed:
             break
         active = stepwise(active)
     return active, {g: rivals.get(g, ()) for g in found(active)}
 
 
-def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> int | None:
-    """The nearest rival that takes the place of a kept group: better by what settles it, or no worse, cheaper to name
-    and of no more unknowns, since of two that explain the same the better known and simpler one is likelier."""
+def _freed(active: Active) -> Active:
+    """The model with the laws that were found free to be of another size: a rival of one may ask it of the rest."""
+    laws = {g for g in found(active) if len(active.pool.groups[g].effects) <= LAW}
+    return replace(active, variances={g: a * FREE if g in laws else a for g, a in active.variances.items()})
+
+
+def _swapped(active: Active, g: int, rivals: Sequence[Alternative], variances: Array) -> Active:
+    """The model with the first of the nearest rivals in the place of a kept group that raises the evidence enough: by
+    what settles it where it is cheaper to name and of no more unknowns, since of two that explain the same the better
+    known and simpler one is likelier; else by what a swap has to bring."""
     cost, groups = active.pool.cost, active.pool.groups
-
-    def enough(h: int) -> float:
+    near = sorted((r for r in rivals if r.loss < active.criteria.rival_nats), key=lambda r: r.loss)
+    for h in [r.number for r in near[:TRIED]]:
+        trial = backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
         known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
-        return 0.0 if known else -active.criteria.swap_nats
-
-    better = (r for r in sorted(rivals, key=lambda r: r.loss) if r.loss < enough(r.number))
-    return next((r.number for r in better), None)
+        if trial.evidence > active.evidence + (SETTLED if known else active.criteria.swap_nats):
+            return trial
+    return active

@@ -1,47 +1,25 @@
 """One group in the place of several, and what a name is worth while groups are chosen."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from effect_cases import NOISE, Truth, measure, mechanism
-from group_cases import ARM, STANDING
+from effect_cases import measure, mechanism
+from group_cases import ARM, STANDING, started
 
-from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.noise import blocks_of
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import drive_effect, effect_at
-from gpmodel.model.error_model import ErrorModel
-from gpmodel.model.sites import geometric_effects
 from gpmodel.selection import merge
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Group, Shapes, geometry_groups, group_of, joined
+from gpmodel.selection.group import Group, Shapes, group_of, joined
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
 from gpmodel.selection.offers import Offering, of_evolved, offered
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
-from gpmodel.selection.rows import Rows
-from gpmodel.table.bundles import replicates
-
-
-def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, int]]:
-    """A robot's geometry in the model and groups beside it, by name."""
-    arm, shapes = mechanism(ARM), Shapes(truth.poses.states)
-    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
-    linear = linearise(fit.model, truth.poses, fit.theta, fit.placement, 1.0, np.ones(len(truth.poses), bool))
-    noise = blocks_of(linear, replicates(truth.poses.dataset))
-    geometry = geometry_groups(fit.model.effects)
-    rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
-    active = Active(GroupPool(rows, [*geometry, *groups], Criteria()), {}, {}, NOISE**2)
-    for g in range(len(geometry)):
-        active = active.added(g, 1e-6)
-    return active, {g.name: i for i, g in enumerate([*geometry, *groups])}
 
 
 def at_one_place() -> tuple[Active, dict[str, int]]:
