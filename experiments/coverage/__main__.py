@@ -78,7 +78,7 @@ def _grouped(rows: list[Row]) -> dict[str, list[Row]]:
 def counted(rows: list[Row]) -> dict[str, Any]:
     """Coverage of ± 2 σ by numbers of the geometry, of effects and by predicted coordinates; additions; comparisons."""
     out: dict[str, Any] = {"robots": len(rows)}
-    for key in ("geometry", "effect", "robust", "deviations"):
+    for key in ("geometry", "effect", "robust", "deviations", "told"):
         values = [abs(v) for row in rows for v in row.get(key, [])]
         if values:
             out[key] = {"numbers": len(values), "within": round(float(np.mean(np.array(values) <= 2.0)), 3)}

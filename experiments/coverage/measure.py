@@ -14,6 +14,7 @@ from experiments.blind.files import truth_of, write
 from experiments.blind.generate import make
 from experiments.blind.grading import grade, worse
 from experiments.blind.robot import Robot
+from experiments.coverage import told
 from experiments.coverage.cases import DECLARED
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
@@ -143,7 +144,7 @@ def found(case: Case, seed: int, search: Search) -> Row:
         "unconfirmed": [] if shipped else [effect.name for effect in report.effects],
         "p": [effect.p_value for effect in report.effects], "stopped": stopped(loop),
         "standard_mm": _rms_mm(plain), "fresh_mm": _rms_mm(off), "worse": worse(off, plain),
-        "better": worse(plain, off), "seconds": round(loop.seconds, 1), **ours,
+        "better": worse(plain, off), "seconds": round(loop.seconds, 1), "told": told.deviations(here.robot), **ours,
     }  # fmt: skip
 
 
