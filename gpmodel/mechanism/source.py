@@ -37,7 +37,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
         except (ImportError, AttributeError) as error:
             broken.append(f"; provider '{provider.name}' cannot be loaded: {error}")
             continue
-        mechanism = load(name, frame=frame, payload_com=payload_com)
+        mechanism: Mechanism | None = load(name, frame=frame, payload_com=payload_com)
         if mechanism is not None:
             return mechanism
         known += getattr(sys.modules[provider.module], "mechanism_names", tuple)()

@@ -77,7 +77,8 @@ def probe(mechanism: Mechanism) -> Array:
 
 def tip_at_probe(mechanism: Mechanism) -> Array:
     """Tip (3,), m, at that pose: a fingerprint of the nominal geometry up to the measured frame."""
-    return chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3]
+    tip: Array = chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3]
+    return tip
 
 
 def length_at_probe(mechanism: Mechanism) -> float:

@@ -35,7 +35,7 @@ def homography(flat: Array, seen: Array) -> Array:
         off = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - image, axis=1)
         weight = _trusted(off)
     out = np.linalg.solve(b, h @ a)
-    return out / np.linalg.norm(out)
+    return out / float(np.linalg.norm(out))
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:

@@ -98,7 +98,8 @@ class ErrorModel:
         if not acting:
             return None
         states = poses.states.seen_at(points)
-        return np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0)
+        twist: Array = np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0)
+        return twist
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
@@ -158,4 +159,5 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
     """Length (N,) of each pose's measured-minus-predicted vector over all but its rotations, m."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
-    return np.sqrt(np.nansum(lengths**2, axis=1))
+    length: Array = np.sqrt(np.nansum(lengths**2, axis=1))
+    return length

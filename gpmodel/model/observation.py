@@ -221,7 +221,8 @@ class Distance(AtTheTip):
 
     def predict(self, tips: Tips, own: Own) -> Array:
         """What it would read (N, 1), m."""
-        return np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None]
+        distance: Array = np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None]
+        return distance
 
     def residual(self, tips: Tips, own: Own) -> Array:
         return self.values[:, None] - self.predict(tips, own)

@@ -70,11 +70,12 @@ def _place_point(points: Array, radius: float) -> tuple[Array, float]:
 
 
 def _off_sphere(points: Array) -> Array:
-    return np.linalg.norm(points, axis=1, keepdims=True)
+    length: Array = np.linalg.norm(points, axis=1, keepdims=True)
+    return length
 
 
 def _away(points: Array) -> Array:
-    return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None, :]
+    return (points / _off_sphere(points))[:, None, :]
 
 
 def _height(points: Array) -> Array:

@@ -75,7 +75,7 @@ class Touches(AtTheTip):
     @cached_property
     def components(self) -> int:
         """The most that one of its surfaces has."""
-        return max(f.shape.slope(np.ones((1, 3))).shape[1] for body in self.bodies for f in body.features)
+        return max(int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -194,7 +194,8 @@ class _Gaps:
 
 
 def _into(frames: Array, points: Array) -> Array:
-    return np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3])
+    inside: Array = np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3])
+    return inside
 
 
 def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:

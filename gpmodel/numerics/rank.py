@@ -21,7 +21,8 @@ def orthonormal(columns: Array) -> Array:
     if scaled.shape[1] == 0:
         return np.zeros((len(columns), 0))
     u, s, _ = linalg.svd(scaled, full_matrices=False)
-    return u[:, s > 1e-9 * s[0]]
+    span: Array = u[:, s > 1e-9 * s[0]]
+    return span
 
 
 def remove(basis: Array, columns: Array) -> Array:
@@ -35,7 +36,8 @@ def factored(gram: Array) -> tuple[Array, bool]:
     Row by row in memory it is its own transpose column by column, as LAPACK wants it.
     """
     gram[np.diag_indices_from(gram)] += 1e-12
-    return linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
+    factor: tuple[Array, bool] = linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
+    return factor
 
 
 @dataclass(frozen=True)
@@ -69,14 +71,14 @@ class Span:
     @property
     def size(self) -> int:
         """How many columns."""
-        return self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1])
+        return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:
         """Columns (M, ...) less their part in the span."""
         left = remove(self.plain, columns)
-        if self.rest is None:
-            return left
-        return left - self.rest @ linalg.cho_solve(self.factor, self.rest.T @ left, check_finite=False)
+        if self.rest is not None:
+            left -= self.rest @ linalg.cho_solve(self.factor, self.rest.T @ left, check_finite=False)
+        return left
 
     @cached_property
     def basis(self) -> Array:

@@ -67,7 +67,7 @@ def right_jacobian(twists: Array) -> Array:
 
 def rotation_vector(rotations: Array) -> Array:
     """Rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3)."""
-    flat = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
+    flat: Array = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*rotations.shape[:-2], 3)
 
 

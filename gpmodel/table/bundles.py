@@ -193,7 +193,7 @@ def _clusters(q: Array) -> IntArray:
             return own
     pairs = tree.query_pairs(near, output_type="ndarray").T
     links = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(len(places), len(places)))
-    together = connected_components(links, directed=False)[1]
+    together: IntArray = connected_components(links, directed=False)[1]
     if np.bincount(together).max() > 0.5 * len(places):
         return own
     leader = np.unique(together, return_index=True)[1]
