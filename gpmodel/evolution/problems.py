@@ -46,7 +46,8 @@ class Inputs:
                 raise InputError(f"inputs: column {name!r} is not finite in row {rows[0]}, expected numbers")
 
     def __getitem__(self, name: str) -> Array:
-        return self.values[self.names.index(name)]
+        column: Array = self.values[self.names.index(name)]
+        return column
 
     def mapping(self) -> dict[str, Array]:
         """Name to column, as ``Program.evaluate`` takes it."""

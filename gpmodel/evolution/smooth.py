@@ -132,7 +132,8 @@ def without(targets: Targets, values: Array) -> Targets:
 
 def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
     """Weights of two columns (2, N) in the sum of which a function saves most."""
-    spread, noise = columns.std(axis=1), targets.energy / targets.components
+    spread: Array = columns.std(axis=1)
+    noise = targets.energy / targets.components
 
     def weights(angle: float) -> Array:
         return np.array([np.cos(angle), np.sin(angle)]) / spread

@@ -154,7 +154,7 @@ def output_values(
 
 @reduction
 def _largest(row: Array, width: int) -> float:
-    value = row[0]
+    value: float = row[0]
     for j in range(width):
         value = row[j] if row[j] > value else value
     return value

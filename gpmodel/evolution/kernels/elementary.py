@@ -45,7 +45,7 @@ _U = (1.12811678491632931402e2, 2.23548839060100448583e3, 4.84406305325125486048
 
 def floor(x: float) -> float:
     """The largest whole number that is not above x; what compilers know under more than one name."""
-    return np.floor(x)
+    return float(np.floor(x))
 
 
 overload(floor, target="cpu", inline="always")(lambda x: lambda x: np.floor(x))
