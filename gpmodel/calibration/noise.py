@@ -46,10 +46,10 @@ class Whitening:
     def means(self, values: Array) -> Array:
         """Means (B, ...) of the rows of each block."""
         sizes = self.sizes
-        sums = sparse.csr_matrix(
-            (np.ones(len(self.block)), (self.block, np.arange(len(self.block)))), shape=(len(sizes), len(self.block))
-        )
-        return (sums @ values) / sizes.reshape(-1, *[1] * (values.ndim - 1))
+        count = len(self.block)
+        belongs = sparse.csr_matrix((np.ones(count), (self.block, np.arange(count))), shape=(len(sizes), count))
+        sums: Array = belongs @ values
+        return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
         """The same blocks with the ratio that a residual (M,) says, after a fit of so many unknowns.

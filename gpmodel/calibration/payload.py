@@ -36,4 +36,5 @@ def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
 
 def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
     fit = calibrate(ErrorModel(mechanism, ()), poses)
-    return np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0)
+    point: Array = np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0)
+    return point

@@ -35,7 +35,7 @@ def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
 
 def off_mean(model: ErrorModel, theta: Array) -> Array:
     """By how much the unknowns (E,) differ from what is believed of them."""
-    return theta - np.array([e.mean for e in model.effects])
+    return theta - np.array([e.mean for e in model.effects], np.float64)
 
 
 def of_the_description(model: ErrorModel) -> Mask:

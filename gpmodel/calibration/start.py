@@ -118,7 +118,8 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
         if np.sqrt(2 * best.cost / len(rows)) < GOOD_START:
             break
     assert best is not None
-    return best.x.reshape(count, 3)
+    points: Array = best.x.reshape(count, 3)
+    return points
 
 
 def _turn_tools(

@@ -71,9 +71,8 @@ class Complement:
 
     def rows(self, values: Array) -> Array:
         """Weighted observations (N, m, ...) as the kept rows (M, ...)."""
-        if values.ndim == 2:
-            return np.einsum("nij,nj->ni", self.turn, values)[self.keep]
-        return (self.turn @ values)[self.keep]
+        turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
+        return turned[self.keep]
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
@@ -111,10 +110,11 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     Effects as small as they are would let such a combination be fitted to noise. sizes: (K,) column norms before
     elimination, which make metres and radians comparable.
     """
-    scale = np.where(sizes > 0, sizes, 1.0)
+    scale: Array = np.where(sizes > 0, sizes, 1.0)
     _, s, vt = np.linalg.svd(nominal / scale, full_matrices=True)
     rank = int(np.sum(s > ROUNDING))
-    return rows / scale @ vt[:rank].T @ vt[:rank] * scale
+    turned: Array = vt[:rank]
+    return rows / scale @ turned.T @ turned * scale
 
 
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
@@ -164,7 +164,8 @@ def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, value
     left = complement(joints * measured[:, :, None], measured)
     seen = (values.T * measured.T).T
     turned = (np.einsum("nij,nj...->ni...", left.turn, seen).T * left.keep.T).T
-    return np.einsum("nij,ni...->nj...", left.turn, turned)
+    back: Array = np.einsum("nij,ni...->nj...", left.turn, turned)
+    return back
 
 
 def check_points(dataset: Dataset) -> None:

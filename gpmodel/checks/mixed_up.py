@@ -96,7 +96,7 @@ def misfit_by_pose(mechanism: Mechanism, q: Array, position: Array) -> tuple[flo
 
     Searched from all sides of the flange: where it turns about one centre, a point on the wrong side fits best near by.
     """
-    frames = se3.chain(mechanism.transforms(q))[-1]
+    frames: Array = se3.chain(mechanism.transforms(q))[-1]
 
     def residual(point: Array) -> Array:
         tips = frames[:, :3, 3] + frames[:, :3, :3] @ point

@@ -119,9 +119,10 @@ class Residual:
         One where all of it sits at a single pose, N where all poses share alike.
         """
         left = self.projected(effects)[0][: self.measured] ** 2
-        energy = np.zeros((len(self.poses), left.shape[1]))
+        energy: Array = np.zeros((len(self.poses), left.shape[1]))
         np.add.at(energy, self.problem.pose_of_row, left)
-        return energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
+        at_work: Array = energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
+        return at_work
 
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The residual with some effects of its model taken out."""

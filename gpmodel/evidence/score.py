@@ -33,7 +33,7 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
     Source: Rissanen (1978).
     """
-    return fit_nats(gain, residual.freedom) / inflation - 0.5 * unknowns * np.log(residual.measured) - cost
+    return fit_nats(gain, residual.freedom) / inflation - 0.5 * unknowns * float(np.log(residual.measured)) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
