@@ -67,7 +67,8 @@ class Active:
     def inner(self) -> Array:
         """AᵀA (K, K)."""
         root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
-        return root[:, None] * self.pool.gram(self.chosen) * root
+        inner: Array = root[:, None] * self.pool.gram(self.chosen) * root
+        return inner
 
     @cached_property
     def rhs(self) -> Array:
@@ -79,12 +80,15 @@ class Active:
         """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
         count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
-        return linalg.cholesky(self.inner + (self.sigma2 + rounding) * np.eye(count), lower=True, check_finite=False)
+        regular = self.inner + (self.sigma2 + rounding) * np.eye(count)
+        lower: Array = linalg.cholesky(regular, lower=True, check_finite=False)
+        return lower
 
     @cached_property
     def inverse(self) -> Array:
         """L⁻¹ (K, K), zero above its diagonal."""
-        return linalg.lapack.dtrtri(self.lower, lower=1)[0]
+        inverse: Array = linalg.lapack.dtrtri(self.lower, lower=1)[0]
+        return inverse
 
     @cached_property
     def spanned(self) -> Array:
@@ -130,10 +134,9 @@ class Active:
     def evidence(self) -> float:
         """Log marginal likelihood of the cleaned target, nats, less what the groups cost to name."""
         freedom, count = self.pool.rows.freedom, len(self.rhs)
-        volume = (freedom - count) * np.log(self.sigma2) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
-        return -0.5 * (volume + self.mismatch + freedom * np.log(2 * np.pi)) - sum(
-            self.pool.cost[g] for g in self.variances
-        )
+        cost = float(sum(self.pool.cost[g] for g in self.variances))
+        volume = (freedom - count) * float(np.log(self.sigma2)) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
+        return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi))) - cost
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
         """s and q (1, K) of an active group, or of some of its columns, with itself taken out.

@@ -73,7 +73,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
     if own.shape[1]:
         taken = float(np.mean(np.sum((own.T @ turned) ** 2, axis=0)))
         size = (size - own.shape[1]) / max(1.0 - taken / energy, 1.0 / size)
-    return (rows.target - left)[:, None] + turned * np.sqrt(active.sigma2 * size / energy)
+    return (rows.target - left)[:, None] + turned * float(np.sqrt(active.sigma2 * size / energy))
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:

@@ -37,7 +37,7 @@ class Rows:
     @property
     def freedom(self) -> int:
         """Rows less what the placement takes."""
-        return len(self.pose_of_row) - self.placement.shape[1]
+        return len(self.pose_of_row) - int(self.placement.shape[1])
 
     def clean(self, whitened: Array) -> Array:
         """Whitened rows less what the placement explains."""
@@ -102,4 +102,5 @@ class Atoms:
     def cross(self, values: Array) -> Array:
         """Xᵀ W v (E, K) for cleaned, whitened values (M, K)."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
-        return self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)])
+        products: Array = self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)])
+        return products
