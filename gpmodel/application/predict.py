@@ -80,5 +80,5 @@ def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
 def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
     """Distance (M,), mm, between measured and predicted point of the rows that measured all of it."""
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
-    error = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
+    error: Array = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
     return error[np.isfinite(error)]

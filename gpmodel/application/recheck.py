@@ -79,7 +79,7 @@ class Recheck:
     @property
     def degrees(self) -> int:
         """Degrees of freedom of |z|²."""
-        return len(self.z) - self.basis.shape[1]
+        return len(self.z) - int(self.basis.shape[1])
 
     @property
     def chi_square(self) -> float:

@@ -19,7 +19,8 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     It says how well the parameters are known, not what the instrument adds. placed: whether registration and tool are
     in it, as in the instrument's frame. NaN where nobody fitted the model.
     """
-    return np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1)
+    deviation: Array = np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1)
+    return deviation
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
@@ -28,7 +29,7 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
     columns = point_columns(saved, poses, observed)[:, :, first:]
-    variance = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
+    variance: Array = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
     return np.sqrt(np.maximum(variance, 0.0))
 
 

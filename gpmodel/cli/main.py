@@ -66,7 +66,8 @@ class CommandGroup(click.Group):
         if name in COMMANDS:
             module, _, function = COMMANDS[name][0].partition(":")
             with extra_for(f"gpmodel {name}"):
-                return getattr(import_module(f"gpmodel.cli.{module}"), function or name)
+                found: click.Command = getattr(import_module(f"gpmodel.cli.{module}"), function or name)
+                return found
         plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
         return plugin.load() if plugin else None
 

@@ -92,7 +92,7 @@ class Variance:
         inner = _inner(inverse, columns, sign)
         moved = np.linalg.solve(inner, through @ self.weight @ np.swapaxes(through, 1, 2))
         whole = np.trace(inverse @ self.weight)
-        left = 1.0 - sign * np.trace(moved, axis1=1, axis2=2) / whole
+        left: Array = 1.0 - sign * np.trace(moved, axis1=1, axis2=2) / whole
         return -np.log(np.maximum(left, 1e-300))
 
 
@@ -180,7 +180,8 @@ def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
 def deviations(questions: Sequence[Question], order: IntArray) -> Array:
     """√ trace(L M⁻¹) (n + 1,) of the worst answered of questions of variances, with none, the first, the first two ...
     of the poses `order` (n,); NaN where an unknown is not determined."""
-    return np.max([_deviations(question, order) for question in questions], axis=0)
+    worst: Array = np.max([_deviations(question, order) for question in questions], axis=0)
+    return worst
 
 
 def _deviations(question: Question, order: IntArray) -> Array:
@@ -196,7 +197,7 @@ def _deviations(question: Question, order: IntArray) -> Array:
         scaled = information / np.outer(scale, scale)
         determined = np.linalg.eigvalsh(scaled)[0] > DETERMINED
         out.append(np.trace(np.linalg.solve(scaled, goal.weight / np.outer(scale, scale))) if determined else np.nan)
-    return np.sqrt(np.array(out, dtype=float))
+    return np.array(np.sqrt(out), dtype=float)
 
 
 @dataclass(frozen=True)

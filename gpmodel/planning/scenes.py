@@ -69,7 +69,8 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
     q, there, own = pool[chosen], points[chosen], np.arange(count)
-    middle = target = np.median(there, axis=0)
+    middle: Array = np.median(there, axis=0)
+    target = middle
 
     def aims(p: Array) -> Array:
         return target
@@ -80,7 +81,8 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
 
         def flat(p: Array) -> Array:
             normal = turn.T[axis]
-            return p - np.sum((p - middle) * normal, axis=1, keepdims=True) * normal
+            above: Array = np.sum((p - middle) * normal, axis=1, keepdims=True) * normal
+            return p - above
 
         labels, aims = {"on_plane": np.array(["A", "B", "C"])[axis]}, flat
     elif instrument == "spheres":

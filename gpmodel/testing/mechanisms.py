@@ -68,10 +68,12 @@ def _check_transforms(mechanism: Mechanism, q: Array) -> None:
 def _check_drives(mechanism: Mechanism, q: Array) -> None:
     frames, loops = chain(mechanism.transforms(q)), closed(mechanism)
 
+    tool: Array = frames[-1]
+
     def rate(slot: int, axis: str) -> Array:
         if loops:
-            return frames[-1] @ _twisted(loops.carried(frames, slot)[:, :, AXES.index(axis)])
-        return _rate(frames[slot], axis) @ frames[-1]
+            return tool @ _twisted(loops.carried(frames, slot)[:, :, AXES.index(axis)])
+        return _rate(frames[slot], axis) @ tool
 
     for column, joint in enumerate(mechanism.joints):
         numeric = _slope(lambda at: chain(mechanism.transforms(at))[-1], q, column)
@@ -151,7 +153,7 @@ def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, 
 
 
 def _payload_point(mechanism: Mechanism, q: Array, centre: Array) -> Array:
-    tool = chain(mechanism.transforms(q))[-1]
+    tool: Array = chain(mechanism.transforms(q))[-1]
     return tool[:, :3, 3] + tool[:, :3, :3] @ centre
 
 
