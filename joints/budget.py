@@ -86,7 +86,8 @@ class Drawn:
         place, angles = tooling_ball_position(self.q, np.zeros(PARAMETERS), self.tooling_ball), self.q
         if reach:
             angles = realigned(angles, self.parameters, self.tooling_ball, place, reach, np.eye(3))
-        return np.linalg.norm(tooling_ball_position(angles, self.parameters, self.tooling_ball) - place, axis=2)
+        away: Array = np.linalg.norm(tooling_ball_position(angles, self.parameters, self.tooling_ball) - place, axis=2)
+        return away
 
 
 @dataclass(frozen=True)

@@ -86,10 +86,10 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
     """
 
     def shear(s: float) -> float:
-        return -abs(1.5 / (1 + s * s) - (1 + poisson) * (1 - s * np.arctan(1 / s)))
+        return -abs(1.5 / (1 + s * s) - (1 + poisson) * (1 - s * float(np.arctan(1 / s))))
 
     deepest = minimize_scalar(shear, bounds=(0.05, 3.0), method="bounded", options={"xatol": 1e-10})
-    return positive("yield stress", yield_stress, "Pa") / -deepest.fun
+    return positive("yield stress", yield_stress, "Pa") / -float(deepest.fun)
 
 
 @dataclass(frozen=True)

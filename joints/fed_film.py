@@ -95,7 +95,7 @@ class FedFilm:
 
     def _stored(self, pocket: float) -> Array:
         """Diagonal of S (n,), m^3/Pa."""
-        added = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
+        added: Array = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
         return (self.volume + added) / ATMOSPHERE
 
 

@@ -93,7 +93,7 @@ def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
 def film_pressure(geometry: FilmGeometry, socket_pressure: ArrayLike, radius: ArrayLike) -> Array:
     """P(l) = P_s ln((l_o + l_s)/l) / ln((l_o + l_s)/l_o) [Pa] at arc radius l of the flat pad, P_s inside l_o."""
     clipped = np.clip(np.asarray(radius, float), geometry.orifice_length, geometry.outer_length)
-    share = np.log(geometry.outer_length / clipped) / geometry.log_ratio
+    share: Array = np.log(geometry.outer_length / clipped) / geometry.log_ratio
     return not_negative("socket pressure", socket_pressure, "Pa") * share
 
 
@@ -117,17 +117,17 @@ def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
 
 def published_stiffness(geometry: FilmGeometry, socket_pressure: ArrayLike, gap: ArrayLike) -> Array:
     """(3 pi/2) R^2 P_s cos(alpha) (2 - 1/ln(R/l_o)) / h [N/m] (Fig 4.12, Table 4.2; Fig 4.17 misprints 2 pi)."""
-    return 3 * published_load(geometry, socket_pressure) * np.cos(geometry.socket_angle) / _gap(gap)
+    return 3 * published_load(geometry, socket_pressure) * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def stiffness_constant_flow(geometry: FilmGeometry, load: ArrayLike, gap: ArrayLike) -> Array:
     """-dF/dd = 3 F cos(alpha) / h [N/m] of the load F actually carried, the flow held constant."""
-    return 3 * not_negative("load", load, "N") * np.cos(geometry.socket_angle) / _gap(gap)
+    return 3 * not_negative("load", load, "N") * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def feed_factor(geometry: FilmGeometry, resistance: ArrayLike, flow_slope: ArrayLike) -> Array:
     """1 / (1 - N R_s dq/dP_s): what remains of the constant-flow stiffness at constant inlet pressure."""
-    return 1 / (1 - geometry.orifices * np.asarray(resistance, float) * np.asarray(flow_slope, float))
+    return 1 / (1 - geometry.orifices * np.asarray(resistance, np.float64) * np.asarray(flow_slope, np.float64))
 
 
 def _gap(gap: ArrayLike) -> Array:

@@ -71,5 +71,5 @@ def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: O
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)
     cubed = film_resistance(geometry, 1.0) * geometry.orifices * flow / socket
-    lift = geometry.clearance + (np.cbrt(cubed) - geometry.clearance) / np.cos(geometry.socket_angle)
+    lift: Array = geometry.clearance + (np.cbrt(cubed) - geometry.clearance) / np.cos(geometry.socket_angle)
     return np.maximum(lift, 0.0)

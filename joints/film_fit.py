@@ -53,7 +53,8 @@ def fit_film(
 
     def error(logs: Array) -> Array:
         found = film(replace(geometry, clearance=float(np.exp(logs[0]))), held, orifice, at)
-        return orifice.inlet_pressure(found.flow / np.exp(logs[1]), found.socket_pressure) / given - 1.0
+        share: Array = orifice.inlet_pressure(found.flow / np.exp(logs[1]), found.socket_pressure) / given
+        return share - 1.0
 
     solved = least_squares(error, [np.log(geometry.clearance), 0.0])
     clearance, passed = np.exp(solved.x).tolist()

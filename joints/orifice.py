@@ -87,8 +87,8 @@ class NozzleOrifice:
             not_negative("flow", flow, "m^3/s"), not_negative("socket pressure", socket, "Pa")
         )
         choked = target / (self._capacity * _discharge_function(np.zeros(()))) * ATMOSPHERE
-        low = socket_pressure.astype(float)
-        high = np.maximum(choked, (socket_pressure + ATMOSPHERE) / _CRITICAL) - ATMOSPHERE
+        low: Array = socket_pressure.astype(float)
+        high: Array = np.maximum(choked, (socket_pressure + ATMOSPHERE) / _CRITICAL) - ATMOSPHERE
         for _ in range(80):
             middle = (low + high) / 2
             short = self.flow(middle, socket_pressure) < target
@@ -103,7 +103,7 @@ class NozzleOrifice:
 
     @property
     def _capacity(self) -> float:
-        return self.discharge * np.pi * self.diameter**2 / 4 * np.sqrt(_GAS_CONSTANT * self.temperature)
+        return float(self.discharge * np.pi * self.diameter**2 / 4 * np.sqrt(_GAS_CONSTANT * self.temperature))
 
 
 _GAS_CONSTANT = 287.05

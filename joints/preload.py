@@ -85,8 +85,8 @@ def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0
-    limits = np.where(unloading, at_rest / np.where(unloading, -per_newton, 1.0), np.inf)
-    return not_negative("preload", preload, "N") * limits.min(axis=-1)
+    limit: Array = np.where(unloading, at_rest / np.where(unloading, -per_newton, 1.0), np.inf).min(axis=-1)
+    return not_negative("preload", preload, "N") * limit
 
 
 def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
@@ -98,7 +98,8 @@ def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
 def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
     """2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
-    return 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
+    area: Array = 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
+    return area
 
 
 def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:

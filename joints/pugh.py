@@ -27,12 +27,14 @@ class PughChart:
     @property
     def pluses(self) -> IntArray:
         """Number of plus marks of each concept, "++" counting two."""
-        return np.maximum(self.marks, 0).sum(axis=0)
+        counts: IntArray = np.maximum(self.marks, 0).sum(axis=0)
+        return counts
 
     @property
     def minuses(self) -> IntArray:
         """Number of minus marks of each concept."""
-        return np.maximum(-self.marks, 0).sum(axis=0)
+        counts: IntArray = np.maximum(-self.marks, 0).sum(axis=0)
+        return counts
 
     @property
     def ranking(self) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
     limit = float(not_negative("range of realignment", reach, "rad"))
     sizes, axes = np.linalg.eigh(stiffness)
     not_negative("stiffness", np.where(np.abs(sizes) < 1e-12 * np.abs(sizes).max(), 0.0, sizes), "N/m")
-    root = np.sqrt(np.maximum(sizes, 0.0) / sizes.max())[:, None] * axes.T
+    root: Array = np.sqrt(np.maximum(sizes, 0.0) / sizes.max())[:, None] * axes.T
     idle, each = (IDLE * np.linalg.norm(tooling_ball)) ** 2, np.eye(len(JOINTS))
 
     def strained(turned: Array) -> Array:

@@ -75,7 +75,7 @@ def _ordered(breaks: Array) -> Array:
 
 def _linear_part(breaks: Array, x: Array, f: Array) -> Array:
     basis = regime_basis(x, *_ordered(breaks))
-    scale = np.linalg.norm(basis, axis=0)
+    scale: Array = np.linalg.norm(basis, axis=0)
     scale[scale == 0] = 1.0
     return np.linalg.lstsq(basis / scale, f, rcond=1e-10)[0] / scale
 
@@ -108,4 +108,5 @@ def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dic
 def _force(values: Array, x: Array) -> Array:
     """`RegimeCurve.force` without its order check, for steps across a limit."""
     contact, transition, film, peak, *breaks = values
-    return regime_basis(x, *breaks) @ np.array([peak, film, transition, contact])
+    force: Array = regime_basis(x, *breaks) @ np.array([peak, film, transition, contact])
+    return force

@@ -51,7 +51,8 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
     ring = geometry.ball_radius * np.sin(geometry.orifice_angle)
     spread = ring / (geometry.orifices * positive("orifice diameter", orifice_diameter, "m") / 2)
     require(spread > 1, "orifice diameter", orifice_diameter, "smaller than the spacing of the orifices")
-    return 6 * geometry.viscosity / (np.pi * gap**3) * np.log(spread)
+    resistance: Array = 6 * geometry.viscosity / (np.pi * gap**3) * np.log(spread)
+    return resistance
 
 
 def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
@@ -156,7 +157,7 @@ def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
     """Integral of sin t / h^3 = (cos phi - cos alpha)(h_phi + h_alpha) / (2 h_phi^2 h_alpha^2)."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
-    cosines = np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle)
+    cosines = float(np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle))
     return cosines * (inner + outer) / (2 * inner**2 * outer**2)
 
 
@@ -165,5 +166,5 @@ def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cos_inner, cos_outer = np.cos(geometry.orifice_angle), np.cos(geometry.socket_angle)
-    relative = (cos_inner + cos_outer) / (inner + outer) - 2 * cos_inner / inner - 2 * cos_outer / outer
+    relative: Array = (cos_inner + cos_outer) / (inner + outer) - 2 * cos_inner / inner - 2 * cos_outer / outer
     return _load_integral(geometry, displacement) * relative

@@ -102,7 +102,7 @@ def lifted_tension(
 
 def contact_tension(stiffness: float, displacement: ArrayLike) -> Array:
     """Predicted tension [N] of the linear contact, displacement [m] below 0; none above."""
-    return positive("contact stiffness", stiffness, "N/m") * np.minimum(np.asarray(displacement, float), 0.0)
+    return positive("contact stiffness", stiffness, "N/m") * np.minimum(np.asarray(displacement, np.float64), 0.0)
 
 
 def rest_displacement(

@@ -27,7 +27,8 @@ class LoopPart:
 
 def growth(length: ArrayLike, expansion: ArrayLike, temperature_change: ArrayLike) -> Array:
     """alpha_T L dT [m]: 1.17 um/K for the 50.8 mm aluminium socket (the thesis prints "approximately 1")."""
-    return np.asarray(expansion, float) * np.asarray(length, float) * np.asarray(temperature_change, float)
+    warmer = np.asarray(temperature_change, np.float64)
+    return np.asarray(expansion, np.float64) * np.asarray(length, np.float64) * warmer
 
 
 def loop_growth(parts: Sequence[LoopPart], temperature_change: ArrayLike) -> Array:
@@ -47,11 +48,11 @@ def gap_growth(
     """Growth [m] of the radial gap: the socket bore (radius r + t) and the layer t on it, less the ball."""
     bore = socket_expansion * (positive("ball radius", ball_radius, "m") + not_negative("layer", layer, "m"))
     per_kelvin = bore - layer_expansion * layer - ball_expansion * ball_radius
-    return per_kelvin * np.asarray(temperature_change, float)
+    return per_kelvin * np.asarray(temperature_change, np.float64)
 
 
 def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLike) -> Array:
     """Temperature change [K] that uses up `tolerance` [m]; inf for a loop that does not grow."""
-    rate = np.abs(np.asarray(growth_per_kelvin, float))
+    rate: Array = np.abs(np.asarray(growth_per_kelvin, float))
     with np.errstate(divide="ignore"):
         return positive("tolerance", tolerance, "m") / rate
