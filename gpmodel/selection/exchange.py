@@ -78,10 +78,15 @@ def _freed(active: Active) -> Active:
 def _swapped(active: Active, g: int, rivals: Sequence[Alternative], variances: Array) -> Active:
     """The model with the first of the nearest rivals in the place of a kept group that raises the evidence enough: by
     what settles it where it is cheaper to name and of no more unknowns, since of two that explain the same the better
-    known and simpler one is likelier; else by what a swap has to bring."""
+    known and simpler one is likelier; else by what a swap has to bring. Not with what it is itself a part of, which
+    would be split again."""
     cost, groups = active.pool.cost, active.pool.groups
-    near = sorted((r for r in rivals if r.loss < active.criteria.rival_nats), key=lambda r: r.loss)
-    for h in [r.number for r in near[:TRIED]]:
+
+    def able(r: Alternative) -> bool:
+        whole = groups[g].name in {part.name for part in groups[r.number].parts}
+        return r.loss < active.criteria.rival_nats and not whole
+
+    for h in [r.number for r in sorted(filter(able, rivals), key=lambda r: r.loss)[:TRIED]]:
         trial = backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
         known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
         if trial.evidence > active.evidence + (SETTLED if known else active.criteria.swap_nats):
