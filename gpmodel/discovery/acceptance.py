@@ -25,7 +25,8 @@ class Hypothesis:
     """A candidate with its score, p-value, rivals and verdict, all from training poses.
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
-    rivals: names and cv_rms of what else it could be. offered: it was evolved and judged by itself; where it passed, it
+    rivals: names and cv_rms of what else it could be. moved: effects of the model, each with the standard deviation of
+    its value over these. offered: it was evolved and judged by itself; where it passed, it
     is offered to the selection, which decides.
     """
 
@@ -37,6 +38,7 @@ class Hypothesis:
     rivals: tuple[tuple[str, float], ...]
     verdict: Verdict
     offered: bool = False
+    moved: tuple[tuple[str, float], ...] = ()
 
     @property
     def added(self) -> bool:

@@ -11,6 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, tested
+from gpmodel.discovery.averaging import averaged, predicted_alike
 from gpmodel.discovery.compact import compact_laws, is_curve, of_one_place, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
@@ -43,9 +44,6 @@ PLAIN = 2
 MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
 law of seven nodes has three constants."""
-
-MOST_RIVALS = 6
-"""Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
 
 
 @dataclass(frozen=True)
@@ -241,9 +239,9 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
     """The verdict on a kept group beside all the others; residual: without it."""
     before = cross_validated(residual.at_own_noise(), ())
-    predicted = {cross_validated(residual, g.effects).rms: g.name for g, _ in reversed(kept.rivals)}
-    rivals = tuple((name, rms) for rms, name in sorted(predicted.items())[:MOST_RIVALS])
+    rivals = predicted_alike(residual, [group for group, _ in kept.rivals])
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
     by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), chosen.by_chance)
-    return tested(residual, candidate, score, by_chance, before, rivals)
+    named = tuple((group.name, rms) for rms, group in rivals)
+    return averaged(residual, tested(residual, candidate, score, by_chance, before, named), rivals)

@@ -221,8 +221,7 @@ class Distance(AtTheTip):
 
     def predict(self, tips: Tips, own: Own) -> Array:
         """What it would read (N, 1), m."""
-        distance: Array = np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None]
-        return distance
+        return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None])
 
     def residual(self, tips: Tips, own: Own) -> Array:
         return self.values[:, None] - self.predict(tips, own)

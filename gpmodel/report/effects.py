@@ -8,6 +8,7 @@ from gpmodel.application.exports.sample import at_joint_values
 from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.usable import usable
+from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate
@@ -57,21 +58,28 @@ MOST_TERMS = 6
 
 
 def effect_records(
-    final: Calibration, poses: Poses, candidates: Sequence[Candidate], names: Mapping[str, str], states: States
+    final: Calibration,
+    poses: Poses,
+    candidates: Sequence[Candidate],
+    names: Mapping[str, str],
+    states: States,
+    moved: Sequence[Array] = (),
 ) -> tuple[EffectRecord, ...]:
     """Candidates as a fit to `poses` has them, each with what it moves the tool by at the measured poses and anywhere.
 
-    names: of the table. states: of the poses.
+    names: of the table. states: of the poses. moved: standard deviations of the effects of each over the rivals of the
+    others, where there are any.
     """
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()
-    moved = map(fitted.statistics_mm, fitted.tool_displacements(final, resolved(final, poses), groups))
+    here = map(fitted.statistics_mm, fitted.tool_displacements(final, resolved(final, poses), groups))
     anywhere = over_the_workspace(final, poses, groups)
     alone = fitted.moves_alone(final, poses, groups)
     out = []
-    for candidate, here, there, own in zip(candidates, moved, anywhere, alone, strict=True):
-        number = quantity(final, candidate, states)
+    apart = moved or [np.zeros(len(effects)) for effects in groups]
+    for candidate, at_poses, there, own, spread in zip(candidates, here, anywhere, alone, apart, strict=True):
+        number = quantity(final, candidate, states, spread)
         out.append(
             EffectRecord(
                 name=translate(candidate.name, names),
@@ -93,12 +101,12 @@ def effect_records(
                     for t in effect.terms
                 ),
                 correlated_with=fitted.correlations(final, candidate.effects[:2], names),
-                tool_rms_mm=here.rms_mm,
+                tool_rms_mm=at_poses.rms_mm,
                 alone_rms_mm=own,
-                tool_max_mm=here.max_mm,
+                tool_max_mm=at_poses.max_mm,
                 workspace_rms_mm=there.rms_mm,
                 workspace_max_mm=there.max_mm,
-                of_specification=fitted.of_specification(candidate.effects, here, poses.dataset),
+                of_specification=fitted.of_specification(candidate.effects, at_poses, poses.dataset),
                 ranges=ranges(states, candidate.inputs, names),
             )
         )

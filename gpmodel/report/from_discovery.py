@@ -1,14 +1,16 @@
 """The Report of a discovery."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
-from scipy.special import softmax
 
+from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.averaging import probabilities
 from gpmodel.discovery.result import Discovery, Round, Suspect
 from gpmodel.families.catalogue import explained
 from gpmodel.model.naming import names_of, translate
@@ -77,7 +79,9 @@ def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogr
 def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:
     """All findings, with what speaks for each."""
     poses, steps = discovery.poses, {step.finding: step for step in discovery.steps}
-    records = effect_records(discovery.found, poses, discovery.fitted.candidates, names, poses.states)
+    records = effect_records(
+        discovery.found, poses, discovery.fitted.candidates, names, poses.states, tuple(_moved(discovery))
+    )
     for i, record in enumerate(records):
         finding, hypothesis, step = discovery.findings[i], discovery.findings[i].hypothesis, steps.get(i)
         unnamed = "" if record.catalogue else "matches no named effect"
@@ -104,10 +108,18 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
 
 
 def _among_rivals(hypothesis: Hypothesis, freedom: float) -> float:
-    """Probability of a finding among its rivals, all alike beforehand: each as likely as a normal noise of what it
-    leaves of poses left out, over the independent values. Source: Yao et al. (2018), pseudo-BMA."""
-    left = np.array([hypothesis.cv_rms, *(rms for _, rms in hypothesis.rivals if rms > 0.0)])
-    return float(softmax(-freedom * np.log(left))[0]) if hypothesis.cv_rms > 0.0 else 1.0
+    """Probability of a finding among its rivals."""
+    left = [hypothesis.cv_rms, *(rms for _, rms in hypothesis.rivals if rms > 0.0)]
+    return float(probabilities(left, freedom)[0]) if hypothesis.cv_rms > 0.0 else 1.0
+
+
+def _moved(discovery: Discovery) -> Iterator[Array]:
+    """Standard deviations (E,) of the effects of every finding over the rivals of the others."""
+    every = [dict(finding.hypothesis.moved) for finding in discovery.findings]
+    for i, finding in enumerate(discovery.findings):
+        others = every[:i] + every[i + 1 :]
+        names = [effect.name for effect in finding.candidate.effects]
+        yield np.array([math.hypot(*(other.get(name, 0.0) for other in others)) for name in names])
 
 
 def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:

@@ -31,11 +31,11 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
     return [at[e.name] for e in candidate.effects]
 
 
-def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
+def quantity(calibration: Calibration, candidate: Candidate, states: States, moved: Array | None = None) -> Quantity:
     """One number for a finding.
 
     Its amplitude, the deviation propagated through the covariance; of a harmonic the basis is A sin(x + p) with its
-    phase p.
+    phase p. moved: standard deviations (E,) of its effects over the rivals of other findings, independent of it.
     """
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
@@ -44,6 +44,8 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States) -> 
     covariance = calibration.correlation[np.ix_(at, at)] * np.outer(deviation, deviation)
     single = candidate.kind == "single"
     stderr = float(deviation[0]) if single else float(np.sqrt(slope @ covariance @ slope))
+    if moved is not None:
+        stderr = float(np.hypot(stderr, np.linalg.norm((1.0 if single else slope) * moved)))
     share = float(np.min(calibration.unique_share[at]))
     return Quantity(value, stderr, _basis_in_words(candidate, theta), candidate.unit, share)
 

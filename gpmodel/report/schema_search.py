@@ -66,6 +66,7 @@ class EffectRecord:
     """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
 
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
+    stderr: of the value, by the noise and over what the other findings could be in their places.
     rivals: alike ones, closest first; None where nobody looked. probability: that it is this and none of them, by what
     each leaves of poses left out. p_value: chance of it among `shuffles` of what was
     `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.

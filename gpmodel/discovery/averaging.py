@@ -1,0 +1,81 @@
+"""What else a finding could be: how likely each rival is, and how far it would move the values of other findings."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from operator import itemgetter
+
+import numpy as np
+from scipy import linalg
+from scipy.special import softmax
+
+from gpmodel.arrays import Array
+from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.residual import Residual
+from gpmodel.model.effect import Effect
+from gpmodel.selection.group import Group
+
+MOST_RIVALS = 6
+"""Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
+
+UNLIKELY = 0.01
+"""Probability below which a rival moves nothing that anybody would notice."""
+
+
+def probabilities(cv_rms: Sequence[float], freedom: float) -> Array:
+    """Probability (R,) of each of several models, all alike beforehand: as likely as normal noise of what it leaves of
+    poses left out, m, over so many independent values. Source: Yao et al. (2018), pseudo-BMA."""
+    return np.asarray(softmax(-freedom * np.log(cv_rms)))
+
+
+def predicted_alike(residual: Residual, rivals: Sequence[Group]) -> list[tuple[float, Group]]:
+    """The rivals of a finding, nearest first as given, that predict best, each with its cross-validated RMS, m.
+
+    residual: of the model without the finding.
+    """
+    predicted = {cross_validated(residual, group.effects).rms: group for group in reversed(rivals)}
+    return sorted(predicted.items(), key=itemgetter(0))[:MOST_RIVALS]
+
+
+def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[tuple[float, Group]]) -> Hypothesis:
+    """The hypothesis with the deviations of the model's other values over it and its rivals; residual: without it."""
+    likely = probabilities([hypothesis.cv_rms, *(rms for rms, _ in rivals)], residual.freedom)
+    others = [group.effects for _, group in rivals]
+    spread = spread_by_rivals(residual, hypothesis.candidate.effects, others, likely)
+    return replace(hypothesis, moved=tuple(spread.items()))
+
+
+def spread_by_rivals(
+    residual: Residual, effects: Sequence[Effect], rivals: Sequence[Sequence[Effect]], likely: Array
+) -> dict[str, float]:
+    """Standard deviation of the value of every effect in the model over a finding and its rivals, about the value
+    beside the finding: √Σ p (value - value beside it)².
+
+    residual: of the model without the finding. likely: (1 + R,) probability of it and of each rival. Source: Hoeting et
+    al. (1999), the variance between models.
+    """
+    able = [(p, rival) for p, rival in zip(likely[1:], rivals, strict=True) if p > UNLIKELY]
+    if not able or not residual.names:
+        return {}
+    own = _explained(residual, effects)
+    apart = np.column_stack([own - _explained(residual, rival) for _, rival in able])
+    moved = linalg.lstsq(residual.system, apart, lapack_driver="gelsy", check_finite=False)[0][-len(residual.names) :]
+    at = {e.name: i for i, e in enumerate(residual.calibration.model.effects)}
+    columns = residual.problem.columns[:, residual.problem.placement :][:, [at[name] for name in residual.names]]
+    unit = residual.system[: residual.measured, -len(residual.names) :]
+    scale = np.linalg.norm(unit, axis=0) / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    spread = scale * np.sqrt(moved**2 @ np.array([p for p, _ in able]))
+    return dict(zip(residual.names, spread.tolist(), strict=True))
+
+
+def _explained(residual: Residual, effects: Sequence[Effect]) -> Array:
+    """What effects explain (M + B,) where they are fitted beside the model, their own columns alone."""
+    columns = residual.columns(effects)
+    norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    left, _ = residual.projected(effects)
+    belief = np.array([residual.sigma / e.prior for e in effects]) / norms
+    gram = left.T @ left + np.diag(belief**2)
+    fitted = linalg.lstsq(gram, left.T @ residual.values, lapack_driver="gelsy", check_finite=False)[0]
+    out = np.zeros(len(residual.values))
+    out[: residual.measured] = columns @ (fitted / norms)
+    return out
