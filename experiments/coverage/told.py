@@ -9,7 +9,8 @@ from experiments.blind.robot import Robot
 
 
 def deviations(robot: Robot) -> list[float]:
-    """(value - value of the fit to exact positions) / standard deviation of every column of the effects."""
+    """(value - value of the fit to exact positions) / standard deviation of every column of the effects
+    that the poses show."""
     train = robot.train
     good = np.setdiff1d(np.arange(len(train.q)), train.outliers)
     q, measured, clean = train.q[good], train.measured[good], train.clean[good]
@@ -26,4 +27,6 @@ def deviations(robot: Robot) -> list[float]:
     left = measured - ours.predict(q, told)
     variance = np.sum(left**2) / (left.size - keep.sum())
     spread = np.sqrt(variance * np.sum((turn[keep] / sizes[keep, None]) ** 2, axis=0)) / scale
-    return [round(float(z), 2) for z in ((ours.amounts - exact.amounts) / spread)[len(spread) - len(told) :]]
+    own = slice(len(spread) - len(told), None)
+    shown = spread[own] > 0
+    return [round(float(z), 2) for z in (ours.amounts - exact.amounts)[own][shown] / spread[own][shown]]
