@@ -16,49 +16,6 @@ from gpmodel.evolution.kernels.machine import (
 )
 
 
-@inlined
-def decode_every(
-    first: int,
-    step: int,
-    genes: NDArray[np.uint8],
-    constant_bits: NDArray[np.uint64],
-    begun_by: NDArray[np.uint16],
-    cell_of: NDArray[np.uint16],
-    read_of: NDArray[np.uint32],
-    written_of: NDArray[np.uint32],
-    start: NDArray[np.uint16],
-    done_for: NDArray[np.uint16],
-    kind_of_cells: NDArray[np.uint8],
-    base: int,
-    words: IntArray,
-    outputs: NDArray[np.uint16],
-    count: IntArray,
-    nodes: IntArray,
-    hashes: NDArray[np.uint64],
-    cells: NDArray[np.uint16],
-    pairs: NDArray[np.uint16],
-    kinds: NDArray[np.uint8],
-) -> None:
-    """Effective code of sequences ``first``, ``first + step`` and so on of genes (P, L); see ``decode_sequences``.
-
-    The last three are scratch: ``cells`` one for each register, fixed row and own constant and one more, ``pairs`` as
-    long as a row of ``words``, ``kinds`` as ``kind_of_cells``.
-    """
-    own = constant_bits.shape[1]
-    for row in range(base):
-        cells[len(start) + row] = row
-    for p in range(first, len(genes), step):
-        found = split_instructions(genes[p], begun_by, pairs)
-        if done_for.size:
-            for k in range(len(kind_of_cells)):
-                kinds[k] = kind_of_cells[k]
-            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
-        begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
-        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
-        count[p] = n
-        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
-
-
 @compiled
 def decode_sequences(
     genes: NDArray[np.uint8],
@@ -78,13 +35,22 @@ def decode_sequences(
     hashes: NDArray[np.uint64],
 ) -> None:
     """Effective code of each sequence of genes (P, L): words (P, longest) of which ``count``, outputs (P, m)."""
-    cells = np.empty(len(start) + base + constant_bits.shape[1] + 1, np.uint16)
+    own = constant_bits.shape[1]
+    cells = np.empty(len(start) + base + own + 1, np.uint16)
     pairs = np.empty(words.shape[1], np.uint16)
     kinds = np.empty(len(kind_of_cells), np.uint8)
-    decode_every(
-        0, 1, genes, constant_bits, begun_by, cell_of, read_of, written_of, start, done_for, kind_of_cells, base,
-        words, outputs, count, nodes, hashes, cells, pairs, kinds,
-    )  # fmt: skip
+    for row in range(base):
+        cells[len(start) + row] = row
+    for p in range(len(genes)):
+        found = split_instructions(genes[p], begun_by, pairs)
+        if done_for.size:
+            for k in range(len(kind_of_cells)):
+                kinds[k] = kind_of_cells[k]
+            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
+        begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
+        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
+        count[p] = n
+        nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
 
 
 @compiled

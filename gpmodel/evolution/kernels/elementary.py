@@ -8,7 +8,6 @@ product, and hold to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use
 import math
 
 import numpy as np
-from numba.extending import overload
 
 from gpmodel.evolution.kernels.compiler import inlined
 
@@ -41,14 +40,6 @@ _NORMAL = 2.0**-1022
 
 _T = (-9.64399179425052238628e-1, -9.92877231001918586564e1, -1.61468768441708447952e3)
 _U = (1.12811678491632931402e2, 2.23548839060100448583e3, 4.84406305325125486048e3)
-
-
-def floor(x: float) -> float:
-    """The largest whole number that is not above x; what compilers know under more than one name."""
-    return float(np.floor(x))
-
-
-overload(floor, target="cpu", inline="always")(lambda x: lambda x: np.floor(x))
 
 
 @inlined

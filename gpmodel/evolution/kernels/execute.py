@@ -1,6 +1,8 @@
-"""Running straight-line code with poses as the vector axis, and the fitness of a compensator."""
+"""Running straight-line code with poses as the vector axis."""
 
 import math
+
+import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.kernels.compiler import inlined
@@ -9,7 +11,6 @@ from gpmodel.evolution.kernels.elementary import (
     arctangent,
     cosine,
     exponential,
-    floor,
     hyperbolic_tangent,
     logarithm,
     sine,
@@ -48,7 +49,7 @@ def execute(words: IntArray, count: int, constants: Array, rows: Array, base: in
                 rows[r, j] = rows[a, j] / rows[b, j]
         elif code == 7:
             for j in range(width):
-                rows[r, j] = rows[b, j] * floor(rows[a, j] / rows[b, j])
+                rows[r, j] = rows[b, j] * np.floor(rows[a, j] / rows[b, j])
             for j in range(width):
                 rows[r, j] = rows[a, j] - rows[r, j]
         elif code == 8:
