@@ -10,10 +10,10 @@ from effect_cases import Truth, bare, measure, mechanism, sized, true_tips
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery.journal import NullJournal
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Journal
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.tree import Tree
@@ -96,7 +96,7 @@ def against_the_oracle(case: str, seed: int, answer: Discovery) -> float:
     return rms(errors_on(answer.steps[-1].calibration, clean)) / rms(errors_on(oracle, clean))
 
 
-class Notes(NullJournal):
+class Notes(Journal):
     """A journal in memory."""
 
     def __init__(self, findings: Sequence[Finding] = (), rounds: Sequence[Round] = ()) -> None:

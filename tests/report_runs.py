@@ -11,7 +11,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.runs import NothingKept, Plan, run_all
+from gpmodel.evolution.runs import KeptRuns, Plan, run_all
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Threads
 from gpmodel.families.by_name import effects_named
@@ -64,7 +64,7 @@ def evolved() -> Report:
     task = slot_task(fit, arm, poses.subset(train), 0)
     settings = {"linear": Settings(Linear(), budget=Budget(64, 4, seconds=1e9, threads=1))}
     plan = Plan(settings, 2, 0)
-    done = run_all(plan.tasks(task.problem), Threads(1), NothingKept(), lambda _: None)
+    done = run_all(plan.tasks(task.problem), Threads(1), KeptRuns(), lambda _: None)
     runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]
     counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
     return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))

@@ -25,7 +25,7 @@ from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_tas
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
-from gpmodel.evolution.runs import KeptRuns, NothingKept, Plan, Run, run_all
+from gpmodel.evolution.runs import KeptRuns, Plan, Run, run_all
 from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.executor import Forks, Workers
 from gpmodel.extras import extra_for
@@ -209,7 +209,7 @@ def evolve(
         "seed": seed, "holdout": fraction, "standard": list(standard),
         "settings": [repr(s) for s in settings.values()],
     }  # fmt: skip
-    done = _finished(Plan(settings, count, seed), task, side_by_side, journal or NothingKept(), Teller(progress))
+    done = _finished(Plan(settings, count, seed), task, side_by_side, journal or KeptRuns(), Teller(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
     return EvolutionResult(done, counted, fit, poses, train, tuple(task.problem.sites), request, origin)

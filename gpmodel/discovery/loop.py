@@ -10,12 +10,11 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.explore import OutOfTime
 from gpmodel.discovery.final_fit import final_fit
-from gpmodel.discovery.journal import Journal, NullJournal
 from gpmodel.discovery.result import Discovery, FinalFit
 from gpmodel.discovery.round import one_round
 from gpmodel.discovery.rows import usable_rows
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import State
+from gpmodel.discovery.state import Journal, State
 from gpmodel.discovery.suspects import suspects_of
 from gpmodel.evidence.confirmation import confirmation
 from gpmodel.evidence.criteria import Criteria
@@ -58,7 +57,7 @@ def discover(
     trained on, and for two different candidates of one name.
     """
     started = time.monotonic()
-    search, journal, say = search or Search(), journal or NullJournal(), Teller(progress)
+    search, journal, say = search or Search(), journal or Journal(), Teller(progress)
     poses, train, heldout = usable_rows(poses, train, heldout, say)
     offers = distinct(candidates)
     instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched

@@ -11,10 +11,10 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
-from gpmodel.discovery.journal import Journal
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
@@ -22,6 +22,18 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.progress import Teller
 from gpmodel.table.split import JUDGED
+
+
+class Journal(KeptRuns):
+    """Where a discovery notes what it has finished, so that an interrupted one goes on to the same numbers; here
+    nowhere."""
+
+    def begin(self) -> tuple[list[Finding], list[Round]]:
+        """What is finished already. Called once, before the first line of progress."""
+        return [], []
+
+    def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
+        """Called after every round with all that is finished. Raises WriteError where it cannot be written."""
 
 
 @dataclass

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gpmodel.discovery.result import Finding, Round
+from gpmodel.discovery.state import Journal
 from gpmodel.evolution.runs import Number
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
@@ -11,7 +12,7 @@ from gpmodel.records.unfinished import Unfinished
 
 
 @dataclass(frozen=True)
-class JournalFiles:
+class JournalFiles(Journal):
     """A journal in files, one each round and each run."""
 
     files: Unfinished

@@ -9,10 +9,9 @@ from effect_cases import Truth, bare, measure, mechanism
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.journal import NullJournal
 from gpmodel.discovery.result import Suspect
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import State
+from gpmodel.discovery.state import Journal, State
 from gpmodel.discovery.suspects import in_common, suspects_of
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.catalogue import catalogue
@@ -43,7 +42,7 @@ def suspects(poses: Poses) -> tuple[Suspect, ...]:
     standard = geometric_effects(arm)
     state = State(
         arm, poses, np.arange(len(poses)), nothing, standard, (), catalogue, Search(), Criteria(shuffles=49), None, 0,
-        Teller(), NullJournal(),
+        Teller(), Journal(),
     )  # fmt: skip
     return suspects_of(state, calibrate(ErrorModel(arm, standard), poses, condition_limit=50.0))
 

@@ -13,7 +13,7 @@ from executor_cases import Elsewhere
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.evolution.projection import regression
-from gpmodel.evolution.runs import NothingKept, Number, Plan, run_all
+from gpmodel.evolution.runs import KeptRuns, Number, Plan, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
@@ -29,7 +29,7 @@ BUDGET = Budget(128, 5, seconds=1e9, threads=1)
 PLAN = Plan({"linear": Settings(Linear(), budget=BUDGET), "tree": Settings(Tree(), budget=BUDGET)}, runs=2, seed=3)
 
 
-class Memory(NothingKept):
+class Memory(KeptRuns):
     """Runs kept in memory."""
 
     def __init__(self) -> None:
@@ -43,10 +43,10 @@ class Memory(NothingKept):
         self.runs[number] = found
 
 
-def numbers(problem: Problem, workers: Workers, kept: NothingKept | None = None) -> list[dict[str, object]]:
+def numbers(problem: Problem, workers: Workers, kept: KeptRuns | None = None) -> list[dict[str, object]]:
     """All of every run but how long it took."""
     tasks = PLAN.tasks(problem)
-    found = dict(run_all(tasks, workers, kept or NothingKept(), lambda done: None))
+    found = dict(run_all(tasks, workers, kept or KeptRuns(), lambda done: None))
     runs = [PLAN.run(number, found[number], problem, None) for number in tasks]
     timed = ("seconds", "evaluations_per_second")
     histories = [{k: v for k, v in run.history.items() if k not in timed} for run in runs]
@@ -86,7 +86,7 @@ def test_what_others_draw_from_pythons_generator_changes_nothing() -> None:
 
     def found() -> list[str]:
         own = pickle.loads(pickle.dumps(tasks))
-        return [str(run.best.program) for _, run in run_all(own, Threads(1), NothingKept(), lambda done: None)]
+        return [str(run.best.program) for _, run in run_all(own, Threads(1), KeptRuns(), lambda done: None)]
 
     alone, over = found(), threading.Event()
 
