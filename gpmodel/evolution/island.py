@@ -5,12 +5,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from gpmodel.evolution.building_blocks import Vocabulary
-from gpmodel.evolution.description_length import fit_nats, gain_nats
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.linked_terms import climbed_terms
 from gpmodel.evolution.links import LinkTerm
+from gpmodel.evolution.pareto import Archive, Elite
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.program import Program
@@ -33,7 +34,7 @@ class Island:
         self.run = Generations(problem, Settings(representation, budget=BUDGET), rng)
         self.words = Vocabulary(problem.inputs, self.run.layout.operators, representation.constants)
         self.population, self.scores = self.run.start()
-        self.kept: dict[int, tuple[float, Population, int]] = {}
+        self.archive = Archive()
         self.climbed_from: set[tuple[LinkTerm, ...]] = set()
         self.record = np.inf
         self.idle = 0
@@ -55,28 +56,16 @@ class Island:
         best = float(self.scores.score.min())
         self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
         self.record = min(self.record, best)
-        return self._laws({size for size in self._keep() if self.kept[size][0] > PROMISING})
-
-    def _keep(self) -> set[int]:
-        """Take in what beats what is known at its size; the sizes."""
-        scores, improved = self.scores, set()
-        largest = int(scores.complexity.max(initial=0))
-        known = np.array([self.kept[k][0] if k in self.kept else 0.0 for k in range(largest + 1)])
-        nats = gain_nats(scores.gain)
-        better = np.flatnonzero(nats > gain_nats(known)[scores.complexity])
-        for row in better[np.argsort(nats[better], kind="stable")].tolist():
-            gain, size = float(scores.gain[row]), int(scores.complexity[row])
-            self.kept[size] = gain, self.population.take(np.array([row])), int(scores.chosen[row])
-            improved.add(size)
-        return improved
+        improved = self.archive.add(self.population, self.scores)
+        return self._laws({size for size in improved if self.archive.kept[size].gain > PROMISING})
 
     def laws(self) -> Iterator[Program]:
         """Laws of all programs kept, the largest gain first."""
-        return self._laws(self.kept)
+        return self._laws(self.archive.kept)
 
     def _laws(self, sizes: Iterable[int]) -> Iterator[Program]:
-        for _, population, chosen in sorted((self.kept[size] for size in sizes), key=lambda kept: -kept[0]):
-            law = self.problem.law(self.problem.terms(population.program(0, self.run.layout), chosen))
+        for one in sorted((self.archive.kept[size] for size in sizes), key=lambda one: -one.gain):
+            law = self.problem.law(self._terms(one.population, one.chosen))
             if law is not None:
                 yield law
 
@@ -87,22 +76,27 @@ class Island:
 
     def climbed_from_best(self) -> Iterator[Program]:
         """Law at the top of the hill of the program of least description length."""
-        for _, population, chosen in self._best():
-            yield from self._climbed(population, chosen)
+        for one in self._best():
+            yield from self._climbed(one.population, one.chosen)
 
     def guests(self) -> list[Population]:
         """The program of least description length, for other islands; none where none was kept."""
-        return [population for _, population, _ in self._best()]
+        return [one.population for one in self._best()]
 
-    def _best(self) -> list[tuple[float, Population, int]]:
+    def _best(self) -> list[Elite]:
+        kept = self.archive.kept
+
         def nats(size: int) -> float:
-            gain, _, chosen = self.kept[size]
-            return float(fit_nats(gain, len(self.problem.response), EXACT)) - PRICE * (size + chosen.bit_count())
+            gained = float(fit_nats(kept[size].gain, len(self.problem.response), EXACT))
+            return gained - PRICE * (size + kept[size].chosen.bit_count())
 
-        return [self.kept[max(self.kept, key=nats)]] if self.kept else []
+        return [kept[max(kept, key=nats)]] if kept else []
+
+    def _terms(self, population: Population, chosen: int) -> list[LinkTerm]:
+        return self.problem.terms(population.program(0, self.run.layout), chosen)
 
     def _climbed(self, population: Population, chosen: int) -> Iterator[Program]:
-        terms = self.problem.terms(population.program(0, self.run.layout), chosen)
+        terms = self._terms(population, chosen)
         start = tuple(terms)
         if terms and start not in self.climbed_from:
             self.climbed_from.add(start)

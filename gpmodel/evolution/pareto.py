@@ -33,45 +33,50 @@ class Solution:
     validation: float | None = None
 
 
+@dataclass(frozen=True)
+class Elite:
+    """A program as a population of one, its gain, and the outputs (a bit set) and the site that give it."""
+
+    population: Population
+    gain: float
+    chosen: int
+    site: int
+
+
 class Archive:
     """Keeps, at each complexity, the genome with the largest gain."""
 
-    def __init__(self, problem: Problem, layout: Layout) -> None:
-        self.problem, self.layout = problem, layout
+    def __init__(self) -> None:
         self.best_gain = 0.0
-        self._nats = np.zeros(64)
-        self._kept: dict[int, tuple[Population, int, int]] = {}
+        self.kept: dict[int, Elite] = {}
 
-    def add(self, population: Population, scores: Scores) -> None:
-        """Take in the programs that beat what is known at their complexity."""
-        largest = int(scores.complexity.max(initial=0))
-        if largest >= len(self._nats):
-            self._nats = np.concatenate([self._nats, np.zeros(largest + 1 - len(self._nats))])
+    def add(self, population: Population, scores: Scores) -> set[int]:
+        """Take in the programs that beat what is known at their complexity; these."""
+        largest, improved = int(scores.complexity.max(initial=0)), set()
+        known = np.array([self.kept[k].gain if k in self.kept else 0.0 for k in range(largest + 1)])
         nats = gain_nats(scores.gain)
-        better = np.flatnonzero(nats > self._nats[scores.complexity])
+        better = np.flatnonzero(nats > gain_nats(known)[scores.complexity])
         for row in better[np.argsort(nats[better], kind="stable")].tolist():
-            size = int(scores.complexity[row])
-            self._nats[size] = nats[row]
-            self._kept[size] = population.take(np.array([row])), int(scores.chosen[row]), int(scores.site[row])
-            self.best_gain = max(self.best_gain, float(scores.gain[row]))
+            size, gain = int(scores.complexity[row]), float(scores.gain[row])
+            found = population.take(np.array([row]))
+            self.kept[size] = Elite(found, gain, int(scores.chosen[row]), int(scores.site[row]))
+            self.best_gain = max(self.best_gain, gain)
+            improved.add(size)
+        return improved
 
-    def front(self) -> tuple[Solution, ...]:
+    def front(self, problem: Problem, layout: Layout) -> tuple[Solution, ...]:
         """Solutions that no simpler one equals in gain, simplest first."""
-        return pareto([self._solution(*self._kept[size]) for size in sorted(self._kept)]) or (self._nothing(),)
+        kept = (self.kept[size] for size in sorted(self.kept))
+        found = [scored(program_at(one.population, 0, one.chosen, layout), problem, one.site) for one in kept]
+        nothing = "x, y, z" if isinstance(problem, CartesianProblem) else "0"
+        return pareto(found) or (scored(parse(nothing), problem),)
 
-    def best(self, front: tuple[Solution, ...]) -> Solution:
-        """The solution of least description length (slot) or of largest gain (compensator)."""
-        if isinstance(self.problem, CartesianProblem):
-            return max(front, key=lambda solution: solution.gain)
-        problem = self.problem
-        return min(front, key=lambda solution: description_length(solution, problem))
 
-    def _solution(self, population: Population, chosen: int, site: int) -> Solution:
-        return scored(program_at(population, 0, chosen, self.layout), self.problem, site)
-
-    def _nothing(self) -> Solution:
-        nothing = "x, y, z" if isinstance(self.problem, CartesianProblem) else "0"
-        return scored(parse(nothing), self.problem)
+def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
+    """The solution of least description length (slot) or of largest gain (compensator)."""
+    if isinstance(problem, CartesianProblem):
+        return max(front, key=lambda solution: solution.gain)
+    return min(front, key=lambda solution: description_length(solution, problem))
 
 
 def pareto(solutions: Sequence[Solution]) -> tuple[Solution, ...]:

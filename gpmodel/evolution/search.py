@@ -11,7 +11,7 @@ from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.generations import Generations, distinct
 from gpmodel.evolution.hill_climb import climbed
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.pareto import Archive, Solution, description_length, pareto, scored
+from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto, scored
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
 
@@ -57,7 +57,7 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
     log, statistics = tools.Logbook(), tools.Statistics()
     statistics.register("best", np.min)
     statistics.register("median", np.median)
-    archive = Archive(problem, run.layout)
+    archive = Archive()
     began = time.perf_counter()
     evaluations = 0
     population, scores = run.start()
@@ -88,10 +88,10 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
         population, scores = run.following(population, scores)
         if budget.polish_every and generation % budget.polish_every == 0:
             population, scores = run.polished(population, scores)
-    front = archive.front()
+    front = archive.front(problem, run.layout)
     if budget.climb and isinstance(problem, SlotProblem):
         front = _finished(front, problem, run.layout, budget.climb)
-    chosen = archive.best(front)
+    chosen = best_of(front, problem)
     history = {name: np.array(log.select(name), dtype=float) for name in log[0]}
     return Evolution(
         front, chosen, history, chosen.program.input_counts, chosen.program.operator_counts,
