@@ -53,17 +53,19 @@ def _number(bits: int) -> float:
 
 
 @inlined
+def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
+    """Σ c_k x^k by Horner's rule."""
+    value = coefficients[len(coefficients) - 1]
+    for k in range(len(coefficients) - 2, -1, -1):
+        value = value * x + coefficients[k]
+    return value
+
+
+@inlined
 def _sine_of_reduced(r: float, turns: int) -> float:
     """sin(r) for abs(r) up to pi / 2, with the other sign where ``turns`` is odd."""
     s = r * r
-    p = _S[7]
-    p = p * s + _S[6]
-    p = p * s + _S[5]
-    p = p * s + _S[4]
-    p = p * s + _S[3]
-    p = p * s + _S[2]
-    p = p * s + _S[1]
-    p = p * s + _S[0]
+    p = _polynomial(_S, s)
     return _number(_bits(r + r * (s * p)) ^ (turns << 63))
 
 
@@ -108,16 +110,7 @@ def arctangent(x: float) -> float:
     start = 0.5 * math.pi if big else (0.25 * math.pi if middle else 0.0)
     r = top / bottom
     z = r * r
-    p = _A[9]
-    p = p * z + _A[8]
-    p = p * z + _A[7]
-    p = p * z + _A[6]
-    p = p * z + _A[5]
-    p = p * z + _A[4]
-    p = p * z + _A[3]
-    p = p * z + _A[2]
-    p = p * z + _A[1]
-    p = p * z + _A[0]
+    p = _polynomial(_A, z)
     return math.copysign(start + (r * (z * p) + r), x)
 
 
@@ -128,20 +121,7 @@ def exponential(x: float) -> float:
     w = t * _LOG2_E + _NEAREST
     n = w - _NEAREST
     r = (t - n * _LN2_HIGH) - n * _LN2_LOW
-    p = _E[13]
-    p = p * r + _E[12]
-    p = p * r + _E[11]
-    p = p * r + _E[10]
-    p = p * r + _E[9]
-    p = p * r + _E[8]
-    p = p * r + _E[7]
-    p = p * r + _E[6]
-    p = p * r + _E[5]
-    p = p * r + _E[4]
-    p = p * r + _E[3]
-    p = p * r + _E[2]
-    p = p * r + 1.0
-    p = p * r + 1.0
+    p = _polynomial(_E, r)
     whole = _bits(w) - _bits(_NEAREST)
     half = whole >> 1
     return p * _number((half + 1023) << 52) * _number((whole - half + 1023) << 52)
@@ -158,13 +138,7 @@ def logarithm(x: float) -> float:
     n = np.float64(e - (54 if tiny else 0))
     s = f / (2.0 + f)
     z = s * s
-    p = _L[6]
-    p = p * z + _L[5]
-    p = p * z + _L[4]
-    p = p * z + _L[3]
-    p = p * z + _L[2]
-    p = p * z + _L[1]
-    p = p * z + _L[0]
+    p = _polynomial(_L, z)
     half = 0.5 * f * f
     value = n * _LN2_HIGH - ((half - (s * (half + z * p) + n * _LN2_LOW)) - f)
     return (value if t > 0.0 else -math.inf) if t < math.inf else t
