@@ -46,8 +46,7 @@ def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
 
 def unit(vectors: Array) -> Array:
     """Vectors (..., 3) of length one."""
-    out: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return out
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def axes_along(directions: Array) -> Array:

@@ -27,14 +27,12 @@ class PughChart:
     @property
     def pluses(self) -> IntArray:
         """Number of plus marks of each concept, "++" counting two."""
-        counts: IntArray = np.maximum(self.marks, 0).sum(axis=0)
-        return counts
+        return np.asarray(np.maximum(self.marks, 0).sum(axis=0))
 
     @property
     def minuses(self) -> IntArray:
         """Number of minus marks of each concept."""
-        counts: IntArray = np.maximum(-self.marks, 0).sum(axis=0)
-        return counts
+        return np.asarray(np.maximum(-self.marks, 0).sum(axis=0))
 
     @property
     def ranking(self) -> tuple[str, ...]:

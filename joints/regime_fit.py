@@ -108,5 +108,4 @@ def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dic
 def _force(values: Array, x: Array) -> Array:
     """`RegimeCurve.force` without its order check, for steps across a limit."""
     contact, transition, film, peak, *breaks = values
-    force: Array = regime_basis(x, *breaks) @ np.array([peak, film, transition, contact])
-    return force
+    return np.asarray(regime_basis(x, *breaks) @ np.array([peak, film, transition, contact]))

@@ -70,8 +70,7 @@ def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
 def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
     """Generalized force (N,) on motion j of a couple (N, 3) or, where it slides, of a weight (3,)."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
-    force: Array = np.einsum("ni,ni->n", axes[j], acting)
-    return force
+    return np.asarray(np.einsum("ni,ni->n", axes[j], acting))
 
 
 def load_names(names: Iterable[str]) -> Iterator[str]:

@@ -200,14 +200,12 @@ def corrected(
 def _moves(mechanism: Mechanism, change: Array) -> Array:
     """The largest move (N,) of any joint, rad; a metre of a prismatic one is 1 / LENGTH rad."""
     scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / LENGTH for joint in mechanism.joints])
-    largest: Array = np.abs(change * scale).max(axis=1)
-    return largest
+    return np.asarray(np.abs(change * scale).max(axis=1))
 
 
 def _beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
-    beyond: Mask = ((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE)).any(axis=1)
-    return beyond
+    return np.asarray(((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE)).any(axis=1))
 
 
 def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:

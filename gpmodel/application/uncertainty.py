@@ -19,8 +19,7 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     It says how well the parameters are known, not what the instrument adds. placed: whether registration and tool are
     in it, as in the instrument's frame. NaN where nobody fitted the model.
     """
-    deviation: Array = np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1)
-    return deviation
+    return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:

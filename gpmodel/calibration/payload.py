@@ -36,5 +36,4 @@ def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
 
 def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
     fit = calibrate(ErrorModel(mechanism, ()), poses)
-    point: Array = np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0)
-    return point
+    return np.asarray(np.mean([frame[:3, 3] for frame in fit.placement.tool.values()], axis=0))

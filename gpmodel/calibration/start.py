@@ -118,8 +118,7 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
         if np.sqrt(2 * best.cost / len(rows)) < GOOD_START:
             break
     assert best is not None
-    points: Array = best.x.reshape(count, 3)
-    return points
+    return np.asarray(best.x.reshape(count, 3))
 
 
 def _turn_tools(

@@ -110,11 +110,10 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     Effects as small as they are would let such a combination be fitted to noise. sizes: (K,) column norms before
     elimination, which make metres and radians comparable.
     """
-    scale: Array = np.where(sizes > 0, sizes, 1.0)
+    scale = np.where(sizes > 0, sizes, 1.0)
     _, s, vt = np.linalg.svd(nominal / scale, full_matrices=True)
     rank = int(np.sum(s > ROUNDING))
-    turned: Array = vt[:rank]
-    return rows / scale @ turned.T @ turned * scale
+    return np.asarray(rows / scale @ vt[:rank].T @ vt[:rank] * scale)
 
 
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
@@ -164,8 +163,7 @@ def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, value
     left = complement(joints * measured[:, :, None], measured)
     seen = (values.T * measured.T).T
     turned = (np.einsum("nij,nj...->ni...", left.turn, seen).T * left.keep.T).T
-    back: Array = np.einsum("nij,ni...->nj...", left.turn, turned)
-    return back
+    return np.asarray(np.einsum("nij,ni...->nj...", left.turn, turned))
 
 
 def check_points(dataset: Dataset) -> None:

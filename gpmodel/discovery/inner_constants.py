@@ -160,5 +160,4 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
 def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:
     """Σ θ φ (N,) over effects, of each along its first term."""
     pairs = zip(effects, theta, strict=True)
-    shape: Array = np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0)
-    return shape
+    return np.asarray(np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0))

@@ -22,14 +22,12 @@ section; so many of them between the best two places, to a hundredth of a nat.""
 def gain(variance: Array, s: Array, q: Array) -> Array:
     """Gain (G, T) of G groups at T variances (G, T); s, q: (G, K)."""
     load = variance[:, :, None] * s[:, None, :]
-    nats: Array = 0.5 * np.sum(variance[:, :, None] * q[:, None, :] ** 2 / (1.0 + load) - np.log1p(load), axis=2)
-    return nats
+    return np.asarray(0.5 * np.sum(variance[:, :, None] * q[:, None, :] ** 2 / (1.0 + load) - np.log1p(load), axis=2))
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
     """Σ_i a q_i² / (1 + a s_i) (G,), what each of G groups takes off yᵀC⁻¹y at its variance (G,)."""
-    taken: Array = np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1)
-    return taken
+    return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
 def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:

@@ -121,8 +121,7 @@ class Residual:
         left = self.projected(effects)[0][: self.measured] ** 2
         energy: Array = np.zeros((len(self.poses), left.shape[1]))
         np.add.at(energy, self.problem.pose_of_row, left)
-        at_work: Array = energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300)
-        return at_work
+        return np.asarray(energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300))
 
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The residual with some effects of its model taken out."""

@@ -93,8 +93,7 @@ class LinkedProblem:
             share_left_by_products(
                 columns, chosen, self.factors, self.response, FITS, PRICE * BROKEN_POWER, LARGEST_POWER, left, written
             )
-        added: IntArray = written @ np.array([BROKEN_POWER, POWER])
-        return added
+        return np.asarray(written @ np.array([BROKEN_POWER, POWER]))
 
     def _score_anew(self, scores: Scores, columns: Array) -> None:
         """Scores by what is left of the response itself: a denominator shrinks any error, a logarithm spreads small."""

@@ -46,8 +46,7 @@ class Inputs:
                 raise InputError(f"inputs: column {name!r} is not finite in row {rows[0]}, expected numbers")
 
     def __getitem__(self, name: str) -> Array:
-        column: Array = self.values[self.names.index(name)]
-        return column
+        return np.asarray(self.values[self.names.index(name)])
 
     def mapping(self) -> dict[str, Array]:
         """Name to column, as ``Program.evaluate`` takes it."""

@@ -158,8 +158,8 @@ class Targets:
         share, turn = np.linalg.eigh(correlation)
         pull = np.einsum("pij,pi->pj", turn, pull / scale)
         present = share > self.unique_share
-        removed: Array = np.sum(np.where(present, pull**2 / np.where(present, share, 1.0), 0.0), axis=1)
-        return removed / self.energy
+        removed = np.where(present, pull**2 / np.where(present, share, 1.0), 0.0)
+        return np.asarray(np.sum(removed, axis=1)) / self.energy
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
         """Share of the residual energy removed by fixed coefficients, for instance on validation poses.
@@ -222,8 +222,7 @@ def unit_rows(values: Array) -> Array:
 def _row_products(first: Array, second: Array) -> Array:
     """Products (P,) of the rows (P, K) of two tables, of which one may have a single row for all."""
     few, many = (first, second) if len(first) == 1 else (second, first)
-    products: Array = many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second)
-    return products
+    return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:

@@ -132,11 +132,10 @@ def without(targets: Targets, values: Array) -> Targets:
 
 def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
     """Weights of two columns (2, N) in the sum of which a function saves most."""
-    spread: Array = columns.std(axis=1)
-    noise = targets.energy / targets.components
+    spread, noise = columns.std(axis=1), targets.energy / targets.components
 
     def weights(angle: float) -> Array:
-        return np.array([np.cos(angle), np.sin(angle)]) / spread
+        return np.asarray(np.array([np.cos(angle), np.sin(angle)]) / spread)
 
     def cost(angle: float) -> float:
         return -smooth(targets, Sines.of("", weights(angle) @ columns, LENGTH).values, noise).nats

@@ -77,8 +77,7 @@ def probe(mechanism: Mechanism) -> Array:
 
 def tip_at_probe(mechanism: Mechanism) -> Array:
     """Tip (3,), m, at that pose: a fingerprint of the nominal geometry up to the measured frame."""
-    tip: Array = chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3]
-    return tip
+    return np.asarray(chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3])
 
 
 def length_at_probe(mechanism: Mechanism) -> float:

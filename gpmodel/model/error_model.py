@@ -98,8 +98,7 @@ class ErrorModel:
         if not acting:
             return None
         states = poses.states.seen_at(points)
-        twist: Array = np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0)
-        return twist
+        return np.asarray(np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0))
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
@@ -159,5 +158,4 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
     """Length (N,) of each pose's measured-minus-predicted vector over all but its rotations, m."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
-    length: Array = np.sqrt(np.nansum(lengths**2, axis=1))
-    return length
+    return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))

@@ -112,8 +112,7 @@ class Inclination:
     def _steep(self, axes: Array, own: Own) -> Array:
         """d asin(s·up) per change of s·up (N, 2, 1)."""
         rise = axes @ own[VERTICAL]
-        slope: Array = 1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2))
-        return slope[:, :, None]
+        return np.asarray(1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
 
 
 def _turn(vector: Array) -> Array:

@@ -70,8 +70,7 @@ def _place_point(points: Array, radius: float) -> tuple[Array, float]:
 
 
 def _off_sphere(points: Array) -> Array:
-    length: Array = np.linalg.norm(points, axis=1, keepdims=True)
-    return length
+    return np.asarray(np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def _away(points: Array) -> Array:

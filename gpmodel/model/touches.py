@@ -194,8 +194,7 @@ class _Gaps:
 
 
 def _into(frames: Array, points: Array) -> Array:
-    inside: Array = np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3])
-    return inside
+    return np.asarray(np.einsum("nji,nj->ni", frames[:, :3, :3], points - frames[:, :3, 3]))
 
 
 def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:

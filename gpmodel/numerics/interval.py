@@ -19,10 +19,9 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
     """Degrees of freedom of √Σ u² along the first axis, of standard uncertainties u with degrees ν each:
     (Σ u²)² / Σ (u⁴ / ν). Source: Welch and Satterthwaite; JCGM 100 (2008), G.4."""
     squares = np.square(deviations)
-    spread: Array = np.sum(squares**2 / freedoms, axis=0)
-    total: Array = np.sum(squares, axis=0) ** 2
-    endless: Array = np.full(np.shape(total), np.inf)
-    return np.divide(total, spread, out=endless, where=spread > 0)
+    spread = np.sum(squares**2 / freedoms, axis=0)
+    total = np.sum(squares, axis=0) ** 2
+    return np.asarray(np.divide(total, spread, out=np.full(np.shape(total), np.inf), where=spread > 0))
 
 
 SIGNIFICANCE = 0.01

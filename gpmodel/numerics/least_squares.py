@@ -15,19 +15,15 @@ MANY_COLUMNS = 100
 def solve(system: Array, target: Array) -> Array:
     """x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K): by pivoted QR, or by normal equations where
     hundreds of priors keep them regular."""
-    x: Array
     if system.shape[1] < MANY_COLUMNS:
-        x = linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0]
-    else:
-        x = linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False)
-    return x
+        return np.asarray(linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0])
+    return np.asarray(linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False))
 
 
 def inverse_gram(columns: Array, many: bool) -> Array:
     """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR, or by Cholesky where priors keep hundreds regular."""
     if many:
-        inverse: Array = linalg.cho_solve(factored(columns.T @ columns), np.eye(columns.shape[1]), check_finite=False)
-        return inverse
+        return np.asarray(linalg.cho_solve(factored(columns.T @ columns), np.eye(columns.shape[1]), check_finite=False))
     root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
     return root @ root.T
 

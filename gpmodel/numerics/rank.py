@@ -21,8 +21,7 @@ def orthonormal(columns: Array) -> Array:
     if scaled.shape[1] == 0:
         return np.zeros((len(columns), 0))
     u, s, _ = linalg.svd(scaled, full_matrices=False)
-    span: Array = u[:, s > 1e-9 * s[0]]
-    return span
+    return np.asarray(u[:, s > 1e-9 * s[0]])
 
 
 def remove(basis: Array, columns: Array) -> Array:

@@ -180,8 +180,7 @@ def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
 def deviations(questions: Sequence[Question], order: IntArray) -> Array:
     """√ trace(L M⁻¹) (n + 1,) of the worst answered of questions of variances, with none, the first, the first two ...
     of the poses `order` (n,); NaN where an unknown is not determined."""
-    worst: Array = np.max([_deviations(question, order) for question in questions], axis=0)
-    return worst
+    return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
 
 def _deviations(question: Question, order: IntArray) -> Array:

@@ -88,8 +88,7 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
 
 def over_the_pool(columns: Array) -> Array:
     """Weight (K, K) of the mean variance of the point over the poses of a pool with columns (P, 3, K)."""
-    total: Array = np.einsum("pij,pik->jk", columns, columns)
-    return total / len(columns)
+    return np.asarray(np.einsum("pij,pik->jk", columns, columns)) / len(columns)
 
 
 GOALS: dict[str, Callable[[Array], Goal]] = {

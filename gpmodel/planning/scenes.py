@@ -69,11 +69,10 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
     q, there, own = pool[chosen], points[chosen], np.arange(count)
-    middle: Array = np.median(there, axis=0)
-    target = middle
+    middle = target = np.median(there, axis=0)
 
     def aims(p: Array) -> Array:
-        return target
+        return np.asarray(target)
 
     if instrument == "planes":
         axis = own % 3
@@ -81,8 +80,7 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
 
         def flat(p: Array) -> Array:
             normal = turn.T[axis]
-            above: Array = np.sum((p - middle) * normal, axis=1, keepdims=True) * normal
-            return p - above
+            return np.asarray(p - np.sum((p - middle) * normal, axis=1, keepdims=True) * normal)
 
         labels, aims = {"on_plane": np.array(["A", "B", "C"])[axis]}, flat
     elif instrument == "spheres":

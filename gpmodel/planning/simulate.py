@@ -59,8 +59,7 @@ def planted(
 
 def random_tool_point(rng: np.random.Generator) -> Array:
     """A tool point (3,) off the flange's axes, m."""
-    point: Array = rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3)
-    return point
+    return np.asarray(rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3))
 
 
 def simulate(

@@ -67,8 +67,7 @@ class Active:
     def inner(self) -> Array:
         """AᵀA (K, K)."""
         root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
-        inner: Array = root[:, None] * self.pool.gram(self.chosen) * root
-        return inner
+        return np.asarray(root[:, None] * self.pool.gram(self.chosen) * root)
 
     @cached_property
     def rhs(self) -> Array:
@@ -81,14 +80,12 @@ class Active:
         count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
         regular = self.inner + (self.sigma2 + rounding) * np.eye(count)
-        lower: Array = linalg.cholesky(regular, lower=True, check_finite=False)
-        return lower
+        return np.asarray(linalg.cholesky(regular, lower=True, check_finite=False))
 
     @cached_property
     def inverse(self) -> Array:
         """L⁻¹ (K, K), zero above its diagonal."""
-        inverse: Array = linalg.lapack.dtrtri(self.lower, lower=1)[0]
-        return inverse
+        return np.asarray(linalg.lapack.dtrtri(self.lower, lower=1)[0])
 
     @cached_property
     def spanned(self) -> Array:

@@ -102,5 +102,4 @@ class Atoms:
     def cross(self, values: Array) -> Array:
         """Xᵀ W v (E, K) for cleaned, whitened values (M, K)."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
-        products: Array = self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)])
-        return products
+        return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))

@@ -111,5 +111,4 @@ def _bound(s: Array, q: Array) -> Array:
     """½ qᵀS⁻¹q (G,) of S (G, K, K), above every gain."""
     size = s.shape[-1]
     ridge = 1e-12 * np.trace(s, axis1=1, axis2=2)[:, None, None] * np.eye(size) + 1e-300 * np.eye(size)
-    bound: Array = 0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0])
-    return bound
+    return np.asarray(0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0]))
