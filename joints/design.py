@@ -114,7 +114,8 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
     joint, s = read_design(path)
     demand = s["demand"]
     bare = demand["contact"] in ("point", "rolling")
-    growth = _loop_growth(s["thermal"])
+    parts = [LoopPart(**part) for part in s["thermal"]["part"]]
+    growth = abs(float(loop_growth(parts, s["thermal"]["temperature_change"])))
     limits = [*(_supports(s) if bare else _surface(s))]
     limits.append(_length("thermal", "growth of the loop", growth, s["thermal"]["tolerance"]))
     if demand["contact"] == "fluid":
@@ -209,10 +210,6 @@ def _stiffness(s: dict[str, Settings]) -> float:
 def _preload(s: dict[str, Settings]) -> float:
     rings = "contact_ring" if s["demand"]["contact"] in ("point", "rolling") else "ring"
     return total_preload([MagnetRing(**ring) for ring in s["preload"][rings]])
-
-
-def _loop_growth(thermal: Settings) -> float:
-    return abs(float(loop_growth([LoopPart(**part) for part in thermal["part"]], thermal["temperature_change"])))
 
 
 def _budget(joint: PassiveJoint, settings: Settings, kind: str, seed: int) -> float:

@@ -16,7 +16,7 @@ from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import Request, Typed
-from gpmodel.cli.watch import Watch, on_screen
+from gpmodel.cli.watch import Watch
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
@@ -84,7 +84,9 @@ def discover(
         with scheduled(scheduler, workers or 0) as executor, alone_in(folder):
             bounded = replace(request, minutes=request.minutes or WATCHED)
             followed = Watch(request.table, batch or BATCH, rows)
-            followed.follow(lambda say: looked(bounded, say, executor, None), folder, on_screen(quiet))
+            followed.follow(
+                lambda say: looked(bounded, say, executor, None), folder, (lambda text: None) if quiet else click.echo
+            )
         return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
         found = discover_request(request, folder, say, executor)

@@ -5,8 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.api.poses import choose_poses
 from gpmodel.errors import InputError
@@ -95,8 +93,3 @@ def standing(record: Report) -> str:
 def _rows(table: Path) -> int:
     """Whole lines below the header. Raises InputError for a folder, a device or what is too large."""
     return max(0, read_limited(table, LARGEST_FILE, "a measured table").count(b"\n") - 1) if table.exists() else 0
-
-
-def on_screen(quiet: bool) -> Callable[[str], None]:
-    """Prints, where printing is wanted."""
-    return (lambda text: None) if quiet else click.echo

@@ -91,7 +91,7 @@ def explore(
     found = run(first, search, context)
     candidates = candidates_of(residual, sites, search, question, found[: len(real)])
     by_chance = found[len(real) :]
-    if context.number > 1 and _could_be_accepted(residual, candidates):
+    if context.number > 1 and any(s.nats > residual.criteria.minimum_nats for s in scores(residual, candidates)):
         by_chance = run(dict(list(tasks.items())[len(real) :]), search, context)
 
     ran = [*zip(real, found, strict=False), *zip(shuffles, by_chance, strict=False)]
@@ -150,11 +150,6 @@ def candidates_of(
             if candidate is not None and without_poles(residual.criteria, candidate, states, between):
                 found.setdefault(candidate.name, candidate)
     return tuple(found.values())
-
-
-def _could_be_accepted(residual: Residual, candidates: Sequence[Candidate]) -> bool:
-    """Whether any candidate saves the description length that a finding has to."""
-    return any(score.nats > residual.criteria.minimum_nats for score in scores(residual, candidates))
 
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:

@@ -101,12 +101,12 @@ def in_common(states: States, rows: IntArray, significance: float) -> str:
     count, draws = len(states), comb(len(states), len(rows))
     best, said = significance / max(2 * len(names), 1), ""
     for name in names:
-        column = states[name]
+        column, unit = states[name], states.unit(name)
         low, high = float(column[rows].min()), float(column[rows].max())
         for places, inside, text in (
-            (2, column >= low, _side(name, column, low, states.unit(name), "above", 1.0)),
-            (2, column <= high, _side(name, column, high, states.unit(name), "below", -1.0)),
-            (count, (column >= low) & (column <= high), _range(name, low, high, states.unit(name))),
+            (2, column >= low, _side(name, column, low, unit, "above", 1.0)),
+            (2, column <= high, _side(name, column, high, unit, "below", -1.0)),
+            (count, (column >= low) & (column <= high), f"{name} from {_said(low, unit)} to {_said(high, unit)}"),
         ):
             within = int(np.sum(inside))
             p = min(places, count - within + 1) * comb(within, len(rows)) / draws
@@ -120,10 +120,6 @@ def _side(name: str, column: Array, edge: float, unit: str, word: str, sign: flo
     if sign * edge > 0 and not np.any((sign * column > 0) & (sign * column < sign * edge)):
         return f"{name} {'positive' if sign > 0 else 'negative'}"
     return f"{name} {word} {_said(edge, unit)}"
-
-
-def _range(name: str, low: float, high: float, unit: str) -> str:
-    return f"{name} from {_said(low, unit)} to {_said(high, unit)}"
 
 
 def _said(value: float, unit: str) -> str:

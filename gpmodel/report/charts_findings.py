@@ -64,7 +64,7 @@ def pictures(report: Report) -> Iterator[Picture]:
             partial(_rank, curve=curve, chosen=report.condition_limit),
         )  # fmt: skip
     for name, title, unit, scale, shown_unit in KINDS:
-        chosen = [p for p in report.parameters if _drawable(p, unit)]
+        chosen = [p for p in report.parameters if p.kept and p.value is not None and p.stderr and p.unit == unit]
         strongest = sorted(chosen, key=lambda p: -abs(p.value or 0.0) / (p.stderr or 1.0))[:MOST_PARAMETERS]
         rest = "" if len(strongest) == len(chosen) else f" The {len(strongest)} most certain of {len(chosen)}."
         if chosen:
@@ -75,10 +75,6 @@ def pictures(report: Report) -> Iterator[Picture]:
                 f"Value ± σ. Hollow: within 2 σ of zero.{rest}",
                 partial(_parameters, parameters=chosen, scale=scale, unit=shown_unit),
             )  # fmt: skip
-
-
-def _drawable(parameter: ParameterRecord, unit: str) -> bool:
-    return parameter.kept and parameter.value is not None and bool(parameter.stderr) and parameter.unit == unit
 
 
 def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:

@@ -12,11 +12,12 @@ from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of, pose_ratio
 from gpmodel.calibration.priors import off_mean
-from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import exchangeable
 from gpmodel.executor import ALONE, Workers, called
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.states import States
 from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.exchange import exchanged
@@ -27,13 +28,14 @@ from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.refit import Expansion, far_out, refit
 from gpmodel.selection.result import Selection, summarised
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.sample import predicted_states, sample_of
 from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
 MOST_LOOKS = 3
 """Linearisations at most; the second usually finds nothing to change."""
+SCREENING_POSES = 1500
+"""As many tell groups of a few nats from none; the numbers are fitted to all."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ def _select(
 ) -> Selection:
     mechanism = calibration.model.mechanism
     bundle = sharing(poses.dataset)
-    sample = sample_of(bundle)
-    shapes = Shapes(predicted_states(calibration, poses.subset(sample)))
+    sample = _sample_of(bundle)
+    shapes = Shapes(_predicted_states(calibration, poses.subset(sample)))
     base = list(geometry_groups(calibration.model.effects))
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
@@ -100,6 +102,30 @@ def _select(
     together = exchangeable(poses.dataset.subset(sample), criteria)
     chance = best_by_chance(active, offering.grids, together, rng, criteria.shuffles)
     return summarised(active, rivals, state, chance)
+
+
+def _sample_of(bundle: IntArray) -> IntArray:
+    """The poses to choose on: all, or whole bundles of about SCREENING_POSES evenly along the rows."""
+    if len(bundle) <= SCREENING_POSES:
+        return np.arange(len(bundle))
+    share = SCREENING_POSES / len(bundle)
+    numbers = np.unique(bundle)
+    chosen = numbers[np.floor(np.arange(len(numbers)) * share) != np.floor((np.arange(len(numbers)) - 1) * share)]
+    return np.flatnonzero(np.isin(bundle, chosen))
+
+
+def _predicted_states(calibration: Calibration, poses: Poses) -> States:
+    """The states of poses, the instrument looking at where the model has them.
+
+    Where it measured them is no input: a column that holds the noise, and lengths that take the arm away, explain it.
+    """
+    there = resolved(calibration, poses)
+    observed = observe(calibration.model, there, calibration.theta, calibration.placement)
+    if there.states.seen is None:
+        return there.states
+    points = there.states.seen.points.copy()
+    points[slice(None) if there.states.rows is None else there.states.rows] = observed.tip[:, :3, 3]
+    return replace(there.states, seen=replace(there.states.seen, points=points))
 
 
 def _left(task: _Task, beside: Sequence[Group], state: Expansion) -> Active:

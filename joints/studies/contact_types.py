@@ -8,25 +8,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from joints import figures
-from joints.contact_types import ContactType, contact_types
+from joints.contact_types import LENGTHS, ContactType, contact_types
 from joints.studies.study import MICRO, Study, Table
 
 
 def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
     """Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type."""
     types = contact_types(path)
-    largest = ((t.predicted_max, t.sphere_fit_max, t.calibrated_max) for t in types)
-    rows = [(t.name, t.contact, t.friction, *map(_um, of), t.figure) for t, of in zip(types, largest, strict=True)]
+    largest = (["" if v is None else v * MICRO for v in (getattr(t, key) for key in LENGTHS)] for t in types)
+    rows = [(t.name, t.contact, t.friction, *of, t.figure) for t, of in zip(types, largest, strict=True)]
     columns = ("type", "contact", "friction", "predicted [um]", "sphere fit [um]", "calibrated [um]", "source")
     return Study(
         tables=(Table("Largest residual by contact type", columns, rows, "empty: not printed in the text"),),
         data={"types_m": msgspec.to_builtins(types)},
         figures={"contact_types.png": figures.drawn(7.0, contact_chart, types)},
     )
-
-
-def _um(value: float | None) -> float | str:
-    return "" if value is None else value * MICRO
 
 
 def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:

@@ -38,6 +38,7 @@ OF_URDF = (
     "exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml", "exports/robodk.csv"
 )  # fmt: skip
 """Files that hold what calibrated.urdf holds."""
+HEADER = "declarations of model.c, for C and C++"
 POSES = 300
 """Poses at which an export is held against `predict`: their RMS is known to 4 % (1 / √(2·300))."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
@@ -88,7 +89,7 @@ def exports_of(
         **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf())),
         "exports/model.py": lambda file: _numpy(file, check()),
         "exports/model.c": lambda file: _c(file, check()),
-        "exports/model.h": lambda file: _header(file, check()),
+        "exports/model.h": lambda file: Export(file, HEADER, header_text(check().forward, _note(check().forward))),
         "exports/model.tex": lambda file: _latex(file, check()),
         GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, rng), nodes),
     }
@@ -189,10 +190,6 @@ def _c(file: str, check: Check) -> Export:
     found = tested(text)
     what = f"the whole model as C99, and its inverse; its own test compares it at {CASES} poses"
     return Export(file, what, text, found["RMS"], found["largest"], missing=check.forward.missing)
-
-
-def _header(file: str, check: Check) -> Export:
-    return Export(file, "declarations of model.c, for C and C++", header_text(check.forward, _note(check.forward)))
 
 
 def tested(text: str) -> dict[str, float]:
