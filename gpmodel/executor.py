@@ -16,6 +16,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Protocol, TypeVar
@@ -181,9 +182,8 @@ def _as_finished(
     finished: SimpleQueue[Future[Found]] = SimpleQueue()
 
     def hand_out() -> None:
-        number, task = next(waiting, (None, None))
-        if number is not None:
-            future = pool.submit(function, task)  # type: ignore[arg-type]
+        for number, task in islice(waiting, 1):
+            future = pool.submit(function, task)
             running[future] = number
             future.add_done_callback(finished.put)
 

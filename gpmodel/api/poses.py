@@ -129,7 +129,7 @@ def choose_poses(
         raise InputError("belongs to a result; expected one to go on after", "suspect")
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
-    arm = mechanism_of(mechanism) if model is None and mechanism is not None else model.mechanism  # type: ignore[union-attr]
+    arm = mechanism_of(mechanism) if model is None else model.mechanism
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
     tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = pool_of(arm, wanted, rng, reach)

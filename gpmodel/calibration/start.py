@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import optimize
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses
 from gpmodel.model.observation import Tips, observations
@@ -45,7 +45,7 @@ def start_placements(poses: Poses) -> Iterator[Placement]:
     frames = slots[poses.tip_slot, np.arange(len(poses))]
     setups, setup = data.codes("setup")
     tools, tool = data.codes("tool")
-    measured: Mask = np.isfinite(data.position).all(axis=1)  # type: ignore[assignment]
+    measured = np.asarray(np.isfinite(data.position).all(axis=1))
     if not measured.any():
         registration = {name: np.eye(4) for name in setups}
         for i, tried in enumerate(TRIED_TOOLS if _balls(data) else TRIED_TOOLS[:1]):
