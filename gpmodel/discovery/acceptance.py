@@ -1,23 +1,21 @@
-"""The tests of a candidate, and the verdicts on the best of a pool."""
+"""The tests of a candidate, and backward elimination of findings that fail one beside the others."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel import wording
 from gpmodel.arrays import Array
-from gpmodel.discovery.naming import Scored, plainest, rivals
-from gpmodel.discovery.search import Search
+from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.walk import beyond_a_walk
 from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.evidence.dependence import inflation, order_matters
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import Score, deflated, scores
-from gpmodel.evolution.chance import Chance, chance, larger
+from gpmodel.evidence.score import Score, deflated
+from gpmodel.evolution.chance import Chance, larger
 from gpmodel.families.candidate import Candidate
-from gpmodel.numerics import rank as ident
 
 
 @dataclass(frozen=True)
@@ -69,65 +67,6 @@ class Hypothesis:
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
-def judge(
-    residual: Residual, candidates: Sequence[Candidate], null_nats: Array, search: Search
-) -> tuple[Hypothesis, ...]:
-    """The distinct best of what was evolved, best first, each with its verdict; rivals included.
-
-    Candidates whose projected columns correlate above 0.95 are one finding with several possible places. null_nats:
-    (T,) the most that any saves on each of T permuted residuals.
-    """
-    pool = tuple(zip(candidates, scores(residual, candidates), strict=True))
-    before = cross_validated(residual, ())
-    return tuple(_judged(residual, alike, search, null_nats, before) for alike in _distinct(residual, pool, search))
-
-
-def every_part_counts(residual: Residual, candidate: Candidate) -> bool:
-    """Whether every part of an evolved expression acts at more than a few poses.
-
-    Each of its bases must act at 5 poses and a twentieth of them, and leaving any one out must cost as much
-    in cross-validation as is asked of the whole: else a term fitted to a few outlying poses comes in with a true shape.
-    """
-    criteria, effects = residual.criteria, candidate.effects
-    fewest = max(criteria.fewest_poses, criteria.fewest_share * len(residual.poses))
-    if residual.poses_at_work(effects).min() < fewest:
-        return False
-    if len(effects) == 1:
-        return True
-    rest = (effects[:k] + effects[k + 1 :] for k in range(len(effects)))
-    return all(better_by(residual, effects, fewer) > criteria.clear_cv_t for fewer in rest)
-
-
-def _distinct(residual: Residual, pool: Sequence[Scored], search: Search) -> list[list[Scored]]:
-    """The pool's best in groups of alike candidates, each after its leader, the best group first."""
-    order = sorted((one for one in pool if np.isfinite(one[1].nats)), key=lambda one: -one[1].nats)
-    groups: list[list[Scored]] = []
-    leaders: list[Array] = []
-    for candidate, score in order[: search.considered]:
-        span = ident.orthonormal(residual.projected(candidate.effects)[0])
-        alike = (ident.canonical_correlation(span, other) > residual.criteria.likeness for other in leaders)
-        like = next((group for group, same in zip(groups, alike, strict=True) if same), None)
-        if like is not None:
-            like.append((candidate, score))
-        elif len(groups) < search.shortlist and every_part_counts(residual, candidate):
-            groups.append([(candidate, score)])
-            leaders.append(span)
-    return groups
-
-
-def _judged(
-    residual: Residual, alike: Sequence[Scored], search: Search, null_nats: Array, before: Predicted
-) -> Hypothesis:
-    """The verdict on alike candidates, their leader first; before: predictions without any of them."""
-    candidate, score = plainest(residual.criteria, alike)
-    others = rivals(residual, candidate, alike, search.rivals)
-    hypothesis = tested(residual, candidate, score, chance(alike[0][1].nats, null_nats), before, others)
-    share, limit = score.share, residual.criteria.minimum_share
-    tests = hypothesis.verdict.tests
-    verdict = Verdict((*tests, Test("unique share", share, limit, share > limit)))
-    return replace(hypothesis, verdict=verdict, offered=True)
-
-
 def tested(
     residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted,
     others: tuple[tuple[str, float], ...],
@@ -176,6 +115,44 @@ def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypot
 
     found = [h.chance for h in searched if holds_it(h.candidate)]
     return replace(hypothesis, chance=larger(hypothesis.chance, *found))
+
+
+Fit = Callable[[Sequence[Candidate], Calibration], Calibration]
+Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
+
+
+def eliminate_and_readmit(
+    offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
+) -> tuple[dict[str, Hypothesis], Calibration]:
+    """Eliminate and readmit: the last verdict on each candidate, and the calibration with the accepted ones.
+
+    judge: verdicts on candidates beside all the others that a calibration has. fit: calibrates with candidates, from a
+    fit to go on from. All that fail are left out at once, until none does. What failed beside much that is out
+    by then may pass beside the rest: the strongest of those comes back, one after the other; then all are judged
+    once more (the floating search of Pudil et al. 1994). What fails the test of significance never comes back.
+    """
+    inside, outside = dict(offered), dict[str, Candidate]()
+    judged: dict[str, Hypothesis] = {}
+
+    def weeded(calibration: Calibration) -> Calibration:
+        while True:
+            judged.update(now := judge(calibration, inside))
+            failed = [name for name, hypothesis in now.items() if not hypothesis.accepted]
+            if not failed:
+                return calibration
+            outside.update({name: inside.pop(name) for name in failed})
+            calibration = fit(tuple(inside.values()), calibration)
+
+    calibration = weeded(calibration)
+    before = len(inside)
+    while again := {name: c for name, c in outside.items() if judged[name].verdict.passed("chance")}:
+        judged.update(now := judge(calibration, again))
+        best = max((n for n, h in now.items() if h.accepted), key=lambda n: now[n].score.nats, default=None)
+        if best is None:
+            break
+        inside[best] = outside.pop(best)
+        calibration = fit(tuple(inside.values()), calibration)
+    return judged, weeded(calibration) if len(inside) > before else calibration
 
 
 def _sigmas(residual: Residual, candidate: Candidate) -> float:

@@ -10,14 +10,13 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.acceptance import Hypothesis, tested
+from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
 from gpmodel.discovery.averaging import averaged, predicted_alike
 from gpmodel.discovery.compact import compact_laws, is_curve, of_one_place, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.together import eliminate_and_readmit
 from gpmodel.discovery.walk import is_timed
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated

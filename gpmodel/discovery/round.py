@@ -7,9 +7,10 @@ import numpy as np
 
 from gpmodel.calibration.gauge import moving_sites
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.acceptance import Hypothesis, as_searched, judge
+from gpmodel.discovery.acceptance import Hypothesis, as_searched
 from gpmodel.discovery.additive import Choice, additive
 from gpmodel.discovery.explore import Exploration, RoundContext, explore
+from gpmodel.discovery.judge import judge
 from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import residual_of

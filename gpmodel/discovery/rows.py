@@ -15,19 +15,7 @@ Division = tuple[Poses, IntArray, IntArray]
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
     """The rows that a search may use. Raises InputError where no held-out pose is of a set-up and tool trained on."""
-    return _without_unseen_setups(*drop_duplicate_rows(poses, train, heldout, say), say)
-
-
-def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """The poses without rows that copy another, which would count twice, and the rows again."""
-    copied = copies(poses.dataset)
-    if not copied.any():
-        return poses, train, heldout
-    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
-    return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
-
-
-def _without_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
         return poses, train, heldout
     data = poses.dataset
@@ -41,6 +29,15 @@ def _without_unseen_setups(poses: Poses, train: IntArray, heldout: IntArray, say
         return poses, train, heldout
     say(f"{len(heldout) - len(known)} held-out poses are of a set-up or tool that no training pose is of: left out")
     return _only(poses, train, known)
+
+
+def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    """The poses without rows that copy another, which would count twice, and the rows again."""
+    copied = copies(poses.dataset)
+    if not copied.any():
+        return poses, train, heldout
+    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
+    return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from residual_cases import NAMES, pool, seen
 
-from gpmodel.discovery import acceptance
+from gpmodel.discovery import acceptance, judge
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.naming import plainest
+from gpmodel.discovery.judge import plainest
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.score import best_nats, scores
@@ -31,7 +31,7 @@ def unnamed() -> tuple[Candidate, ...]:
 def judged(
     planted: str, offered: Sequence[Candidate] = (), null: np.ndarray = LOW, criteria: Criteria = RULE
 ) -> tuple[Hypothesis, ...]:
-    return acceptance.judge(replace(seen(planted), criteria=criteria), offered or unnamed(), null, Search())
+    return judge.judge(replace(seen(planted), criteria=criteria), offered or unnamed(), null, Search())
 
 
 @pytest.mark.parametrize("planted", [NAMES[0], NAMES[1], NAMES[2]])
@@ -118,15 +118,15 @@ def test_of_expressions_that_save_as_much_the_plainest_speaks() -> None:
 def test_a_spike_at_the_worst_pose_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "exp(-(row - 17)**2)")]
-    assert acceptance.every_part_counts(there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
-    assert not acceptance.every_part_counts(there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
-    assert not acceptance.every_part_counts(there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
+    assert judge.every_part_counts(there, Candidate("the two", tuple(shapes[:2]), "", 1.0, "evolved"))
+    assert not judge.every_part_counts(there, Candidate("and a spike", tuple(shapes), "", 1.0, "evolved"))
+    assert not judge.every_part_counts(there, Candidate("a spike", tuple(shapes[2:]), "", 1.0, "evolved"))
 
 
 def test_a_part_that_does_not_predict_does_not_ride_along() -> None:
     there = seen(NAMES[1])
     shapes = [expression(text, 1.0).effects[0] for text in ("sin(2*J4)", "cos(2*J4)", "J1*J6")]
-    assert not acceptance.every_part_counts(there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
+    assert not judge.every_part_counts(there, Candidate("and more", tuple(shapes), "", 1.0, "evolved"))
 
 
 def test_what_passes_by_itself_is_offered_to_the_selection_and_not_yet_added() -> None:

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from gpmodel.discovery.together import eliminate_and_readmit
+from gpmodel.discovery.acceptance import eliminate_and_readmit
 from gpmodel.evidence.criteria import Test, Verdict
 
 NATS = {"a": 90.0, "b": 50.0, "c": 20.0, "d": 10.0}
