@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.generations import Generations
-from gpmodel.evolution.pareto import Archive, Solution
+from gpmodel.evolution.pareto import Archive, Solution, best_of
 from gpmodel.evolution.problems import CartesianProblem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
@@ -25,7 +25,7 @@ def evolve_on_islands(
     """The best program, and the best fitness (G + 1,) after every generation; the population is shared out evenly."""
     budget = replace(settings.budget, population=settings.budget.population // islands)
     runs = [Generations(problem, replace(settings, budget=budget), stream) for stream in rng.spawn(islands)]
-    archive = Archive(problem, runs[0].layout)
+    archive = Archive()
     states = [run.start() for run in runs]
     best = []
     for generation in range(settings.budget.generations + 1):
@@ -35,7 +35,7 @@ def evolve_on_islands(
         if generation and generation % EVERY == 0:
             states = migrated(states)
         states = [run.following(*state) for run, state in zip(runs, states, strict=True)]
-    return archive.best(archive.front()), np.array(best)
+    return best_of(archive.front(problem, runs[0].layout), problem), np.array(best)
 
 
 def migrated(states: list[State]) -> list[State]:

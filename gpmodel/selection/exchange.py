@@ -1,6 +1,6 @@
 """One group for another, and one for several: what adding and pruning alone do not find."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,15 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.selection.active import Active
 from gpmodel.selection.merge import LAW, TRIED, curves_to_laws, merged, replace_catch_alls
-from gpmodel.selection.moves import SETTLED, backward_eliminated, found, split, stepwise, with_optimal_variances
+from gpmodel.selection.moves import (
+    SETTLED,
+    backward_eliminated,
+    first_better,
+    found,
+    split,
+    stepwise,
+    with_optimal_variances,
+)
 from gpmodel.selection.scan import Replacements
 
 MOST_SWAPS = 4
@@ -55,40 +63,63 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
         active = merged(split(replace_catch_alls(curves_to_laws(merged(active)))))
-        rivals, changed, replacements = {}, False, Replacements(_freed(active))
+        rivals, changed, held, free = {}, False, Replacements(active), Replacements(_freed(active))
         for g in found(active):
             if g not in active.variances:
                 continue
-            rivals[g], variances = instead_of(replacements, g)
-            better = _swapped(active, g, rivals[g], variances)
+            rivals[g], variances = instead_of(held, g)
+            better = first_better(active, _instead(active, g, _successor(active, g, rivals[g]), variances))
+            if better is active and _is_law(active, g):
+                rivals[g], variances = instead_of(free, g)
+                better = _swapped(active, g, rivals[g], variances)
             if better is not active:
-                active, changed, replacements = better, True, Replacements(_freed(better))
+                active, changed, held, free = better, True, Replacements(better), Replacements(_freed(better))
         if not changed:
             break
         active = stepwise(active)
     return active, {g: rivals.get(g, ()) for g in found(active)}
 
 
+def _is_law(active: Active, g: int) -> bool:
+    """Whether a group is a law by itself, at one place or at several that are one."""
+    group = active.pool.groups[g]
+    return len(group.effects) <= LAW and not group.parts
+
+
 def _freed(active: Active) -> Active:
     """The model with the laws that were found free to be of another size: a rival of one may ask it of the rest."""
-    laws = {g for g in found(active) if len(active.pool.groups[g].effects) <= LAW}
+    laws = {g for g in found(active) if _is_law(active, g)}
     return replace(active, variances={g: a * FREE if g in laws else a for g, a in active.variances.items()})
 
 
+def _instead(active: Active, g: int, others: Sequence[int], variances: Array) -> Iterator[Active]:
+    """The model with each of several groups in the place of a kept one, its variances optimal."""
+    for h in others:
+        yield backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
+
+
+def _successor(active: Active, g: int, rivals: Sequence[Alternative]) -> list[int]:
+    """The nearest rival that takes the place of a kept group with all others as large as they are, if any: better by
+    what a swap has to bring, or no worse and known better."""
+    needed = active.criteria.swap_nats
+    able = (r for r in rivals if r.loss < (0.0 if _known_better(active, r.number, g) else -needed))
+    return [r.number for r in sorted(able, key=lambda r: r.loss)[:1]]
+
+
 def _swapped(active: Active, g: int, rivals: Sequence[Alternative], variances: Array) -> Active:
-    """The model with the first of the nearest rivals in the place of a kept group that raises the evidence enough: by
-    what settles it where it is cheaper to name and of no more unknowns, since of two that explain the same the better
-    known and simpler one is likelier; else by what a swap has to bring. Not with what it is itself a part of, which
-    would be split again."""
-    cost, groups = active.pool.cost, active.pool.groups
-
-    def able(r: Alternative) -> bool:
-        whole = groups[g].name in {part.name for part in groups[r.number].parts}
-        return r.loss < active.criteria.rival_nats and not whole
-
-    for h in [r.number for r in sorted(filter(able, rivals), key=lambda r: r.loss)[:TRIED]]:
-        trial = backward_eliminated(with_optimal_variances(active.without(g).added(h, float(variances[h])), 4))
-        known = cost[h] < cost[g] and len(groups[h].effects) <= len(groups[g].effects)
-        if trial.evidence > active.evidence + (SETTLED if known else active.criteria.swap_nats):
+    """The model with the first of the nearest laws in the place of a kept one that raises the evidence, the others as
+    large as that asks of them: by what a swap has to bring, or by what settles it where it is known better."""
+    near = [r for r in rivals if r.loss < active.criteria.rival_nats and _is_law(active, r.number)]
+    others = [r.number for r in sorted(near, key=lambda r: r.loss)[:TRIED]]
+    for h, trial in zip(others, _instead(active, g, others, variances), strict=True):
+        needed = SETTLED if _known_better(active, h, g) else active.criteria.swap_nats
+        if trial.evidence > active.evidence + needed:
             return trial
     return active
+
+
+def _known_better(active: Active, h: int, g: int) -> bool:
+    """Whether a group is cheaper to name than another and of no more unknowns: of two that explain the same it is
+    likelier."""
+    cost, groups = active.pool.cost, active.pool.groups
+    return bool(cost[h] < cost[g]) and len(groups[h].effects) <= len(groups[g].effects)
