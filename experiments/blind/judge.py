@@ -8,6 +8,7 @@ import numpy as np
 
 from experiments.blind.oracle import CUT, Fit, fit, register, rms_mm
 from experiments.blind.robot import Robot, Sheet
+from experiments.blind.shapes import Motion
 from experiments.blind.simulator import Array
 
 
@@ -19,22 +20,46 @@ class Judgement:
     standard: list[Array]
 
 
-def judge(robot: Robot, cut: float = CUT) -> Judgement:
-    """3-D rms in mm on table and fresh poses, of the geometric fit and of the oracle, against clean and measured."""
+@dataclass(frozen=True)
+class Told:
+    """What least squares begins with on a robot's table.
+
+    good: rows that are no outliers. start: placement and tool of the nominal arm. plain: geometric fit. tool, place:
+    by which loads and readings are said. columns: of the effects.
+    """
+
+    good: Array
+    start: tuple[Array, Array]
+    plain: Fit
+    tool: Array
+    place: Array
+    columns: list[Motion]
+
+
+def told(robot: Robot, cut: float = CUT) -> Told:
+    """The form of every effect of a robot, at the poses of its table."""
     train = robot.train
     good = np.setdiff1d(np.arange(len(train.q)), train.outliers)
     start = register(robot.arm, train.q[good], train.measured[good])
     plain = fit(robot.arm, train.q[good], train.measured[good], [], start, cut)
     tool, place = plain.tool + plain.amounts[6:9], start[0]
-    told = [{k: v[good] for k, v in column.items()} for column in robot.columns(train, tool, place)]
-    oracle = fit(robot.arm, train.q[good], train.measured[good], told, start, cut) if told else plain
+    columns = [{k: v[good] for k, v in column.items()} for column in robot.columns(train, tool, place)]
+    return Told(good, start, plain, tool, place, columns)
+
+
+def judge(robot: Robot, cut: float = CUT) -> Judgement:
+    """3-D rms in mm on table and fresh poses, of the geometric fit and of the oracle, against clean and measured."""
+    train, known = robot.train, told(robot, cut)
+    good, plain, columns = known.good, known.plain, known.columns
+    oracle = fit(robot.arm, train.q[good], train.measured[good], columns, known.start, cut) if columns else plain
 
     def predicted(model: Fit, sheet: Sheet) -> Array:
-        return model.predict(sheet.q, robot.columns(sheet, tool, place) if model is oracle and told else [])
+        named = robot.columns(sheet, known.tool, known.place) if model is oracle and columns else []
+        return model.predict(sheet.q, named)
 
     out: dict[str, float] = {}
     for name, model in (("geometric", plain), ("oracle", oracle)):
-        here = model.predict(train.q[good], told if model is oracle else [])
+        here = model.predict(train.q[good], columns if model is oracle else [])
         out[f"{name}_train_mm"] = rms_mm(here - train.measured[good])
         for where, sheets in (("", robot.fresh), ("beyond_", robot.beyond)):
             if sheets:

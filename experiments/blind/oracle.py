@@ -100,13 +100,20 @@ def _moved(by_twist: Array, slot: int, twist: Array) -> Array:
     return twist[:, :3] if slot == INSTRUMENT else np.einsum("nij,nj->ni", by_twist[slot], twist)
 
 
-def truncated(matrix: Array, right: Array, cut: float = CUT) -> Array:
-    """Least squares of unit-length columns without the singular values below cut times the largest."""
+def decomposed(matrix: Array, cut: float = CUT) -> tuple[Array, Array, Array, Array]:
+    """U, s and V of the unit-length columns without the singular values below cut times the largest, and the lengths,
+    infinite where a column is nothing."""
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale < 1e-9 * scale.max()] = np.inf
     u, s, v = np.linalg.svd(matrix / scale, full_matrices=False)
     keep = s > cut * s[0]
-    return np.asarray(v[keep].T @ ((u[:, keep].T @ right) / s[keep]) / scale)
+    return u[:, keep], s[keep], v[keep], scale
+
+
+def truncated(matrix: Array, right: Array, cut: float = CUT) -> Array:
+    """Least squares of unit-length columns without the singular values below cut times the largest."""
+    u, s, v, scale = decomposed(matrix, cut)
+    return np.asarray(v.T @ ((u.T @ right) / s) / scale)
 
 
 def fit(

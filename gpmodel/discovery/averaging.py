@@ -25,7 +25,7 @@ UNLIKELY = 0.01
 def probabilities(cv_rms: Sequence[float], freedom: float) -> Array:
     """Probability (R,) of each of several models, all alike beforehand: as likely as normal noise of what it leaves of
     poses left out, m, over so many independent values. Source: Yao et al. (2018), pseudo-BMA."""
-    return np.asarray(softmax(-freedom * np.log(cv_rms)))
+    return np.asarray(softmax(-freedom * np.log(np.maximum(cv_rms, np.finfo(float).tiny))))
 
 
 def predicted_alike(residual: Residual, rivals: Sequence[Group]) -> list[tuple[float, Group]]:

@@ -77,7 +77,7 @@ def effect_records(
     anywhere = over_the_workspace(final, poses, groups)
     alone = fitted.moves_alone(final, poses, groups)
     out = []
-    apart = moved or [np.zeros(len(effects)) for effects in groups]
+    apart: Sequence[Array | None] = moved or [None] * len(groups)
     for candidate, at_poses, there, own, spread in zip(candidates, here, anywhere, alone, apart, strict=True):
         number = quantity(final, candidate, states, spread)
         out.append(
