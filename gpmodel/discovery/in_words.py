@@ -19,12 +19,15 @@ from gpmodel.model.effect import Effect
 PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
 """Factor and unit that lengths and angles are said in."""
 
+LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
+"""Functions of (x - at) that have an outline: what it is, and its width where x counts once."""
+
 
 @dataclass(frozen=True)
 class Outline:
     """A law of one input by its outline: what it is, of which input, where and how wide, in the input's unit.
 
-    exp(-(x - at)² / (2 width²)) is a bump, tanh((x - at) / width) a step.
+    exp(-(x - at)² / (2 width²)) is a bump, tanh((x - at) / width) a step, deadzone(2 (x - at) / width) a dead zone.
     """
 
     what: str
@@ -35,16 +38,18 @@ class Outline:
 
 def outline(basis: Expression) -> Outline | None:
     """The outline of a basis, whatever way it is written; None for what is neither."""
-    if len(basis.inputs) != 1 or not {"exp", "tanh"} & set(basis.program.operator_counts):
+    if len(basis.inputs) != 1 or not {"exp", *LINEAR} & set(basis.program.operator_counts):
         return None
     x = sympy.Symbol(basis.inputs[0], real=True)
     law = to_sympy(basis.program)[0]
-    if law.func not in (sympy.exp, sympy.tanh) or not law.args[0].is_polynomial(x):
+    function = str(law.func)
+    if function not in ("exp", *LINEAR) or not law.args[0].is_polynomial(x):
         return None
     powers = [float(c) for c in sympy.Poly(law.args[0], x).all_coeffs()]
-    if law.func == sympy.tanh and len(powers) == 2:
-        return Outline("step", x.name, -powers[1] / powers[0], 1.0 / abs(powers[0]))
-    if law.func == sympy.exp and len(powers) == 3 and powers[0] < 0:
+    if function in LINEAR and len(powers) == 2:
+        what, width = LINEAR[function]
+        return Outline(what, x.name, -powers[1] / powers[0], width / abs(powers[0]))
+    if function == "exp" and len(powers) == 3 and powers[0] < 0:
         return Outline("bump", x.name, -powers[1] / (2.0 * powers[0]), 1.0 / math.sqrt(-2.0 * powers[0]))
     return None
 

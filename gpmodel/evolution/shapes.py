@@ -71,12 +71,13 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in turns)
         for name, k in product(("tanh", "atan"), steep):
             yield Element(name + "({k}*({q} - {a}))", apply[name], k, c)
+        yield from (Element("logistic({k}*({q} - {a}))", apply["logistic"], s * k, c) for s in (1, -1) for k in steep)
         for k in widths:
             yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
             yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
     for c, d in combinations(inside, 2):
         yield Element("({q} - {a})*({q} - {b})", lambda x: x * (x - 1.0), 1.0 / (d - c), c)
-        yield Element("({q} - max(min({q}, {b}), {a}))", lambda x: x - np.clip(x, 0.0, 1.0), 1.0 / (d - c), c)
+        yield Element("deadzone({k}*({q} - {a}))", apply["deadzone"], 2.0 / (d - c), 0.5 * (c + d))
     yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(growth, (1, -1)))
     for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
         yield Element(name + "({q} - {a})", apply[name], 1.0, -d)

@@ -16,6 +16,9 @@ LARGEST_PIECE = 30
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
 
+deadzone, logistic = sympy.Function("deadzone"), sympy.Function("logistic")
+"""What of its argument is beyond -1 to 1; 1/(1 + exp(-a)): left alone by the algebra."""
+
 _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "add": lambda a, b: a + b,
     "subtract": lambda a, b: a - b,
@@ -39,6 +42,8 @@ _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "reciprocal": lambda a: 1 / a,
     "sign": sympy.sign,
     "step": lambda a: sympy.Heaviside(a, 0),
+    "deadzone": deadzone,
+    "logistic": logistic,
     "power": lambda a, b: a**b,
 }
 
@@ -98,6 +103,8 @@ _FROM_SYMPY: dict[type[sympy.Basic], str] = {
     logical_not: "not",
     sympy.sign: "sign",
     sympy.Heaviside: "step",
+    deadzone: "deadzone",
+    logistic: "logistic",
     **{getattr(sympy, name): name for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")},
 }
 

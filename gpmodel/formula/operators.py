@@ -10,7 +10,9 @@ Choices, made once and tested:
 * ``sqrt`` and ``log`` read the absolute value; ``modulo`` is ``a - b*floor(a/b)``, the sign of the divisor.
 * ``not`` is C's: 1 where the accumulator is 0, else 0.
 * ``min`` and ``max`` hand on a NaN.
-* ``step`` is 1 above 0, else 0; ``power`` is real: a NaN of a negative base and a broken exponent.
+* ``step`` is 1 above 0, else 0; ``deadzone`` is what of its argument is below -1 or above 1, else 0; ``logistic`` is
+  1/(1 + exp(-a));
+  ``power`` is real: a NaN of a negative base and a broken exponent.
 * angles are radians.
 """
 
@@ -55,6 +57,14 @@ def _ones(a: Array) -> Array:
     return np.ones_like(a)
 
 
+def _logistic(a: Array) -> Array:
+    return 0.5 + 0.5 * np.tanh(0.5 * a)
+
+
+def _beyond(a: Array) -> Array:
+    return (np.abs(a) > 1.0).astype(float)
+
+
 def _between(chosen: Mask) -> tuple[Array, Array]:
     first = chosen.astype(float)
     return first, 1.0 - first
@@ -94,6 +104,8 @@ LANGUAGE: tuple[Operator, ...] = (
     *ARITHMETIC,
     Operator(WRITTEN, "sign", 1, False, np.sign, lambda a: (np.zeros_like(a),)),
     Operator(WRITTEN, "step", 1, False, lambda a: (a > 0.0).astype(float), lambda a: (np.zeros_like(a),)),
+    Operator(WRITTEN, "logistic", 1, True, _logistic, lambda a: (_logistic(a) * _logistic(-a),)),
+    Operator(WRITTEN, "deadzone", 1, False, lambda a: a - np.clip(a, -1.0, 1.0), lambda a: (_beyond(a),)),
     Operator(
         WRITTEN, "power", 2, False, np.float_power,
         lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),

@@ -103,6 +103,8 @@ _NUMPY: dict[str, str] = {
     "reciprocal": "1.0 / {0}",
     "sign": "np.sign({0})",
     "step": "({0} > 0.0).astype(float)",
+    "logistic": "0.5 + 0.5 * np.tanh(0.5 * {0})",
+    "deadzone": "{0} - np.clip({0}, -1.0, 1.0)",
     "power": "np.float_power({0}, {1})",
 }
 
@@ -124,5 +126,7 @@ _C99: dict[str, str] = _NUMPY | {
     "asin": "asin({0})",
     "sign": "(double)(({0} > 0.0) - ({0} < 0.0))",
     "step": "{0} > 0.0 ? 1.0 : 0.0",
+    "logistic": "0.5 + 0.5 * tanh(0.5 * {0})",
+    "deadzone": "{0} - fmin(fmax({0}, -1.0), 1.0)",
     "power": "pow({0}, {1})",
 }

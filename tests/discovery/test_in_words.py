@@ -22,6 +22,8 @@ def law(text: str, family: str = "") -> Candidate:
         ("exp(-square((J4 - 0.5)/1.0))", "bump of J4 at 28.6°, width 40.5°"),
         ("exp(-2*square((temperature - 20)/3))", "bump of temperature at 20 °C, width 1.5 °C"),
         ("tanh((slide - 0.2)/0.05)", "step of slide at 200.0 mm, width 50 mm"),
+        ("logistic((slide - 0.2)/(-0.025))", "step of slide at 200.0 mm, width 50 mm"),
+        ("deadzone(4*(slide - 0.2))", "dead zone of slide at 200.0 mm, width 500 mm"),
     ],
 )
 def test_a_bump_and_a_step_are_called_so(basis: str, said: str) -> None:

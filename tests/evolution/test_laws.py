@@ -32,13 +32,16 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
     return SlotProblem(INPUTS, targets, parsimony=2.0)
 
 
-BRIEF = [("sin(2*J2 + 0.7)", 6), ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4)]
+BRIEF = [
+    ("sin(2*J2 + 0.7)", 6), ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4), ("J5 - max(min(J5, 0.9), -0.5)", 6),
+]  # fmt: skip
 LAWS = [
     ("J2*cos(J5)", 4),
     ("exp(-6*square(J2 - 0.6))", 7), ("sin(J2 - J5)", 4), ("max('torque J2' - 0.4, 0)", 5), ("exp(-1.5*row)", 4),
-    ("'torque J2'*cos(J2)", 4), ("J5 - max(min(J5, 0.7), -0.7)", 7), ("sin(J2)*abs(sin(J2))", 4),
+    ("'torque J2'*cos(J2)", 4), ("J5 - max(min(J5, 0.7), -0.7)", 6), ("sin(J2)*abs(sin(J2))", 4),
     ("exp(-1.2*J2)*tanh(2*J5 - 1)", 11), ("max(J2 - 0.3, 0)/(2.6 + J5)", 10), ("J2/(1 + 3*square(J2 - 0.4))", 12),
     ("tanh(2*(J2 - 0.4*J5))", 8), ("J5*abs(J5)*sqrt(2.4 - J2)", 9), ("exp(-4*square(J2 - 0.5)) + 0.7*tanh(3*J5)", 14),
+    ("(J2 - max(min(J2, 1.0), 0.2))*atan(2*J5)", 11), ("(tanh(4*J2 - 2) + 1)*abs(J5 - 0.3)", 11),
     ("sin(2.5*J2) + 0.4*abs(J5 - 0.3)", 12), ("tanh(3*(sqrt(square(J2 - 0.4) + 1.5*square(J5 + 0.3)) - 1))", 17),
 ]  # fmt: skip
 
