@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import IntArray, Mask
 from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of, pose_ratio
@@ -174,11 +174,22 @@ def _refitted(active: Active, task: _Task, state: Expansion) -> Expansion:
     fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
     fit = refit(Expansion(fitting, theta, state.placement, sigma, variances, chosen))
     use = far_out(fit.error, fitting.use, task.criteria.outlier_sigmas)
+    if not use.all():
+        use |= _back_in(fit.state, task.criteria)
     if (use != fitting.use).any():
         fitting = replace(fitting, use=use)
         fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
     ratio = pose_ratio(fit.problem, fitting.bundle, fitting.ratio, fit.unknowns - fit.problem.placement)
     return replace(fit.state, fitting=replace(fitting, ratio=ratio))
+
+
+def _back_in(state: Expansion, criteria: Criteria) -> Mask:
+    """The poses (N,) that do not stand far out of a fit to all of them.
+
+    Those that stood out of the model before, and were left out of this one's fit, may be what it is there for."""
+    everything = np.ones(len(state.fitting.use), dtype=bool)
+    fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
+    return far_out(fit.error, everything, criteria.outlier_sigmas)
 
 
 def _same(before: Expansion, after: Expansion) -> bool:

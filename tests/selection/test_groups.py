@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import loop_cases
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
@@ -189,6 +190,18 @@ def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, data)))
     assert np.flatnonzero(~selection.state.fitting.use).tolist() == [84]
     assert [k.group.name for k in selection.kept] == [PLANTED[0]]
+
+
+def test_poses_that_stand_out_of_the_standard_model_come_back_into_the_one_that_explains_them() -> None:
+    """Of a saturating wind-up the few poses at its ends say that it is no spring."""
+    truth, train, _ = loop_cases.robot("windup", 2)
+    truth = replace(truth, poses=truth.poses.subset(train))
+    model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
+    assert len(calibrate(model, truth.poses).outliers) == 4
+    selection = chosen(truth)
+    assert selection.state.fitting.use.all()
+    assert selection.kept
+    assert {name for kept in selection.kept for name in kept.group.inputs} == {"torque_J3"}
 
 
 def test_whitening_makes_the_two_levels_one() -> None:
