@@ -18,8 +18,9 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
     Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), over what it is without dependence where
     poses have placed a body together (`_when_independent`); 1 where it is no further above 1 than two standard
-    deviations √(2/blocks) of it under independence. A permutation of whole blocks stops less: what is slow
-    within a block stays slow in any order of them (experiments/coverage).
+    deviations √(2/blocks) of it under independence. One candidate in thirty is by chance: it is held to be as much
+    above as the model's own columns say (`_among`). A permutation of whole blocks stops less: what is slow within a
+    block stays slow in any order of them (experiments/coverage).
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -33,8 +34,33 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
         ratio = float(together @ together) / max(plain, 1e-300)
         if placed.shape[1]:
             ratio /= _when_independent(explained[rows], placed, residual.problem.pose_of_row, block)
-        out[name] = ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / len(together)) else 1.0
+        ratio = _if_above(ratio, len(together))
+        out[name] = float(np.clip(_among(residual, ratio, block), 1.0, ratio)) if ratio > 1.0 else 1.0
     return out
+
+
+def _if_above(ratio: float, count: int) -> float:
+    """A ratio of so many independent sums, 1 where it is no further above 1 than two standard deviations of it."""
+    return ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / count) else 1.0
+
+
+def _among(residual: Residual, ratio: float, block: IntArray) -> float:
+    """A ratio drawn to the mean of those of the model's own columns, by what chance has of their variance.
+
+    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of their ratios and c =
+    2 m²/blocks what each has under independence: where nothing depends on anything they are all one, where the
+    instrument drifts they differ by how slow they are. Source: Efron and Morris (1973).
+    """
+    columns = residual.system[: residual.measured]
+    scores = np.zeros((len(residual.poses), columns.shape[1]))
+    np.add.at(scores, residual.problem.pose_of_row, columns * residual.values[: residual.measured, None])
+    together = np.zeros((int(block.max()) + 1, columns.shape[1]))
+    np.add.at(together, block, scores)
+    own = np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300)
+    mean = _if_above(float(own.mean()), own.size * len(together))
+    chance = 2.0 * mean**2 / len(together)
+    spread = max(0.0, float(own.var()) - chance)
+    return mean + (ratio - mean) * spread / (spread + chance)
 
 
 def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:

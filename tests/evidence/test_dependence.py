@@ -27,6 +27,12 @@ def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
     assert max(inflation(seen(planted), own).values()) < 2.5
 
 
+def test_where_nothing_depends_on_anything_no_candidate_pays_for_chance() -> None:
+    """Of ten stretches one candidate in thirty is 2 to 3 times above independence; the model's columns say by what."""
+    residual = seen(NAMES[2])
+    assert {factor for candidate in pool() for factor in inflation(residual, candidate).values()} == {1.0}
+
+
 def test_both_ends_of_a_bar_are_one_length_and_no_dependence() -> None:
     _, poses, fit = bars()
     residual = residual_of(fit, poses, Criteria(), 0)
