@@ -66,12 +66,16 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The set-up moves in proportion to the row, along and about its axes."""
+    """The set-up moves in proportion to the row, along and about its axes, or along a parabola of the row."""
     name, row = "drift of the set-up", Expression("row")
     along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
     for effect in along:
         yield one(effect.name, effect, 4.5)
+    share = f"((row - {np.min(states['row']):g})/{float(np.ptp(states['row'])) or 1.0:g})"
+    shapes = {"straight": Expression(share), "bent": Expression(f"4*{share}*(1 - {share})")}
+    bent = [effect_at(f"{name}, {how} {a}", "base", a, s, "m", "drift") for how, s in shapes.items() for a in AXES[:3]]
+    yield Candidate(f"{name}, bent", tuple(bent), "drift", 5.0)
 
 
 def setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

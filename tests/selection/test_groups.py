@@ -16,6 +16,8 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.gain import best, gain, with_own_noise
 from gpmodel.families import catalogue
 from gpmodel.families.catalogue import explained
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
@@ -190,6 +192,15 @@ def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     selection = chosen(replace(truth, poses=prepare(truth.model.mechanism, data)))
     assert np.flatnonzero(~selection.state.fitting.use).tolist() == [84]
     assert [k.group.name for k in selection.kept] == [PLANTED[0]]
+
+
+def test_a_set_up_that_creeps_and_comes_back_in_part_drifts_along_a_parabola() -> None:
+    """Half a sine along the rows is within 4 % of one; a wander of eighteen numbers would be said before."""
+    data = bare(ARM, 90, 5, payload=False)
+    shapes = (Expression("row/90"), Expression("sin(3.14159*row/90)"))
+    creep = [effect_at(f"creep {a}, {k}", "base", a, s, "m") for k, s in enumerate(shapes) for a in ("Tx", "Ty", "Tz")]
+    truth = measure(ARM, creep, 1e-4 * np.array([0.6, -0.4, 0.2, 0.8, 1.0, -0.5]), 5, dataset=data)
+    assert [k.group.name for k in chosen(truth).kept] == ["drift of the set-up, bent"]
 
 
 def test_poses_that_stand_out_of_the_standard_model_come_back_into_the_one_that_explains_them() -> None:
