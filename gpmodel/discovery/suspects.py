@@ -62,11 +62,13 @@ def _of_odd_poses(state: State, final: Calibration) -> Iterator[Suspect]:
     residual = residual_of(final, poses, criteria, JUDGED, np.ones(len(poses), dtype=bool))
     known = scores(residual, pool)
     best = max(range(len(pool)), key=lambda k: known[k].nats)
-    trials = residual.shuffled(np.random.default_rng(JUDGED), criteria.shuffles)
-    by_chance = chance(known[best].nats, best_nats(residual, pool, trials))
     left = residual.values - contribution(residual, pool[best])
     before, after = (_rms_at(residual, odd, values) for values in (residual.values, left))
-    if by_chance.p >= criteria.significance or after > EXPLAINED * before:
+    if after > EXPLAINED * before:
+        return
+    trials = residual.shuffled(np.random.default_rng(JUDGED), criteria.shuffles)
+    by_chance = chance(known[best].nats, best_nats(residual, pool, trials))
+    if by_chance.p >= criteria.significance:
         return
     near = [k for k in range(len(pool)) if k != best and known[k].nats > known[best].nats - criteria.rival_nats]
     near.sort(key=lambda k: -known[k].nats)
