@@ -5,6 +5,7 @@ Steps, ramps and exponentials explain much of noise that wanders; a walk explain
 
 import numpy as np
 
+from gpmodel.evidence.dependence import reads_a_clock
 from gpmodel.evidence.gain import best, fitted, with_own_noise
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import directions, scores
@@ -12,13 +13,11 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.instrument import instrument_walk
 from gpmodel.model.states import States
 from gpmodel.selection.group import CAP
-from gpmodel.table.units import is_time
 
 
 def is_timed(candidate: Candidate, states: States) -> bool:
     """Whether it is a law of the rows or of the time; curves are none, of which a walk is one."""
-    clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
-    return candidate.kind != "curve" and not clocks.isdisjoint(candidate.inputs)
+    return candidate.kind != "curve" and reads_a_clock(candidate, states)
 
 
 def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:

@@ -8,7 +8,9 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import contribution
 from gpmodel.families.candidate import Candidate
+from gpmodel.model.states import States
 from gpmodel.table.split import stretches
+from gpmodel.table.units import is_time
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
@@ -18,9 +20,9 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
     Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), over what it is without dependence where
     poses have placed a body together (`_when_independent`); 1 where it is no further above 1 than two standard
-    deviations √(2/blocks) of it under independence. One candidate in thirty is by chance: it is held to be as much
-    above as the model's own columns say (`_among`). A permutation of whole blocks stops less: what is slow within a
-    block stays slow in any order of them (experiments/coverage).
+    deviations √(2/blocks) of it under independence. One candidate in thirty is by chance: what reads no clock is held
+    to be as much above as the model's own columns say (`_among`), of which none is slow by itself. A permutation of
+    whole blocks stops less: what is slow within a block stays slow in any order of them (experiments/coverage).
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -28,15 +30,23 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
     plain = float(score @ score)
+    slow = reads_a_clock(candidate, residual.poses.states)
     out, placed = {}, residual.placed_by_units * explained[rows, None]
     for name, block in _partitions(residual):
         together = np.bincount(block, score)
         ratio = float(together @ together) / max(plain, 1e-300)
         if placed.shape[1]:
             ratio /= _when_independent(explained[rows], placed, residual.problem.pose_of_row, block)
-        ratio = _if_above(ratio, len(together))
-        out[name] = float(np.clip(_among(residual, ratio, block), 1.0, ratio)) if ratio > 1.0 else 1.0
+        out[name] = ratio = _if_above(ratio, len(together))
+        if ratio > 1.0 and not slow:
+            out[name] = float(np.clip(_among(residual, ratio, block), 1.0, ratio))
     return out
+
+
+def reads_a_clock(candidate: Candidate, states: States) -> bool:
+    """Whether it is a function of the rows or of the time."""
+    clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
+    return not clocks.isdisjoint(candidate.inputs)
 
 
 def _if_above(ratio: float, count: int) -> float:
