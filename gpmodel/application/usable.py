@@ -18,7 +18,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
-from gpmodel.table.units import is_time
+from gpmodel.table.units import clock_names
 
 MARGIN = 0.01
 """Share of a range's width by which an input may lie outside it unsaid: the extremes of a sample of poses are about
@@ -98,14 +98,9 @@ class _At:
         return len(self.states)
 
 
-def clocks_of(saved: SavedModel) -> set[str]:
-    """The row number and the times that the model reads."""
-    return {"row", *(name for name, unit in saved.input_units.items() if is_time(unit))}
-
-
 def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
     """Effects that read the row number or a time: what they say belongs to the session that was fitted."""
-    clocks = clocks_of(saved)
+    clocks = clock_names(saved.input_units)
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
@@ -156,7 +151,7 @@ def _ended(effect: Effect) -> bool:
 
 
 def _after_the_session(saved: SavedModel) -> SavedModel:
-    clocks = {name: saved.ranges[name][1] for name in clocks_of(saved) if name in saved.ranges}
+    clocks = {name: saved.ranges[name][1] for name in clock_names(saved.input_units) if name in saved.ranges}
     own = of_the_session(saved)
     saved = _only(saved, np.array([e not in own or lasting(e) for e in saved.model.effects], dtype=bool))
     effects = tuple(

@@ -10,7 +10,7 @@ from gpmodel.evidence.score import contribution
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.states import States
 from gpmodel.table.split import stretches
-from gpmodel.table.units import is_time
+from gpmodel.table.units import clock_names
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
@@ -29,15 +29,13 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     score = np.zeros(len(residual.poses))
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
-    plain = float(score @ score)
     slow = reads_a_clock(candidate, residual.poses.states)
     out, placed = {}, residual.placed_by_units * explained[rows, None]
     for name, block in _partitions(residual):
-        together = np.bincount(block, score)
-        ratio = float(together @ together) / max(plain, 1e-300)
+        ratio, count = float(_ratios(score[:, None], block)[0]), int(block.max()) + 1
         if placed.shape[1]:
             ratio /= _when_independent(explained[rows], placed, residual.problem.pose_of_row, block)
-        out[name] = ratio = _if_above(ratio, len(together))
+        out[name] = ratio = _if_above(ratio, count)
         if ratio > 1.0 and not slow:
             out[name] = float(np.clip(_among(residual, ratio, block), 1.0, ratio))
     return out
@@ -45,8 +43,14 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
 
 def reads_a_clock(candidate: Candidate, states: States) -> bool:
     """Whether it is a function of the rows or of the time."""
-    clocks = {"row", *(name for name, unit in states.units.items() if is_time(unit))}
-    return not clocks.isdisjoint(candidate.inputs)
+    return not clock_names(states.units).isdisjoint(candidate.inputs)
+
+
+def _ratios(scores: Array, block: IntArray) -> Array:
+    """Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
+    together = np.zeros((int(block.max()) + 1, scores.shape[1]))
+    np.add.at(together, block, scores)
+    return np.asarray(np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300))
 
 
 def _if_above(ratio: float, count: int) -> float:
@@ -64,11 +68,9 @@ def _among(residual: Residual, ratio: float, block: IntArray) -> float:
     columns = residual.system[: residual.measured]
     scores = np.zeros((len(residual.poses), columns.shape[1]))
     np.add.at(scores, residual.problem.pose_of_row, columns * residual.values[: residual.measured, None])
-    together = np.zeros((int(block.max()) + 1, columns.shape[1]))
-    np.add.at(together, block, scores)
-    own = np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300)
-    mean = _if_above(float(own.mean()), own.size * len(together))
-    chance = 2.0 * mean**2 / len(together)
+    own, count = _ratios(scores, block), int(block.max()) + 1
+    mean = _if_above(float(own.mean()), own.size * count)
+    chance = 2.0 * mean**2 / count
     spread = max(0.0, float(own.var()) - chance)
     return mean + (ratio - mean) * spread / (spread + chance)
 

@@ -140,6 +140,12 @@ def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior
     return Candidate(name, effects, family, cost)
 
 
+def share_of_rows(states: States) -> str:
+    """The row from 0 at the first to 1 at the last, as text."""
+    rows = states["row"]
+    return f"((row - {np.min(rows):g})/{float(np.ptp(rows)) or 1.0:g})"
+
+
 def revolute(mechanism: Mechanism) -> list[Joint]:
     """The joints that turn."""
     return [j for j in mechanism.joints if j.kind == "revolute"]

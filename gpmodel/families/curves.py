@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
-from gpmodel.families.candidate import Candidate, loaded, one, revolute
+from gpmodel.families.candidate import Candidate, loaded, one, revolute, share_of_rows
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, effect_at
@@ -70,9 +70,7 @@ def _own(site: Site, joint: Joint) -> bool:
 
 def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """A slow wander of the set-up along the rows, by waves about where it was on average."""
-    first, span = float(np.min(states["row"])), float(np.ptp(states["row"])) or 1.0
-    along = f"(row - {first:g})/{span:g}"
-    waves = [Expression(f"cos({3.14159265 * k:.8f}*({along}))") for k in range(1, 7)]
+    waves = [Expression(f"cos({3.14159265 * k:.8f}*{share_of_rows(states)})") for k in range(1, 7)]
     fall = spectrum(6, 1.0)
     for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
         name = f"slow wander of the set-up, {kind}"

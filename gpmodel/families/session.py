@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, inside, one, revolute
+from gpmodel.families.candidate import Candidate, inside, one, revolute, share_of_rows
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
@@ -72,7 +72,7 @@ def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
     for effect in along:
         yield one(effect.name, effect, 4.5)
-    share = f"((row - {np.min(states['row']):g})/{float(np.ptp(states['row'])) or 1.0:g})"
+    share = share_of_rows(states)
     shapes = {"straight": Expression(share), "bent": Expression(f"4*{share}*(1 - {share})")}
     bent = [effect_at(f"{name}, {how} {a}", "base", a, s, "m", "drift") for how, s in shapes.items() for a in AXES[:3]]
     yield Candidate(f"{name}, bent", tuple(bent), "drift", 5.0)

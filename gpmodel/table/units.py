@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -77,6 +78,11 @@ def known_unit(unit: str) -> bool:
 def is_time(unit: str) -> bool:
     """Whether it is a unit of time."""
     return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
+
+
+def clock_names(units: Mapping[str, str]) -> set[str]:
+    """The row number and, of inputs with these units, the times: what the order of a session is told by."""
+    return {"row", *(name for name, unit in units.items() if is_time(unit))}
 
 
 @lru_cache(maxsize=256)
