@@ -6,6 +6,8 @@ better than any explains them at poses drawn at random? Nothing is added by it: 
 """
 
 from collections.abc import Iterator
+from functools import partial
+from itertools import chain
 from math import comb
 
 import numpy as np
@@ -19,6 +21,7 @@ from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import best_nats, contribution, scores
 from gpmodel.evolution.chance import chance
+from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.states import States
@@ -31,6 +34,8 @@ EXPLAINED = 0.5
 """Largest share of the error of odd poses that may be left where an effect is said to explain them."""
 MOST = 5
 """Suspects at most: a list to act on."""
+AT_ONCE = 8
+"""Parts of the catalogue that are scored side by side."""
 MOST_ALTERNATIVES = 4
 """Other effects that explain the same about as well, that are listed."""
 
@@ -60,7 +65,9 @@ def _of_odd_poses(state: State, final: Calibration) -> Iterator[Suspect]:
     if not pool:
         return
     residual = residual_of(final, poses, criteria, JUDGED, np.ones(len(poses), dtype=bool))
-    known = scores(residual, pool)
+    parts = np.array_split(np.arange(len(pool)), AT_ONCE)
+    scored = called(state.search.here, [partial(scores, residual, [pool[k] for k in part]) for part in parts])
+    known = list(chain.from_iterable(scored))
     best = max(range(len(pool)), key=lambda k: known[k].nats)
     left = residual.values - contribution(residual, pool[best])
     before, after = (_rms_at(residual, odd, values) for values in (residual.values, left))

@@ -43,9 +43,8 @@ def instead_of(replacements: Replacements, g: int) -> tuple[tuple[Alternative, .
     Neighbours are of its family and read the same, at whatever loss: another number of lobes may predict as well as
     this one and differ in how large it and the geometry beside it would be, which is no evidence against it.
     """
-    active, groups = replacements.active, replacements.active.pool.groups
-    own, kept = active.net_nats(g), groups[g]
-    near = np.array([bool(h.family) and (h.family, h.inputs) == (kept.family, kept.inputs) for h in groups])
+    active, kind = replacements.active, replacements.active.pool.kind
+    own, near = active.net_nats(g), (kind == kind[g]) & (kind >= 0)
     margin = np.where(near, np.inf, active.criteria.rival_nats)
     gains, variances = replacements.of(g, own - margin)
     losses = own - (gains - active.pool.cost)

@@ -34,7 +34,8 @@ class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
     criteria: the limits by which groups come in and go. cost: (G,) nats of each, and the head start of named effects
-    for one without a name. rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
+    for one without a name. kind: (G,) number of each one's family and inputs, -1 without a name. rhs: (E,) products of
+    the distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], criteria: Criteria) -> None:
@@ -53,6 +54,9 @@ class GroupPool:
         self.spreads = [np.array(g.spreads) for g in self.groups]
         self.cost = np.array([g.cost + criteria.head_start * (not g.family) for g in self.groups])
         self.cap = np.array([g.cap for g in self.groups])
+        kinds: dict[object, int] = {}
+        named = [(g.family, g.inputs) if g.family else None for g in self.groups]
+        self.kind = np.array([-1 if kind is None else kinds.setdefault(kind, len(kinds)) for kind in named])
         self.atoms = Atoms(rows, self.effects)
         self.rhs = self.atoms.cross(rows.target[:, None])[:, 0]
         self._columns: dict[int, Array] = {}
