@@ -96,14 +96,18 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     """Choose groups beside a calibration's own effects, fit them, and judge each beside all the others.
 
     evolved: what GP found, as groups among the others. A curve that a short law predicts as well as gives way to the
-    law, and the groups are chosen once more. One that fails a criterion is left out and the rest fitted again. Where a
-    random walk explains more than a law of the time, the groups are chosen without such laws, but those that passed:
-    several of them together had stood for the walk.
+    law, and the groups are chosen once more; these stand where they are as likely as before, what it costs to have no
+    name aside. One that fails a criterion is left out and the rest fitted again. Where a random walk explains more than
+    a law of the time, the groups are chosen without such laws, but those that passed: several of them together had
+    stood for the walk.
     """
-    first = _together(choice, _chosen(choice, evolved))
-    laws = _laws(choice, first)
+    last = first = _together(choice, _chosen(choice, evolved))
+    if laws := _laws(choice, first):
+        last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws))
+        unnamed = choice.criteria.head_start * sum(law.name in last.candidates for law in laws.values())
+        if first.chosen.likelier_by(last.chosen) > unnamed:
+            last, laws = first, {}
     every = (*evolved, *laws.values())
-    last = _together(choice, _chosen(choice, every, first.candidates, laws)) if laws else first
     found = _accepted(choice, last)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         without = replace(choice, timed=found.offered_as)

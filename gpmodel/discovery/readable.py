@@ -23,12 +23,13 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
 
     Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
-    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly. The number
-    of the row stays out where a clock runs with it: another table has other rows, and the same clock.
+    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly; of lengths
+    in proportion to each other the first alone, the travel of a joint before the height it lifts the tool to. The
+    number of the row stays out where a clock runs with it: another table has other rows, and the same clock.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
-    lengths = [column for name, column in states.columns.items() if states.units[name] == "m"]
+    lengths = [name for name in states.columns if states.units[name] == "m"]
     torques = {f"torque_{name}" for name in states.columns}
     reactions = states.loads - torques - {"moment_base_x", "moment_base_y"}
     for name, column in states.columns.items():
@@ -39,11 +40,13 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
             continue
         if name == "row" and any(_in_step(column, clock) for clock in clocks):
             continue
-        if states.units[name] in ("Nm", "N") and any(in_proportion(column, length) for length in lengths):
+        unit = states.units[name]
+        before = [length for length in lengths if unit != "m" or length in names]
+        if unit in ("Nm", "N", "m") and any(in_proportion(column, states[length]) for length in before):
             continue
-        if states.units[name] in ("rad", "m"):
+        if unit in ("rad", "m"):
             offset, scale = 0.0, 1.0
-        elif states.units[name] in ("Nm", "N"):
+        elif unit in ("Nm", "N"):
             offset, scale = 0.0, float(f"{largest:.3g}")
         else:
             mean, deviation = float(column.mean()), max(float(column.std()), 1e-12)

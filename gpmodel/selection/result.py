@@ -34,11 +34,17 @@ class Kept:
 @dataclass(frozen=True)
 class Selection:
     """The groups that were chosen, by gain. state: of the exact fit behind them. by_chance: (T,) the most nats, costs
-    counted, that any group gains on T permuted residuals of it."""
+    counted, that any group gains on T permuted residuals of it. evidence: log marginal likelihood, costs counted."""
 
     kept: tuple[Kept, ...]
     state: Expansion
     by_chance: Array
+    evidence: float
+
+    def likelier_by(self, other: "Selection") -> float:
+        """Nats of its evidence over another one's; 0 where they left other poses out and are not to be compared."""
+        alike = bool((self.state.fitting.use == other.state.fitting.use).all())
+        return self.evidence - other.evidence if alike else 0.0
 
 
 def summarised(
@@ -54,4 +60,4 @@ def summarised(
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
         kept.append(Kept(group, active.gains[g][0], variance, others, determined))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), state, by_chance)
+    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), state, by_chance, active.evidence)

@@ -96,6 +96,17 @@ def test_a_load_in_proportion_to_a_length_is_not_offered_beside_it() -> None:
         assert "x" in names
 
 
+def test_of_lengths_in_proportion_the_first_is_offered() -> None:
+    """A SCARA's quill lifts the tool by its own travel."""
+    states = states_of(mechanism("irb6400r"), bare("irb6400r", 20))
+    rng = np.random.default_rng(0)
+    for part, offered in ((0.03, {"x", "z"}), (0.003, {"x"})):
+        height = 0.4 - states["x"] * (1.0 + part * rng.normal(size=20))
+        columns = MappingProxyType({**states.columns, "z": height})
+        names = readable_inputs(replace(states, columns=columns), np.arange(20))[0].names
+        assert {"x", "z"} & set(names) == offered
+
+
 @pytest.mark.long
 def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> None:
     answer = found("windup", 0)
