@@ -49,8 +49,8 @@ def saved_law(text: str, family: str = "") -> tuple[SavedModel, tuple[float, flo
     return saved, saved.ranges["J3"]
 
 
-@pytest.mark.parametrize(("family", "clamped"), [("", True), ("hardening_stiffness", False)])
-def test_well_beyond_its_ranges_an_unnamed_law_keeps_its_value_and_a_named_one_goes_on(
+@pytest.mark.parametrize(("family", "clamped"), [("", True), ("drift", True), ("hardening_stiffness", False)])
+def test_well_beyond_its_ranges_an_unnamed_law_and_a_creep_keep_their_value_and_others_go_on(
     family: str, clamped: bool
 ) -> None:
     saved, (low, high) = saved_law("J3**3", family)
