@@ -61,16 +61,25 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     A `repeat` label decides where there is one; elsewhere joint values within SAME_JOINT, unless they are
     approximate. Rows that copy the measurement of another are not counted as measured again: they are alone.
     """
+    read = () if whatever else ("setup", "tool", *READ)
+    keys = np.column_stack([_of_one_pose(dataset, whatever), *(dataset.codes(c)[1] for c in read)])
+    loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
+    return _numbered(np.column_stack([keys, loads]))
+
+
+def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
+    """Code (N,) of every row, of its label or its joint values; copies are alone, or of the pose they copy."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
         again = np.flatnonzero(copies(dataset))
         same[again] = again
-    codes = np.where(labels != "", _same_label(dataset, "repeat"), same)
-    read = () if whatever else ("setup", "tool", *READ)
-    keys = np.column_stack([codes, labels != "", *(dataset.codes(c)[1] for c in read)])
-    loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
-    return np.unique(np.column_stack([keys, loads]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return _numbered(np.column_stack([np.where(labels != "", _same_label(dataset, "repeat"), same), labels != ""]))
+
+
+def _numbered(keys: IntArray) -> IntArray:
+    """Code (N,) of every row of keys (N, K), the same where all keys are."""
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def different_poses(dataset: Dataset) -> int:
@@ -87,13 +96,12 @@ def different_readings(dataset: Dataset) -> Dataset:
 def sharing(dataset: Dataset) -> IntArray:
     """Code (N,) of every row: rows of one code may share a deviation that no model explains.
 
-    Replicates; where poses lie in clusters, the neighbours in each with the same set-up and tool.
+    Of one pose, whatever the payload, or where poses lie in clusters in one of these; with the same set-up and tool.
     """
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
-        return replicates(dataset)
-    keys = np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool", *READ))])
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+        near = _of_one_pose(dataset)
+    return _numbered(np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool", *READ))]))
 
 
 def noise_floor(dataset: Dataset) -> float | None:

@@ -71,3 +71,11 @@ SCATTERED = {
 def test_other_poses_are_not(how: str) -> None:
     data = table(SCATTERED[how])
     np.testing.assert_array_equal(sharing(data), replicates(data))
+
+
+def test_a_pose_measured_with_several_payloads_shares_what_no_model_explains() -> None:
+    """Each payload is read anew, and whatever the pose has in common is common to all."""
+    data = replace(table(SCATTERED["repeats"]), payload=np.tile([0.0, 2.0, 6.0], 40))
+    assert len(np.unique(replicates(data))) == 120
+    np.testing.assert_array_equal(sharing(data), np.repeat(sharing(data)[::3], 3))
+    assert len(np.unique(sharing(data))) == 40
