@@ -12,7 +12,7 @@ from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
 from gpmodel.discovery.averaging import averaged, predicted_alike
-from gpmodel.discovery.compact import compact_laws, is_curve, of_one_place, replacement
+from gpmodel.discovery.compact import compact_laws, is_curve, leeway, of_one_place, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_fit, told_apart
@@ -96,16 +96,17 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     """Choose groups beside a calibration's own effects, fit them, and judge each beside all the others.
 
     evolved: what GP found, as groups among the others. A curve that a short law predicts as well as gives way to the
-    law, and the groups are chosen once more; these stand where they are as likely as before, what it costs to have no
-    name aside. One that fails a criterion is left out and the rest fitted again. Where a random walk explains more than
+    law, and the groups are chosen once more; these stand where they are as likely as before, but for what every law is
+    allowed. One that fails a criterion is left out and the rest fitted again. Where a random walk explains more than
     a law of the time, the groups are chosen without such laws, but those that passed: several of them together had
     stood for the walk.
     """
     last = first = _together(choice, _chosen(choice, evolved))
     if laws := _laws(choice, first):
         last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws))
-        unnamed = choice.criteria.head_start * sum(law.name in last.candidates for law in laws.values())
-        if first.chosen.likelier_by(last.chosen) > unnamed:
+        stood = (name for name, law in laws.items() if law.name in last.candidates)
+        allowed = sum(leeway(first.candidates[name], choice.criteria) for name in stood if name in first.candidates)
+        if first.chosen.likelier_by(last.chosen) > max(allowed, 0.0):
             last, laws = first, {}
     every = (*evolved, *laws.values())
     found = _accepted(choice, last)

@@ -116,6 +116,12 @@ def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) 
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 
 
+def leeway(curve: Candidate, criteria: Criteria) -> float:
+    """Nats of evidence by which a choice with a law in the place of a curve may fall short of one with the curve: by
+    what a law need not save, and what it costs to have no name."""
+    return criteria.head_start * bool(curve.family) - _margin(curve, criteria)
+
+
 def _margin(curve: Candidate, criteria: Criteria) -> float:
     """Nats by which a law has to save more: than what has a name, by the head start of named effects; than a free
     function, by less than the price of a name; than several evolved terms, by none; than one, by what is no tie."""
