@@ -104,9 +104,8 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     last = first = _together(choice, _chosen(choice, evolved))
     if laws := _laws(choice, first):
         last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws))
-        stood = (name for name, law in laws.items() if law.name in last.candidates)
-        allowed = sum(leeway(first.candidates[name], choice.criteria) for name in stood if name in first.candidates)
-        if first.chosen.likelier_by(last.chosen) > max(allowed, 0.0):
+        stood = (name for name, law in laws.items() if law.name in last.candidates and name in first.candidates)
+        if first.chosen.likelier_by(last.chosen) > leeway((first.candidates[name] for name in stood), choice.criteria):
             last, laws = first, {}
     every = (*evolved, *laws.values())
     found = _accepted(choice, last)

@@ -116,10 +116,10 @@ def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) 
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 
 
-def leeway(curve: Candidate, criteria: Criteria) -> float:
-    """Nats of evidence by which a choice with a law in the place of a curve may fall short of one with the curve: by
-    what a law need not save, and what it costs to have no name."""
-    return criteria.head_start * bool(curve.family) - _margin(curve, criteria)
+def leeway(curves: Iterable[Candidate], criteria: Criteria) -> float:
+    """Nats of evidence by which a choice with laws in the places of curves may fall short of one with the curves: by
+    what each law need not save, and what it costs to have no name."""
+    return max(0.0, sum(criteria.head_start * bool(c.family) - _margin(c, criteria) for c in curves))
 
 
 def _margin(curve: Candidate, criteria: Criteria) -> float:
