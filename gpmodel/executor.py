@@ -19,12 +19,10 @@ from dataclasses import dataclass
 from itertools import islice
 from queue import SimpleQueue
 from types import MappingProxyType
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, TypeVar
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
-First = TypeVar("First")
-Second = TypeVar("Second")
 
 SWITCH = 1e-4
 """Seconds after which a thread gives way to another that waits for the interpreter. The compiled loops of a generation
@@ -116,13 +114,6 @@ def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found
     """What each of some calls returns, made side by side."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
-
-
-def both(workers: Workers, first: Callable[[], First], second: Callable[[], Second]) -> tuple[First, Second]:
-    """What two calls return, made side by side."""
-    calls: list[Callable[[], object]] = [first, second]
-    found = called(workers, calls)
-    return cast(First, found[0]), cast(Second, found[1])
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []

@@ -16,6 +16,7 @@ from gpmodel.model.pixel import FEWEST_CORNERS, Pixels
 from gpmodel.model.surfaces import SURFACES
 from gpmodel.model.touches import Artefact, Feature, Touches
 from gpmodel.numerics import se3
+from gpmodel.table.bundles import numbered
 from gpmodel.table.dataset import Dataset
 
 KNOWN = "surfaces"
@@ -137,7 +138,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
         camera[row] = by_name[str(dataset.label("camera")[row])]
         board[row], corner[row] = markers[str(dataset.label("marker")[row])]
     same = np.column_stack([np.round(dataset.q / SAME_VIEW), dataset.codes("setup")[1], dataset.codes("repeat")[1]])
-    view = np.unique(same, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    view = numbered(same)
     flat = np.isin(board, [i for i, (b, _) in enumerate(boards) if b.flat])
     _check_views(dataset, [c.name for c in cameras], view, np.column_stack([np.where(flat, camera, -1), board]))
     used = [np.unique(codes[seen]) for codes in (camera, board)]

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from operator import itemgetter
 
 import numpy as np
@@ -13,7 +12,6 @@ from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.averaging import probabilities
 from gpmodel.discovery.result import Discovery, Round, Suspect
-from gpmodel.executor import Forks, both
 from gpmodel.families.catalogue import explained
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
@@ -40,15 +38,12 @@ def from_discovery(discovery: Discovery, origin: Origin) -> Report:
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    ladder = Ladder(poses, discovery.train, discovery.steps, final)
-    common, effects = both(
-        Forks(), partial(build, "discover", ladder, origin), lambda: tuple(_effects(discovery, names))
-    )
+    common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
     if discovery.folds:
         common = _by_folds(common, discovery)
     report = replace(
         common,
-        effects=effects,
+        effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         suspects=tuple(_suspect(s, discovery, names) for s in discovery.suspects),

@@ -64,7 +64,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     read = () if whatever else ("setup", "tool", *READ)
     keys = np.column_stack([_of_one_pose(dataset, whatever), *(dataset.codes(c)[1] for c in read)])
     loads = np.unique(np.round(dataset.payload, 9), return_inverse=True)[1]
-    return _numbered(np.column_stack([keys, loads]))
+    return numbered(np.column_stack([keys, loads]))
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
@@ -74,10 +74,10 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
     if not whatever:
         again = np.flatnonzero(copies(dataset))
         same[again] = again
-    return _numbered(np.column_stack([np.where(labels != "", _same_label(dataset, "repeat"), same), labels != ""]))
+    return numbered(np.column_stack([np.where(labels != "", _same_label(dataset, "repeat"), same), labels != ""]))
 
 
-def _numbered(keys: IntArray) -> IntArray:
+def numbered(keys: Array | IntArray) -> IntArray:
     """Code (N,) of every row of keys (N, K), the same where all keys are."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
@@ -101,7 +101,7 @@ def sharing(dataset: Dataset) -> IntArray:
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
         near = _of_one_pose(dataset)
-    return _numbered(np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool", *READ))]))
+    return numbered(np.column_stack([near, *(dataset.codes(c)[1] for c in ("setup", "tool", *READ))]))
 
 
 def noise_floor(dataset: Dataset) -> float | None:
