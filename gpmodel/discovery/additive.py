@@ -104,8 +104,9 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     last = first = _together(choice, _chosen(choice, evolved))
     if laws := _laws(choice, first):
         last = _together(choice, _chosen(choice, (*evolved, *laws.values()), first.candidates, laws))
-        stood = (name for name, law in laws.items() if law.name in last.candidates and name in first.candidates)
-        if first.chosen.likelier_by(last.chosen) > leeway((first.candidates[name] for name in stood), choice.criteria):
+        said = {name for law in laws.values() if law.name in last.candidates for name in law.inputs}
+        gone = (c for name, c in first.candidates.items() if name not in last.candidates and said.issuperset(c.inputs))
+        if first.chosen.likelier_by(last.chosen) > leeway(gone, choice.criteria):
             last, laws = first, {}
     every = (*evolved, *laws.values())
     found = _accepted(choice, last)

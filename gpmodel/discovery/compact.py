@@ -1,8 +1,9 @@
 """The shortest law of a curve: what was chosen as a sum of many terms, said in one."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, combinations, count
 
 import numpy as np
@@ -14,7 +15,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.laws import laws_at
+from gpmodel.evolution.laws import laws_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
@@ -75,9 +76,13 @@ def compact_laws(
     numbers = count()
     for curve, tasks in zip(curves, posed, strict=True):
         residual = left.without(curve.effects) if tasks else left
-        searched = [_candidates(residual, curve, task, found[next(numbers)], search) for task in tasks]
-        if laws := tuple(chain.from_iterable(searched)):
-            yield curve, residual, laws
+        laws: list[ShortLaw] = []
+        for task in tasks:
+            as_laws = partial(_as_laws, residual, curve, task, search)
+            searched = list(as_laws(law.program for law in found[next(numbers)]))
+            laws += searched + _shortened(searched, residual, as_laws)
+        if laws:
+            yield curve, residual, tuple(laws)
 
 
 def of_one_place(candidates: Iterable[Candidate]) -> Iterator[Candidate]:
@@ -110,8 +115,10 @@ def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) 
     curve. Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
     criteria = residual.criteria
-    own, *nats = (score.nats for score in scores(residual, (curve, *(law.candidate for law in laws))))
-    most, law = max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
+    own = scores(residual, (curve,))[0].nats
+    most, law = _best(residual, laws)
+    if law is None:
+        return None
     worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 
@@ -155,15 +162,40 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     return [LawTask(problem, names, site, written) for names in some]
 
 
-def _candidates(
-    residual: Residual, curve: Candidate, task: LawTask, laws: Sequence[Solution], search: Search
+def _as_laws(
+    residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[Program]
 ) -> Iterator[ShortLaw]:
-    """The laws as effects at the curve's place, without those that pass a pole."""
+    """Programs as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
-    for law in laws:
-        cost = curve.cost + search.cost(law.complexity, 1) if curve.family else search.cost(law.complexity, places)
-        candidate = as_candidate(law.program, task.site, task.written, cost)
+    for program in programs:
+        nodes = program.complexity
+        cost = curve.cost + search.cost(nodes, 1) if curve.family else search.cost(nodes, places)
+        candidate = as_candidate(program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
-            yield ShortLaw(law.program, task, candidate)
+            yield ShortLaw(program, task, candidate)
+
+
+def _shortened(
+    laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[Program]], Iterator[ShortLaw]]
+) -> list[ShortLaw]:
+    """The law that saves most less a node at a time, the least missed, for as long as it saves more.
+
+    At the place alone a shorter law that passes a pole may say as much, and hide what is left.
+    """
+    steps: list[ShortLaw] = []
+    most, best = _best(residual, laws)
+    while best:
+        saved, best = _best(residual, list(as_laws(shorter(best.program, best.task.problem))))
+        if not best or saved <= most:
+            break
+        most = saved
+        steps.append(best)
+    return steps
+
+
+def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw | None]:
+    """The law that saves most, and what it saves, nats."""
+    nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
+    return max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=(-np.inf, None))

@@ -59,7 +59,7 @@ def _of_one(problem: SlotProblem) -> list[Solution]:
     starts += [pair for pair, _ in promising(problem, words, CLIMBED)]
     found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
     top = min(found, key=lambda law: description_length(law, problem))
-    return found + _with_fitted(problem, list(_shorter(top.program)))
+    return found + [scored(program, problem) for program in shorter(top.program, problem)]
 
 
 def _edited(program: Program) -> bool:
@@ -68,10 +68,14 @@ def _edited(program: Program) -> bool:
     return all(BY_NAME[name].code != WRITTEN for name in made_of)
 
 
-def _shorter(program: Program) -> Iterator[Program]:
-    """The program with one of its nodes given way to one of that node's arguments."""
+def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
+    """The program with one of its nodes given way to one of that node's arguments, its constants fitted, for every
+    node and argument that leave an input."""
+    columns = problem.inputs.mapping()
     for index, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
-        yield program.rebuilt(partial(_given_way, index, argument))
+        fewer = program.rebuilt(partial(_given_way, index, argument))
+        if fewer.inputs:
+            yield polish(fewer, problem.targets, 0, columns)[0]
 
 
 def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:

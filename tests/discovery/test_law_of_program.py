@@ -8,14 +8,18 @@ from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery import compact
 from gpmodel.discovery.additive import Additive, Choice, additive
 from gpmodel.discovery.compact import compact_laws, of_one_place, replacement
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
 from gpmodel.evidence.score import scores
+from gpmodel.evolution.pareto import Solution, scored
+from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
+from gpmodel.formula.parse import parse
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import geometric_effects
@@ -56,6 +60,28 @@ PARTS = "J1*J4", "J4"
 
 def at_one_place(*texts: str, found_by: str = "evolved", slot: str = "J4.moving") -> list[Candidate]:
     return [Candidate(t, (effect_at(t, slot, "Rz", Expression(t)),), "", 20.0, found_by) for t in texts]
+
+
+def test_an_idle_constant_goes_where_laws_with_poles_hid_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the search only a law with a constant that says nothing is left; the law without it saves more."""
+    arm, idle = mechanism(ARM), "square(tanh(4*J4 - 2.8) - 0.0001)"
+    law = effect_at("law", "J4.moving", "Rz", Expression("square(tanh(4*J4 - 2.8))"))
+    truth = measure(ARM, [law], [1e-3], 3, dataset=bare(ARM, 100, 3))
+    (curve,) = at_one_place(idle)
+    model = ErrorModel(arm, (*geometric_effects(arm), *curve.effects))
+    left = residual_of(calibrate(model, truth.poses), truth.poses, Criteria(), 0)
+
+    def found(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
+        return (scored(parse(idle), problem.only(site, names)),)
+
+    monkeypatch.setattr(compact, "laws_at", found)
+    ((_, residual, laws),) = compact_laws(left, [curve], Search(workers=1))
+    kept = replacement(curve, residual, laws)
+    assert kept is not None
+    assert "square(tanh(" in kept.candidate.name
+    assert kept.program.complexity == parse(idle).complexity - 2
+    nodes = [one.program.complexity for one in laws]
+    assert nodes == sorted(nodes, reverse=True)
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""A curve that has a name gives way to a short law only where the whole choice is as likely with it."""
+"""Curves give way to a short law only where the whole choice is as likely with it, but for what a law is allowed."""
 
 import sys
 from pathlib import Path
@@ -8,6 +8,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.generate import make
+from experiments.random_laws.judge import write
+from experiments.random_laws.robot import make as with_law
 from gpmodel.api.discover import discover
 from gpmodel.discovery.search import Search
 
@@ -18,3 +20,11 @@ def test_two_errors_of_one_guideway_keep_their_names(tmp_path: Path) -> None:
     make("scara_straightness", 60, tmp_path)
     answer = discover(tmp_path / "robot.urdf", tmp_path / "table.csv", search=Search(runs=0))
     assert {finding.name for finding in answer.findings} == {"straightness EXZ, J3", "pitch or yaw EBZ, J3"}
+
+
+@pytest.mark.long
+def test_one_law_in_the_place_of_two_curves_is_allowed_what_both_are(tmp_path: Path) -> None:
+    """A bump of one input and a saturation of another at one place; their law is 4 nats less likely than two curves."""
+    table, description, _ = write(with_law(0, 2, 8), tmp_path)
+    (finding,) = discover(description, table, search=Search(runs=0)).findings
+    assert sorted(finding.inputs) == ["J3", "torque_J4"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.laws import LONGEST, laws_at
+from gpmodel.evolution.laws import LONGEST, laws_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
@@ -82,3 +82,11 @@ def test_the_arguments_alone_decide_and_unknown_inputs_are_named() -> None:
     assert [str(law.program) for law in first] == [str(law.program) for law in again]
     with pytest.raises(InputError, match="unknown 'J9'"):
         laws_of(problem, ("J9",))
+
+
+def test_a_law_less_a_node_still_reads_an_input_and_is_fitted() -> None:
+    problem, law = curve("square(tanh(3*J5))", 0.05).only(1, ("J5",)), parse("square(tanh(2*J5) - 0.1)")
+    left = {str(program.with_constants([1.0] * len(program.constants))): program for program in shorter(law, problem)}
+    assert all(program.inputs and program.complexity < law.complexity for program in left.values())
+    assert "square(tanh(1*J5))" in left
+    assert problem.set_gain(left["square(tanh(1*J5))"].evaluate(problem.inputs.mapping()), 0) > 0.99
