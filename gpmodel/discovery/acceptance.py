@@ -23,9 +23,9 @@ class Hypothesis:
     """A candidate with its score, p-value, rivals and verdict, all from training poses.
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
-    rivals: names and cv_rms of what else it could be. moved: effects of the model, each with the standard deviation of
-    its value over these. offered: it was evolved and judged by itself; where it passed, it
-    is offered to the selection, which decides.
+    rivals: names and cv_rms of what else it could be. likely: the probability that it is this and none of them, by what
+    each predicts. moved: effects of the model, each with the standard deviation of its value over these. offered: it
+    was evolved and judged by itself; where it passed, it is offered to the selection, which decides.
     """
 
     candidate: Candidate
@@ -36,6 +36,7 @@ class Hypothesis:
     rivals: tuple[tuple[str, float], ...]
     verdict: Verdict
     offered: bool = False
+    likely: float = 1.0
     moved: tuple[tuple[str, float], ...] = ()
 
     @property

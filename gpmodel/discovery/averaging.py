@@ -12,6 +12,7 @@ from gpmodel.arrays import Array
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual
+from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
 from gpmodel.selection.group import Group
 
@@ -37,12 +38,13 @@ def predicted_alike(residual: Residual, rivals: Sequence[Group]) -> list[tuple[f
     return sorted(predicted.items(), key=itemgetter(0))[:MOST_RIVALS]
 
 
-def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[tuple[float, Group]]) -> Hypothesis:
-    """The hypothesis with the deviations of the model's other values over it and its rivals; residual: without it."""
+def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[tuple[float, Candidate]]) -> Hypothesis:
+    """The hypothesis with its probability among its rivals, and the deviations of the model's other values over them;
+    residual: without it."""
     likely = probabilities([hypothesis.cv_rms, *(rms for rms, _ in rivals)], residual.freedom)
     others = [group.effects for _, group in rivals]
     spread = spread_by_rivals(residual, hypothesis.candidate.effects, others, likely)
-    return replace(hypothesis, moved=tuple(spread.items()))
+    return replace(hypothesis, likely=float(likely[0]), moved=tuple(spread.items()))
 
 
 def spread_by_rivals(

@@ -10,7 +10,6 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.averaging import probabilities
 from gpmodel.discovery.result import Discovery, Round, Suspect
 from gpmodel.families.catalogue import explained
 from gpmodel.model.naming import names_of, translate
@@ -92,7 +91,7 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
                 RivalRecord(translate(n, names), fitted.optional(1e3 * v))
                 for n, v in sorted(hypothesis.rivals, key=itemgetter(1))
             ),
-            probability=_among_rivals(hypothesis, discovery.final.freedom),
+            probability=hypothesis.likely,
             cv_rms_mm=1e3 * hypothesis.cv_rms,
             cv_before_mm=1e3 * hypothesis.cv_before,
             p_value=hypothesis.p_value,
@@ -105,12 +104,6 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
             heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
             constants=discovery.fitted.constants[i],
         )
-
-
-def _among_rivals(hypothesis: Hypothesis, freedom: float) -> float:
-    """Probability of a finding among its rivals."""
-    left = [hypothesis.cv_rms, *(rms for _, rms in hypothesis.rivals if rms > 0.0)]
-    return float(probabilities(left, freedom)[0]) if hypothesis.cv_rms > 0.0 else 1.0
 
 
 def _moved(discovery: Discovery) -> Iterator[Array]:

@@ -5,9 +5,13 @@ import pytest
 from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.averaging import probabilities, spread_by_rivals
+from gpmodel.discovery import acceptance
+from gpmodel.discovery.averaging import averaged, probabilities, spread_by_rivals
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import Score
+from gpmodel.evolution.chance import chance
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
@@ -42,6 +46,16 @@ def test_rivals_move_the_other_findings_as_fits_with_them_say() -> None:
     assert abs(instead - beside) > 3.0 * fitted(FOUND)[1]
     assert spread[pool[OTHER].effects[0].name] == pytest.approx(np.sqrt(0.3) * abs(instead - beside), rel=0.1)
     assert spread_by_rivals(without, pool[FOUND].effects, [pool[RIVAL].effects], np.array([0.995, 0.005])) == {}
+
+    found = acceptance.tested(
+        without, pool[FOUND], Score(0.5, 50.0, 1.0), chance(50.0, np.zeros(9)), cross_validated(without, ()), ()
+    )
+    for factor in (1.0, 1.01, 2.0):
+        likely = probabilities([1.0, factor], without.freedom)
+        judged = averaged(without, found, [(factor * found.cv_rms, pool[RIVAL])])
+        moved = spread_by_rivals(without, pool[FOUND].effects, [pool[RIVAL].effects], likely)
+        assert (judged.likely, dict(judged.moved)) == (pytest.approx(likely[0]), pytest.approx(moved))
+    assert averaged(without, found, []).likely == 1.0
 
 
 def test_a_model_that_leaves_as_much_is_as_likely() -> None:

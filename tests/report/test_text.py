@@ -5,14 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from effect_cases import measure
-from loop_cases import found
 from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.fitted import moves_alone
-from gpmodel.report.from_discovery import _among_rivals
 from gpmodel.report.page import html
 from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord, SuspectRecord
 from gpmodel.report.text import summary
@@ -90,14 +88,6 @@ def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
     text = " ".join(summary(dataclasses.replace(report, effects=(even,))).split())
     assert "(50 % likely; ± " in text
     assert "over all of them)" in text
-
-
-def test_a_finding_is_as_likely_as_its_rivals_leave_it() -> None:
-    """Of two that leave the same of poses left out each is as likely; one percent more over 200 values is e² less."""
-    hypothesis = found("gear", 0).findings[0].hypothesis
-    for factor, wanted in ((1.0, 0.5), (1.01, 1.0 / (1.0 + 1.01**-200.0)), (2.0, 1.0)):
-        alike = dataclasses.replace(hypothesis, rivals=(("another", factor * hypothesis.cv_rms),))
-        assert _among_rivals(alike, 200.0) == pytest.approx(wanted)
 
 
 def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
