@@ -10,9 +10,13 @@ from gpmodel.evidence.gain import best, fitted, with_own_noise
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import directions, scores
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.instrument import instrument_walk
+from gpmodel.families.instrument import WAVES, instrument_walk
 from gpmodel.model.states import States
 from gpmodel.selection.group import CAP
+
+FINEST = 32
+"""Waves to which a walk is followed. The eight that a finding has leave a fortieth of its variance, in which a step
+passes for more than what is left of the walk."""
 
 
 def is_timed(candidate: Candidate, states: States) -> bool:
@@ -25,7 +29,8 @@ def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
     states = residual.poses.states
     if not is_timed(candidate, states):
         return None
-    walks = instrument_walk(residual.calibration.model.mechanism, states)
+    mechanism, finest = residual.calibration.model.mechanism, max(WAVES, min(FINEST, len(states) // 4))
+    walks = (*instrument_walk(mechanism, states), *instrument_walk(mechanism, states, finest))
     most = max((_nats(residual, walk) for walk in walks), default=None)
     return None if most is None else scores(residual, [candidate])[0].nats - most
 

@@ -171,14 +171,14 @@ def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Ite
         yield effect_at(f"{name}, {label} {axis}", INSTRUMENT, axis, Expression(shape), "m", "instrument_field", prior)
 
 
-def instrument_walk(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) -> Iterator[Candidate]:
     """A random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), deviations as 1/(k - 1/2), each
     less its mean 1/((k - 1/2) π): without the walk the instrument stands where it stood on average."""
     rows = states.past.columns["row"] if states.past else states["row"]
-    if len(rows) < 4 * WAVES or states.seen is None:
+    if len(rows) < 4 * waves or states.seen is None:
         return
     along = f"(row - {np.min(rows):g})/{max(float(np.ptp(rows)), 1.0):g}"
-    orders = np.arange(1, WAVES + 1) - 0.5
+    orders = np.arange(1, waves + 1) - 0.5
     spread = (1.0 / orders) / np.linalg.norm(1.0 / orders)
     for what, axes, size, unit in (
         ("shift", ("Tx", "Ty", "Tz"), LENGTH, "m"), ("turn", ("Rx", "Ry", "Rz"), ANGLE, "rad"),

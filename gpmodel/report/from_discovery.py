@@ -107,12 +107,15 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
 
 
 def _moved(discovery: Discovery) -> Iterator[Array]:
-    """Standard deviations (E,) of the effects of every finding over the rivals of the others."""
+    """Standard deviations (E,) of the effects of every finding over the rivals of the others; zero where the fit to all
+    poses has another number of them, as of the radii of a hysteresis."""
     every = [dict(finding.hypothesis.moved) for finding in discovery.findings]
     for i, finding in enumerate(discovery.findings):
         others = every[:i] + every[i + 1 :]
         names = [effect.name for effect in finding.candidate.effects]
-        yield np.array([math.hypot(*(other.get(name, 0.0) for other in others)) for name in names])
+        spread = np.array([math.hypot(*(other.get(name, 0.0) for other in others)) for name in names])
+        fitted_to_all = len(discovery.fitted.candidates[i].effects)
+        yield spread if len(spread) == fitted_to_all else np.zeros(fitted_to_all)
 
 
 def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:

@@ -5,12 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 from effect_cases import measure
+from loop_cases import found
 from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.fitted import moves_alone
+from gpmodel.report.from_discovery import from_discovery
+from gpmodel.report.origin import Origin
 from gpmodel.report.page import html
 from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord, SuspectRecord
 from gpmodel.report.text import summary
@@ -88,6 +91,16 @@ def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
     text = " ".join(summary(dataclasses.replace(report, effects=(even,))).split())
     assert "(50 % likely; ± " in text
     assert "over all of them)" in text
+
+
+def test_a_finding_may_have_fewer_effects_in_the_fit_to_all_poses() -> None:
+    """As a hysteresis of three radii that is one of two with them where all poses have them."""
+    whole = found("gear", 0)
+    (candidate, *others) = whole.fitted.candidates
+    fewer = dataclasses.replace(candidate, effects=candidate.effects[:1])
+    assert len(candidate.effects) > 1
+    left = dataclasses.replace(whole, fitted=dataclasses.replace(whole.fitted, candidates=(fewer, *others)))
+    assert from_discovery(left, Origin("gpmodel discover", 0)).effects[0].kind == "single"
 
 
 def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:

@@ -1,0 +1,20 @@
+"""A tracker that walks is said to walk, and nothing else is: a step of the set-up would carry on after the session."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from experiments.blind.generate import make
+from gpmodel.api.discover import discover
+from gpmodel.discovery.search import Search
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [61, 62])
+def test_what_a_walk_of_few_waves_leaves_is_no_step(seed: int, tmp_path: Path) -> None:
+    make("tracker_walk_seven", seed, tmp_path)
+    answer = discover(tmp_path / "robot.urdf", tmp_path / "table.csv", search=Search(runs=0))
+    assert {finding.catalogue for finding in answer.findings} == {"instrument_walk"}
