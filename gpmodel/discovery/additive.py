@@ -63,9 +63,9 @@ class Choice:
     """What groups are chosen for.
 
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
-    user name. pointed: inputs that stand out of the histograms, None where there
-    is none. late: whether the time is up. fresh: names of what was evolved since the last choice. timed: laws of the
-    rows or of the time that alone may be offered, None for all.
+    user name. pointed: inputs that stand out of the histograms, None where there is none. late: whether the time is up.
+    fresh: names of what was evolved since the last choice. timed: laws of the rows or of the time that alone may be
+    offered, None for all.
     """
 
     standard: Calibration
