@@ -191,8 +191,6 @@ def _laws(choice: Choice, first: _Together) -> dict[str, Candidate]:
         or (not c.family and (len(c.effects) > 1 or c.name in choice.fresh))
     ]
     curves += of_one_place(c for c, k in chosen if k.determined <= MOST_DETERMINED)
-    if not curves:
-        return {}
     searched = () if choice.late() else compact_laws(first.left, curves, choice.search)
     found = ((curve.name, replacement(curve, residual, laws)) for curve, residual, laws in searched)
     return {name: law.simplified() for name, law in found if law}
