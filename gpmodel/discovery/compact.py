@@ -80,7 +80,7 @@ def compact_laws(
         for task in tasks:
             as_laws = partial(_as_laws, residual, curve, task, search)
             searched = list(as_laws(law.program for law in found[next(numbers)]))
-            laws += searched + _shortened(searched, residual, as_laws)
+            laws += [*searched, *(_shortened(searched, residual, as_laws) if searched else ())]
         if laws:
             yield curve, residual, tuple(laws)
 
@@ -117,8 +117,6 @@ def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) 
     criteria = residual.criteria
     own = scores(residual, (curve,))[0].nats
     most, law = _best(residual, laws)
-    if law is None:
-        return None
     worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 
@@ -186,16 +184,16 @@ def _shortened(
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)
-    while best:
-        saved, best = _best(residual, list(as_laws(shorter(best.program, best.task.problem))))
-        if not best or saved <= most:
+    while fewer := list(as_laws(shorter(best.program, best.task.problem))):
+        saved, best = _best(residual, fewer)
+        if saved <= most:
             break
         most = saved
         steps.append(best)
     return steps
 
 
-def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw | None]:
+def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw]:
     """The law that saves most, and what it saves, nats."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
-    return max(zip(nats, laws, strict=True), key=lambda pair: pair[0], default=(-np.inf, None))
+    return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])

@@ -30,7 +30,7 @@ def beyond_a_walk(residual: Residual, candidate: Candidate) -> float | None:
     if not is_timed(candidate, states):
         return None
     mechanism, finest = residual.calibration.model.mechanism, max(WAVES, min(FINEST, len(states) // 4))
-    walks = (*instrument_walk(mechanism, states), *instrument_walk(mechanism, states, finest))
+    walks = [walk for waves in {WAVES, finest} for walk in instrument_walk(mechanism, states, waves)]
     most = max((_nats(residual, walk) for walk in walks), default=None)
     return None if most is None else scores(residual, [candidate])[0].nats - most
 
