@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from itertools import islice
 from queue import SimpleQueue
 from types import MappingProxyType
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, cast
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
+Beside = TypeVar("Beside")
 
 SWITCH = 1e-4
 """Seconds after which a thread gives way to another that waits for the interpreter. The compiled loops of a generation
@@ -114,6 +115,15 @@ def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found
     """What each of some calls returns, made side by side."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
+
+
+def called_beside(
+    workers: Workers, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
+) -> tuple[Beside, list[Found]]:
+    """The same, and what another call returns that is made meanwhile."""
+    every: list[Callable[[], object]] = [call, *calls]
+    first, *rest = called(workers, every)
+    return cast(Beside, first), cast(list[Found], rest)
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import MODEL, Model
+from gpmodel.executor import Forks, called_beside
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.report.saved import to_json
@@ -38,20 +39,26 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
             write(draft)
 
 
-def write_fitted(record: Report, model: Model, folder: str | Path) -> None:
-    """The same of a fit, with model.json and every export that the model allows, made while pictures are drawn. Raises
-    InputError likewise."""
+def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> Report:
+    """The same of a fit, with model.json and every export that the model allows; look: makes the record, which is
+    returned. All of it side by side. Raises InputError likewise."""
     check_writable()
+    from gpmodel.api.exports import ExportsResult
+    from gpmodel.application.exports.make import parts_of, together
+    from gpmodel.application.exports.sample import Place
     from gpmodel.report.figures import drawn_beside
     from gpmodel.report.page import pictures
     from gpmodel.report.write import write_pages
 
     path = file_path(folder, "folder")
     with finished_folder(path) as draft:
-        drawings, exports = drawn_beside(pictures(record), draft, partial(_exports, model, path))
+        with told_of(path):
+            record, made = called_beside(Forks(), look, parts_of(model.saved, Place.of(model.saved)))
+        exports = ExportsResult(model.mechanism.name, together(made))
+        drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft))
         write_pages(replace(record, exports=exports.records), drawings, draft)
-        save_model(model, draft)
         exports.write(draft)
+    return record
 
 
 def save_model(model: Model, folder: Path) -> None:

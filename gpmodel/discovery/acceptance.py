@@ -24,8 +24,9 @@ class Hypothesis:
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
     rivals: names and cv_rms of what else it could be. likely: the probability that it is this and none of them, by what
-    each predicts. moved: effects of the model, each with the standard deviation of its value over these. offered: it
-    was evolved and judged by itself; where it passed, it is offered to the selection, which decides.
+    each predicts. moved: effects of the model, each with the standard deviation of its value over these. outdone: by
+    how many standard errors the best of them predicts better. offered: it was evolved and judged by itself; where it
+    passed, it is offered to the selection, which decides.
     """
 
     candidate: Candidate
@@ -38,6 +39,7 @@ class Hypothesis:
     offered: bool = False
     likely: float = 1.0
     moved: tuple[tuple[str, float], ...] = ()
+    outdone: float = 0.0
 
     @property
     def added(self) -> bool:
@@ -68,10 +70,7 @@ class Hypothesis:
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
-def tested(
-    residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted,
-    others: tuple[tuple[str, float], ...],
-) -> Hypothesis:  # fmt: skip
+def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted) -> Hypothesis:
     """A candidate with its verdict: every test of the criteria but that of its unique share, which is for candidates
     that were not chosen beside the model's own columns."""
     criteria = residual.criteria
@@ -101,7 +100,7 @@ def tested(
             Test("coefficient", sigmas, criteria.minimum_sigmas, sigmas > criteria.minimum_sigmas),
             Test("sign", float(sign), 1.0, sign),
         ]
-    return Hypothesis(candidate, score, by_chance, after.rms, before.rms, others, Verdict(tuple(tests)))
+    return Hypothesis(candidate, score, by_chance, after.rms, before.rms, (), Verdict(tuple(tests)))
 
 
 def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from operator import itemgetter
 
 import numpy as np
 from scipy import linalg
@@ -10,11 +9,10 @@ from scipy.special import softmax
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.cross_validation import cross_validated, gained
 from gpmodel.evidence.residual import Residual
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
-from gpmodel.selection.group import Group
 
 MOST_RIVALS = 6
 """Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
@@ -29,22 +27,25 @@ def probabilities(cv_rms: Sequence[float], freedom: float) -> Array:
     return np.asarray(softmax(-freedom * np.log(np.maximum(cv_rms, np.finfo(float).tiny))))
 
 
-def predicted_alike(residual: Residual, rivals: Sequence[Group]) -> list[tuple[float, Group]]:
-    """The rivals of a finding, nearest first as given, that predict best, each with its cross-validated RMS, m.
+def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[Candidate]) -> Hypothesis:
+    """The hypothesis beside those of its rivals, nearest first as given, that predict best: its probability among them,
+    by how much the best predicts better, and the deviations of the model's other values over them.
 
-    residual: of the model without the finding.
+    residual: of the model without it.
     """
-    predicted = {cross_validated(residual, group.effects).rms: group for group in reversed(rivals)}
-    return sorted(predicted.items(), key=itemgetter(0))[:MOST_RIVALS]
-
-
-def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[tuple[float, Candidate]]) -> Hypothesis:
-    """The hypothesis with its probability among its rivals, and the deviations of the model's other values over them;
-    residual: without it."""
-    likely = probabilities([hypothesis.cv_rms, *(rms for rms, _ in rivals)], residual.freedom)
-    others = [group.effects for _, group in rivals]
-    spread = spread_by_rivals(residual, hypothesis.candidate.effects, others, likely)
-    return replace(hypothesis, likely=float(likely[0]), moved=tuple(spread.items()))
+    own = cross_validated(residual, hypothesis.candidate.effects)
+    every = ((cross_validated(residual, rival.effects), rival) for rival in reversed(rivals))
+    one_each = {predicted.rms: (predicted, rival) for predicted, rival in every}
+    best = [one_each[rms] for rms in sorted(one_each)[:MOST_RIVALS]]
+    likely = probabilities([own.rms, *(predicted.rms for predicted, _ in best)], residual.freedom)
+    spread = spread_by_rivals(residual, hypothesis.candidate.effects, [rival.effects for _, rival in best], likely)
+    return replace(
+        hypothesis,
+        rivals=tuple((rival.name, predicted.rms) for predicted, rival in best),
+        likely=float(likely[0]),
+        outdone=gained(own, best[0][0], residual.criteria.outlier_sigmas) if best else 0.0,
+        moved=tuple(spread.items()),
+    )
 
 
 def spread_by_rivals(

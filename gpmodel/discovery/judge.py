@@ -71,12 +71,12 @@ def _judged(
 ) -> Hypothesis:
     """The verdict on alike candidates, their leader first; before: predictions without any of them."""
     candidate, score = plainest(residual.criteria, alike)
-    others = rivals(residual, candidate, alike, search.rivals)
-    hypothesis = tested(residual, candidate, score, chance(alike[0][1].nats, null_nats), before, others)
+    hypothesis = tested(residual, candidate, score, chance(alike[0][1].nats, null_nats), before)
     share, limit = score.share, residual.criteria.minimum_share
     tests = hypothesis.verdict.tests
     verdict = Verdict((*tests, Test("unique share", share, limit, share > limit)))
-    return replace(hypothesis, verdict=verdict, offered=True)
+    others = rivals(residual, candidate, alike, search.rivals)
+    return replace(hypothesis, rivals=others, verdict=verdict, offered=True)
 
 
 def plainest(criteria: Criteria, alike: Sequence[Scored]) -> Scored:

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,15 +10,15 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.explore import OutOfTime
 from gpmodel.discovery.final_fit import final_fit
-from gpmodel.discovery.result import Discovery, FinalFit
+from gpmodel.discovery.result import Discovery, FinalFit, Suspect
 from gpmodel.discovery.round import one_round
 from gpmodel.discovery.rows import usable_rows
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Journal, State
 from gpmodel.discovery.suspects import suspects_of
-from gpmodel.evidence.confirmation import confirmation
+from gpmodel.evidence.confirmation import Confirmation, confirmation
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Threads, called
+from gpmodel.executor import called_beside
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
@@ -73,15 +73,12 @@ def discover(
     calibration = state.fit(state.model(state.found), standard_fit) if state.findings else standard_fit
     calibration, stopped = _run_rounds(state, standard_fit, calibration)
     state.say("the ladder of held-out errors, and the final fit on all poses")
-    _ladder(state, base, standard_fit, calibration)
-    last = final_fit(state, calibration) if state.findings else FinalFit(state.standard_to_all(), (), ())
-    doubt = None
-    if state.findings and len(heldout):
-        doubt = confirmation(standard_fit, calibration, poses.subset(heldout), state.criteria)
-    final = last.calibration if doubt is None or doubt.passed else state.standard_to_all()
+    finished = partial(_finished, state, standard_fit, calibration)
+    (last, final, doubt, suspects), rungs = called_beside(search.here, finished, _rungs(state, standard_fit))
+    _ladder(state, base, standard_fit, [*rungs, calibration])
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
-        doubt, state.standard, time.monotonic() - started, stopped, suspects_of(state, final),
+        doubt, state.standard, time.monotonic() - started, stopped, suspects,
     )  # fmt: skip
 
 
@@ -108,12 +105,29 @@ def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibratio
     return calibration, "no further effect is significant"
 
 
-def _ladder(state: State, base: Calibration, standard_fit: Calibration, calibration: Calibration) -> None:
-    """Registration, the standard model, and the findings one after the other, each with its errors; the fits go on from
-    the standard model, side by side."""
+def _finished(
+    state: State, standard_fit: Calibration, calibration: Calibration
+) -> tuple[FinalFit, Calibration, Confirmation | None, tuple[Suspect, ...]]:
+    """The findings fitted to all poses, the model that is shipped, what confirms it, and what is odd beside it."""
+    if not state.findings:
+        final = state.standard_to_all()
+        return FinalFit(final, (), ()), final, None, suspects_of(state, final)
+    last, doubt = final_fit(state, calibration), None
+    if len(state.heldout):
+        doubt = confirmation(standard_fit, calibration, state.poses.subset(state.heldout), state.criteria)
+    final = last.calibration if doubt is None or doubt.passed else state.standard_to_all()
+    return last, final, doubt, suspects_of(state, final)
+
+
+def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibration]]:
+    """Fits of the first findings, of the first two and so on, but of all; each goes on from the standard model."""
+    models = (state.model(state.found[:count]) for count in range(1, len(state.findings)))
+    return [partial(state.fit, model, standard_fit) for model in models]
+
+
+def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: Sequence[Calibration]) -> None:
+    """Registration, the standard model, and the findings one after the other, each with its errors."""
     state.add_rung("registration", base)
     state.add_rung("standard", standard_fit)
-    models = [state.model(state.found[:count]) for count in range(1, len(state.findings))]
-    rungs = called(Threads(state.search.workers), [partial(state.fit, model, standard_fit) for model in models])
-    for i, fit in enumerate([*rungs, calibration][: len(state.findings)]):
+    for i, fit in enumerate(rungs[: len(state.findings)]):
         state.add_rung(f"effect {i + 1}", fit, i)

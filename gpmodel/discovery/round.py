@@ -8,7 +8,8 @@ import numpy as np
 from gpmodel.calibration.gauge import moving_sites
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, as_searched
-from gpmodel.discovery.additive import Choice, additive
+from gpmodel.discovery.additive import additive
+from gpmodel.discovery.choice import Choice
 from gpmodel.discovery.explore import Exploration, RoundContext, explore
 from gpmodel.discovery.judge import judge
 from gpmodel.discovery.result import Finding, Round

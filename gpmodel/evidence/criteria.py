@@ -99,6 +99,7 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
     "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
+    "rival": lambda t: f"another effect in its place predicts better by {t.value:.1f} deviations",
     "walk": lambda t: f"a random walk of the instrument saves {-t.value:.1f} nats more",
     "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
     "sign": lambda t: "sign changes between folds",

@@ -13,16 +13,9 @@ from gpmodel.arrays import Array
 
 DECADES = 10.0
 GRID = 24
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 REFINEMENTS = 12
-"""The variance is sought over so many powers of ten below the largest; at so many places; the ratio of a golden
-section; so many of them between the best two places, to a hundredth of a nat."""
-
-
-def gain(variance: Array, s: Array, q: Array) -> Array:
-    """Gain (G, T) of G groups at T variances (G, T); s, q: (G, K)."""
-    load = variance[:, :, None] * s[:, None, :]
-    return np.asarray(0.5 * np.sum(variance[:, :, None] * q[:, None, :] ** 2 / (1.0 + load) - np.log1p(load), axis=2))
+"""The variance is sought over so many powers of ten below the largest; at so many places; by so many steps of a golden
+section between the best two places, to a hundredth of a nat."""
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
@@ -41,24 +34,12 @@ def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
 
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
     """Largest gain (G,) over variances up to cap² (G,), and where: a grid in log a, then golden section."""
-    s = np.maximum(s, 0.0)
-    top = 2.0 * np.log(cap)
-    step = DECADES * np.log(10.0) / (GRID - 1)
-    grid = top[:, None] - step * np.arange(GRID)[::-1][None, :]
-    at = np.argmax(gain(np.exp(grid), s, q), axis=1)
-    middle = grid[np.arange(len(grid)), at]
-    low, high = middle - step, np.minimum(middle + step, top)
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left, at_right = (gain(np.exp(x)[:, None], s, q)[:, 0] for x in (left, right))
-    for _ in range(REFINEMENTS):
-        lower = at_left > at_right
-        low, high = np.where(lower, low, left), np.where(lower, right, high)
-        new = np.where(lower, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-        value = gain(np.exp(new)[:, None], s, q)[:, 0]
-        left, right = np.where(lower, new, right), np.where(lower, left, new)
-        at_left, at_right = np.where(lower, value, at_right), np.where(lower, at_left, value)
-    where = np.where(at_left > at_right, left, right)
-    return np.maximum(at_left, at_right), np.exp(where)
+    from gpmodel.evolution.kernels.variances import largest_gains
+
+    s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)
+    gains, where = np.empty(len(s)), np.empty(len(s))
+    largest_gains(s, q, top, DECADES * np.log(10.0) / (GRID - 1), GRID, REFINEMENTS, gains, where)
+    return gains, where
 
 
 def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:

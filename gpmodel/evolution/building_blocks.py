@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.kinds import ANGLE, ANY, NONE, SHORT, Typing
 from gpmodel.evolution.problems import Inputs, SlotProblem
-from gpmodel.evolution.projection import unit_rows
+from gpmodel.evolution.rows import unit_rows
 from gpmodel.formula.operators import BY_NAME, Operator
 from gpmodel.formula.program import Builder, Node, Program
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.linalg import lapack
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.evolution.projection import Targets
@@ -20,6 +21,17 @@ def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, A
     """
     length = max(np.size(column) for column in inputs.values())
     values = program.values(inputs, length)
+    return _rows(program, values), _tangents(program, values)
+
+
+def _rows(program: Program, values: list[Array]) -> Array:
+    """The outputs (m, N) among the values (N,) of all nodes."""
+    return np.array([values[k] for k in program.outputs])
+
+
+def _tangents(program: Program, values: list[Array]) -> Array:
+    """Derivatives (constants, m, N) of the outputs, from the values (N,) of all nodes."""
+    length = len(values[0])
     tangents: list[dict[int, Array]] = []
     constants = 0
     with np.errstate(all="ignore"):
@@ -38,7 +50,7 @@ def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, A
     for place, output in enumerate(program.outputs):
         for constant, tangent_row in tangents[output].items():
             found[constant, place] = tangent_row
-    return np.stack([values[k] for k in program.outputs]), found
+    return found
 
 
 def polish(
@@ -54,25 +66,27 @@ def polish(
     Levenberg-Marquardt on the projected residual; the coefficients of the outputs are solved anew at every
     step. Constants whose value is in ``held`` stay. Never returns a smaller gain than it was given.
     """
-    place = targets.only(site)
+    place = targets if targets.sites == 1 else targets.only(site)
     gain, coefficients = place.set_gain(program.evaluate(inputs), 0)
+    constants = np.array(program.constants)
     free = np.array([value not in held for value in program.constants], dtype=bool)
     if not free.any() or not coefficients.any():
         return program, gain
-    damping = 1e-3
+    values = program.values(inputs, place.poses)
+    damping, diagonal = 1e-3, np.eye(len(coefficients) + int(free.sum()))
     for _ in range(steps):
-        step = _step(program, place, inputs, coefficients, free)
+        step = _step(program, place, values, coefficients, free)
         if step is None:
             break
         normal, slope = step
         moved = False
         for _ in range(4):
-            change = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)[len(coefficients) :]
-            constants = np.array(program.constants)
-            constants[free] += change
-            if np.all(np.isfinite(constants)) and len(set(constants.tolist())) == len(constants):
-                trial = program.with_constants(constants)
-                trial_gain, trial_coefficients = place.set_gain(trial.evaluate(inputs), 0)
+            _, _, change, singular = lapack.dgesv(normal * (1.0 + damping * diagonal), slope)
+            trial = constants.copy()
+            trial[free] += change[len(coefficients) :]
+            if not singular and np.all(np.isfinite(trial)) and len(set(trial.tolist())) == len(trial):
+                trial_values = program.values(inputs, place.poses, trial.tolist())
+                trial_gain, trial_coefficients = place.set_gain(_rows(program, trial_values), 0)
                 if trial_gain > gain:
                     moved = True
                     break
@@ -80,11 +94,11 @@ def polish(
         if not moved:
             break
         improvement = trial_gain - gain
-        program, gain, coefficients = trial, trial_gain, trial_coefficients
+        constants, values, gain, coefficients = trial, trial_values, trial_gain, trial_coefficients
         damping = max(damping * 0.1, 1e-12)
         if improvement < 1e-9 * (1.0 - gain):
             break
-    return program, gain
+    return program.with_constants(constants), gain
 
 
 def own_constants_polished(
@@ -97,13 +111,13 @@ def own_constants_polished(
 
 
 def _step(
-    program: Program, place: Targets, inputs: Mapping[str, Array], coefficients: Array, free: Mask
+    program: Program, place: Targets, values: list[Array], coefficients: Array, free: Mask
 ) -> tuple[Array, Array] | None:
     """Normal equations of one Gauss-Newton step in coefficients and free constants, scaled; None if singular."""
-    values, tangents = derivatives(program, inputs)
+    rows, tangents = _rows(program, values), _tangents(program, values)
     with np.errstate(all="ignore"):
-        columns = np.vstack([values, np.tensordot(coefficients, tangents[free], axes=(0, 1))])
-        shape = coefficients @ values
+        columns = np.vstack([rows, np.tensordot(coefficients, tangents[free], axes=(0, 1))])
+        shape = coefficients @ rows
     if not np.all(np.abs(columns) < LARGEST):
         return None
     seen = columns @ place.cross[0].T

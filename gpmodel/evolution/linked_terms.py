@@ -12,7 +12,7 @@ from gpmodel.evolution.hill_climb import climbed
 from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
 from gpmodel.evolution.links import LinkTerm
 from gpmodel.evolution.problems import Inputs
-from gpmodel.evolution.projection import unit_rows
+from gpmodel.evolution.rows import unit_rows
 from gpmodel.formula.program import Builder
 
 

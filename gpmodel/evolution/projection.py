@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.evolution.rows import independent, row_products, unit_rows
 
 UNIQUE_SHARE = 1e-4
 """A column of which less than this share lies outside the enabled columns scores nothing (default)."""
@@ -114,6 +114,8 @@ class Targets:
         Directions whose share outside the enabled columns and outside each other is below the rank limit get
         coefficient 0 (pivoted forward selection, no ridge).
         """
+        if len(values) == 1:
+            return self._gain_of_one(values[0], site)
         scale = np.abs(values).max(axis=1, initial=0.0)
         scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
         scaled = np.where(scale[:, None] > SMALLEST, unit_rows(values), 0.0)
@@ -132,6 +134,20 @@ class Targets:
         coefficients[chosen] = solution / scale[chosen]
         return self.gain_of(values, coefficients, site), coefficients
 
+    def _gain_of_one(self, values: Array, site: int) -> tuple[float, Array]:
+        """The same of one basis (N,)."""
+        largest = max(float(values.max()), -float(values.min()))
+        if not SMALLEST < largest < np.inf or self.energy <= 0:
+            return 0.0, np.zeros(1)
+        scaled = values / largest
+        seen = self.cross[site] @ scaled
+        total = float(self.weight[site] @ (scaled * scaled))
+        unique = total - float(seen @ seen)
+        if not unique > self.unique_share * total:
+            return 0.0, np.zeros(1)
+        pull = float(scaled @ self.pull[site])
+        return pull * pull / unique / self.energy, np.array([pull / unique / largest])
+
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
         """Gains (P,) of many sets of bases, each set solved together at one site, as ``set_gain`` does.
 
@@ -146,8 +162,8 @@ class Targets:
         for i in range(count):
             weighted = scaled[i] * self.weight[site]
             for j in range(i, count):
-                product = _row_products(weighted, scaled[j])
-                gram[:, i, j] = gram[:, j, i] = product - _row_products(seen[i], seen[j])
+                product = row_products(weighted, scaled[j])
+                gram[:, i, j] = gram[:, j, i] = product - row_products(seen[i], seen[j])
                 if i == j:
                     total[:, i] = product
             pull[:, i] = scaled[i] @ self.pull[site]
@@ -207,39 +223,3 @@ def regression(response: Array, name: str = "response") -> Targets:
         raise InputError(f"{name}: constant, nothing to explain")
     intercept = np.full((1, 1, poses), 1.0 / np.sqrt(poses))
     return Targets(np.ones((1, poses)), intercept, residual[None, :], energy, (name,), poses, ROUNDING_SHARE)
-
-
-def unit_rows(values: Array) -> Array:
-    """Rows divided by their largest magnitude; rows with a number that is not finite become zero."""
-    with np.errstate(invalid="ignore"):
-        scale = np.maximum(values.max(axis=1, initial=0.0), -values.min(axis=1, initial=0.0))
-    usable = np.isfinite(scale) & (scale > 0)
-    scaled: Array = values / np.where(usable, scale, 1.0)[:, None]
-    scaled[~usable] = 0.0
-    return scaled
-
-
-def _row_products(first: Array, second: Array) -> Array:
-    """Products (P,) of the rows (P, K) of two tables, of which one may have a single row for all."""
-    few, many = (first, second) if len(first) == 1 else (second, first)
-    return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
-
-
-def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
-    """Rows of a Gram matrix that are independent, by pivoted Cholesky.
-
-    ``total`` holds the squared norms before anything was projected out; a row is left out where the part of
-    it that is new is below ``limit`` of that.
-    """
-    remaining = gram.astype(float).copy()
-    chosen: list[int] = []
-    for _ in range(len(gram)):
-        share = np.where(total > 0, np.diag(remaining) / np.where(total > 0, total, 1.0), 0.0)
-        share[chosen] = 0.0
-        pivot = int(np.argmax(share))
-        if share[pivot] <= limit:
-            break
-        chosen.append(pivot)
-        column = remaining[:, pivot] / np.sqrt(remaining[pivot, pivot])
-        remaining -= np.outer(column, column)
-    return np.array(sorted(chosen), dtype=np.intp)

@@ -8,14 +8,14 @@ between all neighbouring values.
 Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, product
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.operators import BY_NAME
@@ -88,24 +88,46 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
     return function(-x)
 
 
-def edges(column: Array) -> list[Element]:
+@dataclass(frozen=True)
+class Elements:
+    """Elements, those of one text together: all of them are computed at once, at their own k and c."""
+
+    every: tuple[Element, ...]
+
+    @cached_property
+    def of_one_text(self) -> tuple[IntArray, ...]:
+        """Numbers of the elements of each text, in the order in which the texts come first."""
+        found: dict[str, list[int]] = {}
+        for number, element in enumerate(self.every):
+            found.setdefault(element.text, []).append(number)
+        return tuple(np.array(numbers) for numbers in found.values())
+
+    @cached_property
+    def _constants(self) -> Array:
+        return np.array([(element.k, element.c) for element in self.every]).reshape(-1, 2)
+
+    def on_grid(self, column: Array) -> Array:
+        """Values (E, N) over a column (N,) that varies."""
+        u = (column - column.min()) / np.ptp(column)
+        out = np.empty((len(self.every), len(column)))
+        for numbers in self.of_one_text:
+            k, c = self._constants[numbers].T[:, :, None]
+            out[numbers] = self.every[numbers[0]].function(k * (u - c))
+        return out
+
+
+def edges(column: Array) -> Elements:
     """An edge half way between any two neighbouring values of a column (N,) that have enough poses at either side."""
     u = np.sort((column - column.min()) / np.ptp(column))
     fewest = max(1, int(np.ceil(BESIDE_EDGE * len(u))))
     low, high = u[fewest - 1 : len(u) - fewest], u[fewest : len(u) - fewest + 1]
     middles = 0.5 * (low + high)[high > low]
-    return [Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist()]
+    return Elements(tuple(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist()))
 
 
-ELEMENTS, FINE = tuple(_elements()), tuple(_elements(ALONE))
-FAR = tuple(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
+ELEMENTS, FINE = Elements(tuple(_elements())), Elements(tuple(_elements(ALONE)))
+FAR = Elements(tuple(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d)))
 """Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
-
-
-def on_grid(column: Array, elements: Sequence[Element] = ELEMENTS) -> Array:
-    """Elements (E, N) of a column (N,) that varies."""
-    u = (column - column.min()) / np.ptp(column)
-    return np.stack([element.function(element.k * (u - element.c)) for element in elements])
 
 
 def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
@@ -116,15 +138,16 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     found: dict[tuple[str, ...], tuple[float, Callable[[], str]]] = {}
 
     def look(
-        values: Array,
-        kinds: Iterable[tuple[str, ...]],
-        text: Callable[[Element], str],
-        elements: Sequence[Element] = ELEMENTS,
+        values: Array, kind: Callable[[str], tuple[str, ...]], text: Callable[[Element], str], of: Elements = ELEMENTS
     ) -> None:
         gains = fit_nats(targets.gains(values)[:, 0], targets.components)
-        for element, kind, gain in zip(elements, kinds, gains.tolist(), strict=True):
-            if gain - JOINED * len(kind) > found.get(kind, (-np.inf,))[0]:
-                found[kind] = gain - JOINED * len(kind), partial(text, element)
+        for numbers in of.of_one_text:
+            best = numbers[np.argmax(gains[numbers])]
+            element = of.every[best]
+            of_kind = kind(element.text)
+            gain = float(gains[best]) - JOINED * len(of_kind)
+            if gain > found.get(of_kind, (-np.inf,))[0]:
+                found[of_kind] = gain, partial(text, element)
 
     def plain(element: Element) -> str:
         return element.written(repr(name), column)
@@ -136,13 +159,21 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
         return outer.written(plain(inner), parse(plain(inner)).evaluate({name: column})[0])
 
     for elements in (FINE, edges(column)):
-        if elements:
-            look(on_grid(column, elements), ((e.text,) for e in elements), plain, elements)
-    alone = on_grid(column)
-    for one, values in zip(ELEMENTS, alone, strict=True):
-        look(alone * values, (tuple(sorted((e.text, one.text))) for e in ELEMENTS), partial(multiplied, one))
-    for one, values in zip((*ELEMENTS, *FAR), (*alone, *on_grid(column, FAR)), strict=True):
+        if elements.every:
+            look(elements.on_grid(column), lambda text: (text,), plain, elements)
+    alone = ELEMENTS.on_grid(column)
+    for one, values in zip(ELEMENTS.every, alone, strict=True):
+        look(alone * values, partial(_product_of, one.text), partial(multiplied, one))
+    for one, values in zip((*ELEMENTS.every, *FAR.every), (*alone, *FAR.on_grid(column)), strict=True):
         if one.text != LINE and np.ptp(values) > 0:
-            look(on_grid(values), ((e.text, "of " + one.text) for e in ELEMENTS), partial(composed, one))
+            look(ELEMENTS.on_grid(values), partial(_element_of, one.text), partial(composed, one))
     best = sorted(found.values(), key=lambda shape: -shape[0])[:most]
     return [parse(text()) for _, text in best]
+
+
+def _product_of(one: str, other: str) -> tuple[str, ...]:
+    return tuple(sorted((one, other)))
+
+
+def _element_of(inner: str, outer: str) -> tuple[str, ...]:
+    return (outer, "of " + inner)

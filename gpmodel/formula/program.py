@@ -52,20 +52,21 @@ class Program:
             raise InputError(f"program {self}: no input {missing[0]!r}, available: {choices(missing[0], inputs)}")
         length = max((np.size(column) for column in inputs.values()), default=1)
         values = self.values(inputs, length)
-        return np.stack([values[k] for k in self.outputs]) if self.outputs else np.empty((0, length))
+        return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
-    def values(self, columns: Named, length: int) -> list[Array]:
+    def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
         """Values (N,) of every node, N being ``length``, by the functions of ``gpmodel.formula.operators``.
 
-        A value that is no number comes back as NaN or infinity, without a warning.
+        constants: others than its own. A value that is no number comes back as NaN or infinity, without a warning.
         """
         found: list[Array] = []
+        remaining = iter(self.constants if constants is None else constants)
         with np.errstate(all="ignore"):
             for node in self.nodes:
                 if node.operator == "input":
                     found.append(np.asarray(columns[str(node.value)], dtype=float))
                 elif node.operator == "constant":
-                    found.append(np.full(length, float(node.value or 0.0)))
+                    found.append(np.full(length, next(remaining)))
                 else:
                     found.append(BY_NAME[node.operator].function(*(found[k] for k in node.arguments)))
         return found

@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from gpmodel.executor import Forks, called
+from gpmodel.executor import Forks, called_beside
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
@@ -95,9 +95,8 @@ def drawn_beside(
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     asked = tuple(pictures)
-    calls: list[Callable[[], object]] = [call, *(partial(_drawn, picture, folder) for picture in asked)]
-    made, *texts = called(Forks(), calls)
-    return {picture.name: cast(str, text) for picture, text in zip(asked, texts, strict=True)}, cast(Made, made)
+    made, texts = called_beside(Forks(), call, [partial(_drawn, picture, folder) for picture in asked])
+    return {picture.name: text for picture, text in zip(asked, texts, strict=True)}, made
 
 
 def _drawn(picture: Picture, folder: Path | None) -> str:

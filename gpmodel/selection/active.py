@@ -136,16 +136,20 @@ class Active:
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi))) - cost
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """s and q (1, K) of an active group, or of some of its columns, with itself taken out.
+        """s and q (1, K) of an active group, or of some of its columns, with itself taken out."""
+        at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
+        return self._taken_out(at[None], np.array([self.variances[g]]))
+
+    def _taken_out(self, at: IntArray, a: Array) -> tuple[Array, Array]:
+        """s and q (G, K) of columns (G, K) at prior variances (G,), each row with itself taken out.
 
         With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
         """
-        at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
-        half = self.inverse[at[0] :, at]
-        h, turn = np.linalg.eigh(self.sigma2 * (half.T @ half))
+        halves = (self.inverse[own[0] :, own] for own in at)
+        h, turn = np.linalg.eigh(self.sigma2 * np.array([half.T @ half for half in halves]))
         h = np.clip(h, 1e-15, 1.0)
-        a = self.variances[g]
-        return ((1.0 - h) / h / a)[None], ((turn.T @ self.mean[at]) / h / np.sqrt(a))[None]
+        turned = np.matmul(self.mean[at][:, None, :], turn)[:, 0]
+        return (1.0 - h) / h / a[:, None], turned / h / np.sqrt(a)[:, None]
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
@@ -153,11 +157,16 @@ class Active:
 
         Groups of few columns are scored beside those of many: a column of zeros gains nothing.
         """
-        own = [self.own(g) for g in self.variances]
-        width = max((s.shape[1] for s, _ in own), default=0)
-        s, q = (np.array([np.pad(pair[i][0], (0, width - pair[i].shape[1])) for pair in own]) for i in (0, 1))
-        gains, at = best(s, q, self.pool.cap[list(self.variances)])
-        return {g: (float(gain), float(a)) for g, gain, a in zip(self.variances, gains, at, strict=True)}
+        groups = np.array(list(self.variances), dtype=np.int64)
+        sizes = np.array([len(self.chosen[g]) for g in self.variances], dtype=np.int64)
+        a, first = np.array(list(self.variances.values())), np.cumsum(sizes) - sizes
+        s, q = np.zeros((2, len(groups), sizes.max(initial=0)))
+        for size in np.unique(sizes):
+            of_it = np.flatnonzero(sizes == size)
+            columns = first[of_it, None] + np.arange(size)
+            s[of_it, :size], q[of_it, :size] = self._taken_out(columns, a[of_it])
+        gains, at = best(s, q, self.pool.cap[groups])
+        return dict(zip(self.variances, zip(gains.tolist(), at.tolist(), strict=True), strict=True))
 
     def net_nats(self, g: int) -> float:
         """What a group in the model gains beyond its cost."""

@@ -47,15 +47,16 @@ def test_rivals_move_the_other_findings_as_fits_with_them_say() -> None:
     assert spread[pool[OTHER].effects[0].name] == pytest.approx(np.sqrt(0.3) * abs(instead - beside), rel=0.1)
     assert spread_by_rivals(without, pool[FOUND].effects, [pool[RIVAL].effects], np.array([0.995, 0.005])) == {}
 
-    found = acceptance.tested(
-        without, pool[FOUND], Score(0.5, 50.0, 1.0), chance(50.0, np.zeros(9)), cross_validated(without, ()), ()
-    )
-    for factor in (1.0, 1.01, 2.0):
-        likely = probabilities([1.0, factor], without.freedom)
-        judged = averaged(without, found, [(factor * found.cv_rms, pool[RIVAL])])
-        moved = spread_by_rivals(without, pool[FOUND].effects, [pool[RIVAL].effects], likely)
+    score, by_chance, before = Score(0.5, 50.0, 1.0), chance(50.0, np.zeros(9)), cross_validated(without, ())
+    errors = {name: cross_validated(without, pool[name].effects).rms for name in (FOUND, RIVAL, OTHER)}
+    for own, rival in ((FOUND, RIVAL), (RIVAL, FOUND), (FOUND, OTHER)):
+        likely = probabilities([errors[own], errors[rival]], without.freedom)
+        judged = averaged(without, acceptance.tested(without, pool[own], score, by_chance, before), [pool[rival]])
+        moved = spread_by_rivals(without, pool[own].effects, [pool[rival].effects], likely)
         assert (judged.likely, dict(judged.moved)) == (pytest.approx(likely[0]), pytest.approx(moved))
-    assert averaged(without, found, []).likely == 1.0
+        assert judged.rivals == ((rival, pytest.approx(errors[rival])),)
+    alone = averaged(without, acceptance.tested(without, pool[FOUND], score, by_chance, before), [])
+    assert (alone.likely, alone.rivals, alone.outdone) == (1.0, (), False)
 
 
 def test_a_model_that_leaves_as_much_is_as_likely() -> None:

@@ -10,7 +10,8 @@ from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.additive import Choice, additive
+from gpmodel.discovery.additive import additive
+from gpmodel.discovery.choice import Choice
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria

@@ -9,7 +9,8 @@ from effect_cases import bare, measure, mechanism
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery import compact
-from gpmodel.discovery.additive import Additive, Choice, additive
+from gpmodel.discovery.additive import Additive, additive
+from gpmodel.discovery.choice import Choice
 from gpmodel.discovery.compact import compact_laws, of_one_place, replacement
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria

@@ -7,7 +7,7 @@ from gpmodel.evolution.kernels.quotients import share_left_by_quotients
 from gpmodel.evolution.linked_problem import PASSES, PRICE, LinkedProblem
 from gpmodel.evolution.linked_solution import solved
 from gpmodel.evolution.links import LINKS, LinkTerm
-from gpmodel.evolution.projection import unit_rows
+from gpmodel.evolution.rows import unit_rows
 from gpmodel.formula.parse import parse
 
 QUOTIENT = next(link for link in LINKS if link.quotient)

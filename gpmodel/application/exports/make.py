@@ -5,9 +5,10 @@ import shutil
 import subprocess
 import tempfile
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -77,25 +78,48 @@ def exports_of(
 ) -> Exports:
     """Every export that this model allows. place: of those that hold one set-up or tool. box, nodes: of the lookup
     grid, as `lookup_grid`. Raises InputError where an effect is undefined at the poses it was fitted to."""
+    return together([part() for part in parts_of(saved, place, box=box, nodes=nodes, seed=seed)])
+
+
+def parts_of(
+    saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
+) -> list[Callable[[], Exports]]:
+    """The same in parts that may be made side by side: files of one fit or one source are one part."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
-    rng = np.random.default_rng(seed)
-    check = cache(lambda: Check.against(saved, place, place.poses(fresh_poses(saved, POSES, rng))))
+    fresh = partial(fresh_poses, saved, POSES, np.random.default_rng(seed))
+    check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
     rigid = cache(lambda: refitted(saved))
     urdf = cache(lambda: as_urdf(rigid(), check()))
-    makers: dict[str, Callable[[str], Export]] = {
-        "calibrated.urdf": lambda file: urdf(),
-        **dict.fromkeys(DH, lambda file: _dh(file, rigid(), check())),
-        **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf())),
-        "exports/model.py": lambda file: _numpy(file, check()),
-        "exports/model.c": lambda file: _c(file, check()),
-        "exports/model.h": lambda file: Export(file, HEADER, header_text(check().forward, _note(check().forward))),
-        "exports/model.tex": lambda file: _latex(file, check()),
-        GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, rng), nodes),
-    }
     if branched(saved.mechanism):
-        fresh = partial(fresh_poses, saved, POSES, rng)
         urdf = cache(lambda: _arms("calibrated.urdf", rigid(), saved, fresh()))
+    own = np.random.default_rng([seed, 1])
+    makers: tuple[dict[str, Callable[[str], Export]], ...] = (
+        {
+            "calibrated.urdf": lambda file: urdf(),
+            **dict.fromkeys(DH, lambda file: _dh(file, rigid(), check())),
+            **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf())),
+        },
+        {
+            "exports/model.py": lambda file: _numpy(file, check()),
+            "exports/model.c": lambda file: _c(file, check()),
+            "exports/model.h": lambda file: Export(file, HEADER, header_text(check().forward, _note(check().forward))),
+        },
+        {"exports/model.tex": lambda file: _latex(file, check())},
+        {GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, own), nodes)},
+    )
+    return [partial(_made, saved, part) for part in makers]
+
+
+def together(parts: Iterable[Exports]) -> Exports:
+    """All parts as one."""
+    every = tuple(parts)
+    made = chain.from_iterable(part.made for part in every)
+    return Exports(tuple(made), {file: why for part in every for file, why in part.refused.items()})
+
+
+def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> Exports:
+    """What of some files the model allows."""
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
