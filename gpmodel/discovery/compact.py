@@ -22,6 +22,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family, names
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
+from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group
 from gpmodel.selection.programs import as_candidate, without_poles
@@ -145,14 +146,17 @@ def is_curve(group: Group | Candidate) -> bool:
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
-    has several places or more inputs."""
+    has several places, more inputs, or one column remembered in two ways: of these the constant is to be found."""
     residual = left.without(curve.effects)
     sites = _sites(curve)
     poses = len(residual.poses)
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
+    columns = {column for name in curve.inputs for column in read_by(name) or (name,)}
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
+        return []
+    if len(columns) < len(curve.inputs):
         return []
     site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
