@@ -6,8 +6,6 @@ from gpmodel.arrays import Array
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-
-
 _LARGE = 1e100
 """A product of this size gives way to its logarithm: one logarithm stands for those of many factors."""
 
