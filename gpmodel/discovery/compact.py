@@ -8,8 +8,10 @@ from itertools import chain, combinations, count
 
 import numpy as np
 
+from gpmodel.discovery.judge import plainest
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measured
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by
@@ -69,21 +71,27 @@ def compact_laws(
     """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
     and at its place, that may say what it says.
 
-    left: what the model leaves that has all the curves. The laws are searched side by side. A law's cost is that of
-    its nodes and of the place: the curve's own, and of terms without a name one of all places.
+    left: what the model leaves that has all the curves. The laws are searched side by side, once more with the poses
+    that stand out of the curve taken as they are, where there are any; those that the likeliest law explains are no
+    outliers of it, nor of the curve beside it. A law's cost is that of its nodes and of the place: the curve's own, and
+    of terms without a name one of all places.
     """
-    posed = [_posed(left, curve, search) for curve in curves]
+    doubted = [doubtful(left, curve) for curve in curves]
+    views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
+    posed = [[t for view in own for t in _posed(view, curve, search)] for curve, own in zip(curves, views, strict=True)]
     found = dict(search.side_by_side(run_law_task, list(chain.from_iterable(posed))))
     numbers = count()
-    for curve, tasks in zip(curves, posed, strict=True):
-        residual = left.without(curve.effects) if tasks else left
-        laws: list[ShortLaw] = []
-        for task in tasks:
-            as_laws = partial(_as_laws, residual, curve, task, search)
-            searched = list(as_laws(law.program for law in found[next(numbers)]))
-            laws += [*searched, *(_shortened(searched, residual, as_laws) if searched else ())]
-        if laws:
-            yield curve, residual, tuple(laws)
+    for curve, tasks, out, (residual, *sharp) in zip(curves, posed, doubted, views, strict=True):
+        ways = [partial(_as_laws, residual, curve, task, search) for task in tasks]
+        searched = [list(as_laws(law.program for law in found[next(numbers)])) for as_laws in ways]
+        if not (laws := list(chain.from_iterable(searched))):
+            continue
+        for view in (one.without(curve.effects) for one in sharp):
+            residual = taken_as_measured(left, out & explained(view, [law.candidate for law in laws]))
+        residual = residual.without(curve.effects)
+        for as_laws, some in zip(ways, searched, strict=True):
+            laws += _shortened(some, residual, as_laws) if some else []
+        yield curve, residual, tuple(laws)
 
 
 def of_one_place(candidates: Iterable[Candidate]) -> Iterator[Candidate]:
@@ -110,14 +118,17 @@ def _unnamed(candidate: Candidate) -> bool:
 
 
 def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:
-    """The law that saves most in the place of a curve, where it predicts as well within one standard error.
+    """The plainest of the laws that save most in the place of a curve, where it predicts as well within one standard
+    error.
 
     Where it does not predict better by two, it has to save so much more as ``_margin`` says. residual: without the
     curve. Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
     """
     criteria = residual.criteria
     own = scores(residual, (curve,))[0].nats
-    most, law = _best(residual, laws)
+    scored = zip((law.candidate for law in laws), scores(residual, [law.candidate for law in laws]), strict=True)
+    said, score = plainest(criteria, sorted(scored, key=lambda one: -one[1].nats))
+    law, most = next(law for law in laws if law.candidate is said), score.nats
     worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 

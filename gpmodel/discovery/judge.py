@@ -80,9 +80,9 @@ def _judged(
 
 
 def plainest(criteria: Criteria, alike: Sequence[Scored]) -> Scored:
-    """Of alike candidates that save as much as the first, the best, within a nat: the one with the fewest operators."""
+    """Of alike candidates that save as much as the first, the best, within a nat: the shortest to read."""
     nats = alike[0][1].nats - criteria.tie
-    return min((one for one in alike if one[1].nats > nats), key=lambda one: (_operators(one[0]), -one[1].nats))
+    return min((one for one in alike if one[1].nats > nats), key=lambda one: (_length(one[0]), -one[1].nats))
 
 
 def rivals(
@@ -96,8 +96,8 @@ def rivals(
     return tuple((rival.name, cross_validated(residual, rival.effects).rms) for rival in shown[1:])
 
 
-def _operators(candidate: Candidate) -> int:
-    return sum(Expression(str(term.basis)).operators for effect in candidate.effects for term in effect.terms[:1])
+def _length(candidate: Candidate) -> int:
+    return sum(Expression(str(term.basis)).length for effect in candidate.effects for term in effect.terms[:1])
 
 
 def _restates(rival: Candidate, other: Candidate) -> bool:

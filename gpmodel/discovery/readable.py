@@ -23,13 +23,14 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
 
     Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
-    and loads that are in proportion to a length, as on linear axes: the length says the same more plainly; of lengths
-    in proportion to each other the first alone, the travel of a joint before the height it lifts the tool to. The
-    number of the row stays out where a clock runs with it: another table has other rows, and the same clock.
+    and loads that are in proportion to a length or to the payload, as on linear axes: these say the same more plainly;
+    of lengths in proportion to each other the first alone, the travel of a joint before the height it lifts the tool
+    to. The number of the row stays out where a clock runs with it: another table has other rows, and the same clock.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
     lengths = [name for name in states.columns if states.units[name] == "m"]
+    masses = [name for name in states.columns if states.units[name] == "kg"]
     torques = {f"torque_{name}" for name in states.columns}
     reactions = states.loads - torques - {"moment_base_x", "moment_base_y"}
     for name, column in states.columns.items():
@@ -41,8 +42,8 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
         if name == "row" and any(_in_step(column, clock) for clock in clocks):
             continue
         unit = states.units[name]
-        before = [length for length in lengths if unit != "m" or length in names]
-        if unit in ("Nm", "N", "m") and any(in_proportion(column, states[length]) for length in before):
+        plainer = [length for length in lengths if length in names] if unit == "m" else [*lengths, *masses]
+        if unit in ("Nm", "N", "m") and any(in_proportion(column, states[other]) for other in plainer):
             continue
         if unit in ("rad", "m"):
             offset, scale = 0.0, 1.0

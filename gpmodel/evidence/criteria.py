@@ -30,7 +30,7 @@ class Criteria:
     likeness: correlation of projected columns above which two candidates are one finding at several places.
     head_start: nats by which an unnamed expression has to beat a named effect, the price of reading it.
     naming_margin: nats that a name of the catalogue may cost against the expression it replaces.
-    tie: nats within which the expression with fewest operators represents its like.
+    tie: nats within which the expression that is shortest to read represents its like.
     standard_errors: cross-validated loss that a law may have against the curve it replaces, standard errors of the
         paired difference: the one-standard-error rule (Breiman et al. 1984, 3.4.3).
 

@@ -203,7 +203,7 @@ def residual_of(
     trusted: (N,) poses taken as they are. seed: of the folds.
     """
     problem = problem_at(calibration, poses)
-    shrink = _shrunk(problem, len(poses), criteria.outlier_sigmas)
+    shrink = winsorising(problem, len(poses), criteria.outlier_sigmas)
     if trusted is not None:
         shrink[trusted] = 1.0
     system, target, names, sizing = _system(calibration, problem, shrink)
@@ -239,7 +239,7 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     return system, np.concatenate([shortened, pull[order]]), names, count - believed.own
 
 
-def _shrunk(problem: Linearised, poses: int, sigmas: float) -> Array:
+def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:
     """Factor (N,) that brings each pose's residual to at most median + sigmas · 1.4826 MAD of all lengths."""
     squared = np.zeros(poses)
     np.add.at(squared, problem.pose_of_row, problem.residual**2)

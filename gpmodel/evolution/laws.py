@@ -21,6 +21,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.shapes import shapes
 from gpmodel.evolution.smooth import distance, factors, summands, through, weighted_sum, without
+from gpmodel.formula.length import length
 from gpmodel.formula.operators import BY_NAME, WRITTEN, operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
@@ -38,7 +39,8 @@ EVEN = 0.05
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
-    """Laws of one term at one site in one or two inputs that no shorter one equals in gain, shortest first.
+    """Laws of one term at one site in one or two inputs, shortest first: those that none of as few nodes equals in
+    gain, unless they are shorter to read.
 
     ``problem.nats(law.gain, law.complexity + 1)`` says what each saves; its coefficient is solved. Depends on the
     arguments only. Raises InputError for an unknown input.
@@ -46,7 +48,8 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
     found = _of_one(there) if len(names) == 1 else _of_two(there)
-    return tuple(law for law in pareto(found) if 0 < law.complexity <= LONGEST and law.program.inputs)
+    sound = (law for law in found if 0 < law.complexity <= LONGEST and law.program.inputs)
+    return pareto(sound, lambda law: (law.complexity, length(law.program)))
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:

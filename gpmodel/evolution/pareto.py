@@ -1,7 +1,8 @@
 """The best program seen at every complexity, over a whole run: the Pareto front."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from operator import le
 
 import numpy as np
 
@@ -79,13 +80,17 @@ def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
     return min(front, key=lambda solution: description_length(solution, problem))
 
 
-def pareto(solutions: Sequence[Solution]) -> tuple[Solution, ...]:
-    """Pareto front: solutions that no simpler one equals in gain, simplest first."""
-    found: list[Solution] = []
-    for solution in sorted(solutions, key=lambda c: (c.complexity, -gain_nats(c.gain))):
-        if not found or gain_nats(solution.gain) > gain_nats(found[-1].gain):
-            found.append(solution)
-    return tuple(found)
+def pareto(
+    solutions: Iterable[Solution], sizes: Callable[[Solution], tuple[int, ...]] = lambda one: (one.complexity,)
+) -> tuple[Solution, ...]:
+    """Pareto front: solutions that no simpler one equals in gain, simplest first. sizes: what is small of a simple one,
+    in every respect."""
+    found: list[tuple[tuple[int, ...], float, Solution]] = []
+    for solution in sorted(solutions, key=lambda one: (sizes(one), -gain_nats(one.gain))):
+        size, nats = sizes(solution), float(gain_nats(solution.gain))
+        if all(nats > other for small, other, _ in found if all(map(le, small, size))):
+            found.append((size, nats, solution))
+    return tuple(solution for _, _, solution in found)
 
 
 def description_length(solution: Solution, problem: SlotProblem) -> float:

@@ -8,8 +8,9 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.formula.length import length
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Node, Program
+from gpmodel.formula.program import Program
 
 LARGEST_WRITTEN = 50_000
 """Parts of a basis with every name replaced by what it stands for; each name may double it."""
@@ -59,13 +60,9 @@ class Expression:
         return tuple(str(node.value) for node in self.program.nodes if node.operator == "input")
 
     @cached_property
-    def operators(self) -> int:
-        """How many operators and functions it is written with, besides shift and scale of an input."""
-        nodes, counts = self.program.nodes, list[int]()
-        for node in nodes:
-            own = bool(node.arguments) and not _is_scaled_input(node, nodes)
-            counts.append(own + sum(counts[k] for k in node.arguments))
-        return counts[self.program.outputs[0]]
+    def length(self) -> int:
+        """Operators, inputs and constants that it is written with, as in `gpmodel.formula.length`."""
+        return length(self.program)
 
     @cached_property
     def call(self) -> tuple[str, str]:
@@ -99,11 +96,3 @@ def _parsed(text: str) -> Program:
 
 
 ONE = Expression("1")
-
-
-def _is_scaled_input(node: Node, nodes: tuple[Node, ...]) -> bool:
-    """Whether it is an input less a number, over a number, or both."""
-    if node.operator not in ("subtract", "divide") or nodes[node.arguments[1]].operator != "constant":
-        return False
-    inner = nodes[node.arguments[0]]
-    return inner.operator == "input" or (node.operator == "divide" and _is_scaled_input(inner, nodes))

@@ -96,6 +96,18 @@ def test_a_load_in_proportion_to_a_length_is_not_offered_beside_it() -> None:
         assert "x" in names
 
 
+@pytest.mark.parametrize(("part", "offered"), [(0.03, True), (0.003, False)])
+def test_a_load_in_proportion_to_the_payload_is_not_offered_beside_it(part: float, offered: bool) -> None:
+    """A lift carries it straight up."""
+    states = states_of(mechanism("irb6400r"), bare("irb6400r", 20))
+    rng = np.random.default_rng(0)
+    force = -9.81 * states["payload"] * (1.0 + part * rng.normal(size=20))
+    columns = MappingProxyType({**states.columns, "payload_torque_J1": force})
+    names = readable_inputs(replace(states, columns=columns), np.arange(20))[0].names
+    assert ("payload_torque_J1" in names) is offered
+    assert "payload" in names
+
+
 def test_of_lengths_in_proportion_the_first_is_offered() -> None:
     """A SCARA's quill lifts the tool by its own travel."""
     states = states_of(mechanism("irb6400r"), bare("irb6400r", 20))

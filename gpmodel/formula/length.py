@@ -1,0 +1,23 @@
+"""How long a law is to read."""
+
+from gpmodel.formula.program import Node, Program
+
+LINEAR = ("add", "subtract", "multiply", "divide")
+
+
+def length(program: Program) -> int:
+    """Operators, inputs and constants of a program written out; an input with an origin and a scale counts as one."""
+    nodes, sizes, plain = program.nodes, list[int](), list[bool]()
+    for node in nodes:
+        plain.append(node.operator == "input" or _scales(node, nodes, plain))
+        sizes.append(1 if plain[-1] else 1 + sum(sizes[k] for k in node.arguments))
+    return sum(sizes[k] for k in program.outputs)
+
+
+def _scales(node: Node, nodes: tuple[Node, ...], plain: list[bool]) -> bool:
+    """Whether it moves or scales an input by a constant; plain: of the nodes before it, what is no more than that."""
+    if node.operator not in LINEAR:
+        return False
+    first, second = node.arguments
+    by_constant = nodes[second].operator == "constant" and plain[first]
+    return by_constant or (nodes[first].operator == "constant" and plain[second] and node.operator != "divide")
