@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from itertools import islice
 from queue import SimpleQueue
 from types import MappingProxyType
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, TypeVar
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -88,8 +88,21 @@ class Forks:
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
         """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
-        count = min(self.workers or cores(), len(tasks))
-        if count <= 1 or _inherited or sys.platform != "linux" or threading.active_count() > 1:
+        yield from self._beside(function, tasks, None)
+
+    def beside(self, call: Callable[[], None], calls: Sequence[Callable[[], Found]]) -> Iterator[tuple[int, Found]]:
+        """The same of calls, and another made here meanwhile, which ends before the first of their results is seen."""
+        yield from self._beside(lambda task: task(), calls, call)
+
+    def _beside(
+        self, function: Callable[[Task], Found], tasks: Sequence[Task], call: Callable[[], None] | None
+    ) -> Iterator[tuple[int, Found]]:
+        workers, threads = self.workers or cores(), threading.active_count()
+        count = min(workers, len(tasks))
+        alone = workers == 1 or count + (call is not None) <= 1
+        if alone or _inherited or sys.platform != "linux" or threads > 1:
+            if call:
+                call()
             yield from Threads(1 if _inherited else self.workers)(function, tasks)
             return
         from threadpoolctl import threadpool_limits
@@ -102,8 +115,9 @@ class Forks:
                 pool.submit(os.getpid)
             return pool
 
+        ahead = len(tasks) if call else AHEAD * count
         with threadpool_limits(1, user_api="blas"):
-            for number, found in _lost_replaced(opened, _inherited_task, range(len(tasks)), AHEAD * count):
+            for number, found in _lost_replaced(opened, _inherited_task, range(len(tasks)), ahead, call):
                 yield number, function(tasks[number]) if found is None else pickle.loads(found)
 
 
@@ -118,12 +132,12 @@ def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found
 
 
 def called_beside(
-    workers: Workers, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
+    workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """The same, and what another call returns that is made meanwhile."""
-    every: list[Callable[[], object]] = [call, *calls]
-    first, *rest = called(workers, every)
-    return cast(Beside, first), cast(list[Found], rest)
+    """The same, and what another call returns that is made here meanwhile."""
+    made: list[Beside] = []
+    found = dict(workers.beside(lambda: made.append(call()), calls))
+    return made[0], [found[number] for number in range(len(calls))]
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
@@ -166,14 +180,19 @@ class Processes:
 
 
 def _lost_replaced(
-    opened: Callable[[], ProcessPoolExecutor], function: Callable[[Task], Found], tasks: Sequence[Task], ahead: int
+    opened: Callable[[], ProcessPoolExecutor],
+    function: Callable[[Task], Found],
+    tasks: Sequence[Task],
+    ahead: int,
+    call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """(number, result) of tasks as they finish in a pool, in another one where it has lost a process."""
-    left, lost = dict(enumerate(tasks)), 0
+    """(number, result) of tasks as they finish in a pool, in another one where it has lost a process. call: made once,
+    while they run."""
+    left, lost, once = dict(enumerate(tasks)), 0, iter([call] if call else [])
     while left:
         try:
             with opened() as pool:
-                for number, found in _as_finished(pool, function, left, ahead):
+                for number, found in _as_finished(pool, function, left, ahead, next(once, None)):
                     lost = 0
                     del left[number]
                     yield number, found
@@ -184,9 +203,14 @@ def _lost_replaced(
 
 
 def _as_finished(
-    pool: Executor, function: Callable[[Task], Found], tasks: dict[int, Task], ahead: int
+    pool: Executor,
+    function: Callable[[Task], Found],
+    tasks: dict[int, Task],
+    ahead: int,
+    call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """(number, result) of tasks as they finish, no more than `ahead` of them handed out at a time."""
+    """(number, result) of tasks as they finish, no more than `ahead` of them handed out at a time. call: made once the
+    first are handed out."""
     waiting = iter(list(tasks.items()))
     running: dict[Future[Found], int] = {}
     finished: SimpleQueue[Future[Found]] = SimpleQueue()
@@ -200,6 +224,8 @@ def _as_finished(
     try:
         for _ in range(ahead):
             hand_out()
+        if call:
+            call()
         while running:
             future = finished.get()
             number = running.pop(future)

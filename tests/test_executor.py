@@ -68,9 +68,16 @@ def numbered(workers: Workers, count: int) -> list[float]:
 
 FORKING = """
 import json, os, sys
+from functools import partial
 from pathlib import Path
 from gpmodel.errors import InputError
-from gpmodel.executor import Forks
+from gpmodel.executor import Forks, called_beside
+
+made = []
+
+def here():
+    made.append(os.getpid())
+    return list(Forks(2)(abs, [-1, -2]))
 
 def work(number):
     if number == 3 and not Path(sys.argv[1]).exists():
@@ -82,7 +89,9 @@ def work(number):
 def fail(number):
     raise InputError("no such thing", "folds")
 
-found = dict(Forks(2)(work, range(8)))
+inner, every = called_beside(Forks(2), here, [partial(work, n) for n in range(8)])
+assert made == [os.getpid()] and sorted(inner) == [(0, 1), (1, 2)]
+found = dict(enumerate(every))
 assert [found[n][1] for n in range(8)] == list(range(8))
 assert {tuple(inner) for _, _, inner in found.values()} == {(0, 1, 2)}
 assert [own() for _, own in sorted(Forks(2)(lambda number: lambda: number, range(3)))] == [0, 1, 2]
@@ -96,7 +105,8 @@ print(json.dumps([os.getpid() in {pid for pid, _, _ in found.values()}, said]))
 
 @pytest.mark.skipif(sys.platform != "linux", reason="threads stand in elsewhere")
 def test_copies_give_every_result_replace_a_lost_one_and_hand_errors_on(tmp_path: Path) -> None:
-    """In a process of its own: where other threads run, as here, threads stand in."""
+    """In a process of its own: where other threads run, as here, threads stand in. What is made meanwhile is made there
+    and once, though a copy is lost."""
     mark = tmp_path / "mark"
     done = subprocess.run([sys.executable, "-W", "error", "-c", FORKING, mark], capture_output=True, text=True)
     assert not done.returncode, done.stderr

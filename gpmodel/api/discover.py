@@ -143,7 +143,7 @@ def discover(
     whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
     fraction, parts = _split(holdout, folds, poses.dataset)
     if parts:
-        again = partial(run, search=replace(search or Search(), runs=0) if offers else search)
+        again = partial(run, search=replace(search or Search(), runs=0) if offers else search, errors_alone=True)
         found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), (search or Search()).here)
     else:
         found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))

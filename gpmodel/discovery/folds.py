@@ -18,7 +18,7 @@ from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Workers, called
+from gpmodel.executor import Forks, called_beside
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles
@@ -29,13 +29,13 @@ Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 
 
 def discover_by_folds(
-    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, workers: Workers
+    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, workers: Forks
 ) -> Discovery:
     """Run the whole loop on all poses, then once `again` without each of `count` folds of them, whole bundles.
 
     The errors of each step are those of the poses held out, as the choice without them predicts them: of a fold that
     found less, its last model stands for further steps. again: may leave the evolution out, which makes the errors
-    larger than those of such a choice, not smaller. workers: of the repetitions.
+    larger than those of such a choice, not smaller. workers: of the repetitions, made while the whole choice is.
     Raises InputError for fewer than two folds, or more than there are bundles of poses.
     """
     started = time.monotonic()
@@ -45,12 +45,12 @@ def discover_by_folds(
     if not 2 <= count <= units:
         raise InputError(f"{count}, expected 2 to {units}, the groups of poses there are", "folds")
     fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))
-    found = whole(poses, everything, nothing)
 
     def without(k: int) -> Discovery:
         return again(poses, np.flatnonzero(fold != k), np.flatnonzero(fold == k))
 
-    choices = called(workers, [partial(without, k) for k in range(count)])
+    alone = partial(whole, poses, everything, nothing)
+    found, choices = called_beside(workers, alone, [partial(without, k) for k in range(count)])
     steps = tuple(
         replace(step, heldout_error=_errors(poses, choices, number)) for number, step in enumerate(found.steps)
     )

@@ -43,6 +43,7 @@ def discover(
     known: tuple[Candidate, ...] = (),
     condition_limit: float | None = None,
     seed: int = 0,
+    errors_alone: bool = False,
     progress: Say = silent,
     journal: Journal | None = None,
 ) -> Discovery:
@@ -51,9 +52,10 @@ def discover(
     After it they decide one thing: whether what was found is shipped, or the standard model. train, heldout: rows
     of `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard:
     the effects of the standard model, None for the complete geometric set. known: effects enabled from the start
-    beside it. condition_limit: of the standard model, None for cross-validated. progress: called with one line on
-    what is being tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked
-    the same it goes on to the same numbers. Raises InputError where no held-out pose is of a set-up and tool
+    beside it. condition_limit: of the standard model, None for cross-validated. errors_alone: those of each step are
+    asked for, and nothing is fitted to all poses. progress: called with one line on what is being tried. journal:
+    keeps what is finished, None for nothing; where an interrupted search was asked the same it goes on to the same
+    numbers. Raises InputError where no held-out pose is of a set-up and tool
     trained on, and for two different candidates of one name.
     """
     started = time.monotonic()
@@ -73,7 +75,7 @@ def discover(
     calibration = state.fit(state.model(state.found), standard_fit) if state.findings else standard_fit
     calibration, stopped = _run_rounds(state, standard_fit, calibration)
     state.say("the ladder of held-out errors, and the final fit on all poses")
-    finished = partial(_finished, state, standard_fit, calibration)
+    finished = partial(_unfinished if errors_alone else _finished, state, standard_fit, calibration)
     (last, final, doubt, suspects), rungs = called_beside(search.here, finished, _rungs(state, standard_fit))
     _ladder(state, base, standard_fit, [*rungs, calibration])
     return Discovery(
@@ -105,9 +107,15 @@ def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibratio
     return calibration, "no further effect is significant"
 
 
-def _finished(
-    state: State, standard_fit: Calibration, calibration: Calibration
-) -> tuple[FinalFit, Calibration, Confirmation | None, tuple[Suspect, ...]]:
+_Last = tuple[FinalFit, Calibration, Confirmation | None, tuple[Suspect, ...]]
+
+
+def _unfinished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
+    """The findings as the training poses have them."""
+    return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None, ()
+
+
+def _finished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
     """The findings fitted to all poses, the model that is shipped, what confirms it, and what is odd beside it."""
     if not state.findings:
         final = state.standard_to_all()

@@ -55,7 +55,7 @@ class Search:
         return self.executor or self.here
 
     @property
-    def here(self) -> Workers:
+    def here(self) -> Forks:
         """The same on this machine, for what is too large to be sent to another."""
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 

@@ -61,7 +61,8 @@ def exchanged(active: Active) -> tuple[Active, dict[int, tuple[Alternative, ...]
     """
     rivals: dict[int, tuple[Alternative, ...]] = {}
     for _ in range(MOST_SWAPS):
-        active = merged(split(replace_catch_alls(curves_to_laws(merged(active)))))
+        moved = split(replace_catch_alls(curves_to_laws(merged(active))))
+        active = active if moved is active else merged(moved)
         rivals, changed, held, free = {}, False, Replacements(active), Replacements(_freed(active))
         for g in found(active):
             if g not in active.variances:
