@@ -157,22 +157,25 @@ def is_curve(group: Group | Candidate) -> bool:
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
-    has several places, more inputs, or one column remembered in two ways: of these the constant is to be found."""
+    has several places or more inputs, nor of one column remembered in two ways: of these the constant is to be found.
+    """
     residual = left.without(curve.effects)
     sites = _sites(curve)
     poses = len(residual.poses)
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
-    columns = {column for name in curve.inputs for column in read_by(name) or (name,)}
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
-        return []
-    if len(columns) < len(curve.inputs):
         return []
     site = Site(next(iter(sites)))
     problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
     some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
-    return [LawTask(problem, names, site, written) for names in some]
+    return [LawTask(problem, names, site, written) for names in some if len(names) == len(_columns(names))]
+
+
+def _columns(names: Iterable[str]) -> set[str]:
+    """The columns of the table that inputs are made of."""
+    return {column for name in names for column in read_by(name) or (name,)}
 
 
 def _as_laws(

@@ -109,3 +109,26 @@ def test_what_is_named_or_elsewhere_or_reads_a_third_input_is_not_joined() -> No
     for apart in (named, elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
         assert not list(of_one_place(apart))
     assert [c.name for c in of_one_place([*named, *at_one_place("J4")])] == ["sin(J4) and cos(J4) and J4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [("J4*last_move_J4*J1", {("J1", "J4"), ("J1", "last_move_J4")}), ("J4*last_move_J4", set()),
+     ("J1*J4", {("J1", "J4")})],
+)  # fmt: skip
+def test_of_one_column_read_in_two_ways_no_law_is_searched(
+    text: str, pairs: set[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, asked = mechanism(ARM), set[tuple[str, ...]]()
+    truth = measure(ARM, [], [], 3, dataset=bare(ARM, COUNT, 3, in_order=True))
+    (curve,) = at_one_place(text)
+    model = ErrorModel(arm, (*geometric_effects(arm), *curve.effects))
+    left = residual_of(calibrate(model, truth.poses), truth.poses, Criteria(), 0)
+
+    def none(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
+        asked.add(tuple(sorted(names)))
+        return ()
+
+    monkeypatch.setattr(compact, "laws_at", none)
+    assert not list(compact_laws(left, [curve], Search(workers=1)))
+    assert asked == pairs
