@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from gpmodel.errors import InputError
-from gpmodel.executor import AHEAD, Forks, Found, Task, Workers
+from gpmodel.executor import AHEAD, Found, Task, Workers
+from gpmodel.forks import Forks
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -7,14 +7,11 @@ or how often it was begun again.
 import copyreg
 import multiprocessing
 import os
-import pickle
 import sys
-import threading
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from queue import SimpleQueue
@@ -23,7 +20,6 @@ from typing import Protocol, TypeVar
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
-Beside = TypeVar("Beside")
 
 SWITCH = 1e-4
 """Seconds after which a thread gives way to another that waits for the interpreter. The compiled loops of a generation
@@ -75,95 +71,10 @@ class Threads:
             yield from _as_finished(pool, function, dict(enumerate(tasks)), AHEAD * count)
 
 
-@dataclass(frozen=True)
-class Forks:
-    """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled; a task
-    whose result cannot be is done here.
-
-    Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), and where other threads
-    run, which may hold a lock at that moment; in a copy itself one task after another.
-    """
-
-    workers: int = 0
-
-    def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
-        yield from self._beside(function, tasks, None)
-
-    def beside(self, call: Callable[[], None], calls: Sequence[Callable[[], Found]]) -> Iterator[tuple[int, Found]]:
-        """The same of calls, and another made here meanwhile, which ends before the first of their results is seen."""
-        yield from self._beside(lambda task: task(), calls, call)
-
-    def _beside(
-        self, function: Callable[[Task], Found], tasks: Sequence[Task], call: Callable[[], None] | None
-    ) -> Iterator[tuple[int, Found]]:
-        workers, threads = self.workers or cores(), threading.active_count()
-        count = min(workers, len(tasks))
-        alone = workers == 1 or count + (call is not None) <= 1
-        if alone or _inherited or sys.platform != "linux" or threads > 1:
-            if call:
-                call()
-            yield from Threads(1 if _inherited else self.workers)(function, tasks)
-            return
-        from threadpoolctl import threadpool_limits
-
-        def opened() -> ProcessPoolExecutor:
-            context = multiprocessing.get_context("fork")
-            pool = ProcessPoolExecutor(count, context, _as_copy, (os.getpid(), function, tasks))
-            with warnings.catch_warnings():  # of threads of the linear algebra, which it begins anew in a copy
-                warnings.simplefilter("ignore", DeprecationWarning)
-                pool.submit(os.getpid)
-            return pool
-
-        ahead = len(tasks) if call else AHEAD * count
-        with threadpool_limits(1, user_api="blas"):
-            for number, found in _lost_replaced(opened, _inherited_task, range(len(tasks)), ahead, call):
-                yield number, function(tasks[number]) if found is None else pickle.loads(found)
-
-
-ALONE = Forks(1)
-"""One task after another."""
-
-
 def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found]:
     """What each of some calls returns, made side by side."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
-
-
-def called_beside(
-    workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
-) -> tuple[Beside, list[Found]]:
-    """The same, and what another call returns that is made here meanwhile."""
-    made: list[Beside] = []
-    found = dict(workers.beside(lambda: made.append(call()), calls))
-    return made[0], [found[number] for number in range(len(calls))]
-
-
-_inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
-"""In a copy of a process: the function and the tasks that it was made for."""
-
-
-def _as_copy(parent: int, function: Callable[..., object], tasks: Sequence[object]) -> None:
-    """Make this copy ready for its tasks; it ends with the process it was made of, however that ends."""
-    _inherited.append((function, tasks))
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            threading.Event().wait(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _inherited_task(number: int) -> bytes | None:
-    """The result of a task as bytes; None where it cannot be pickled, as with an effect of a user's own function."""
-    function, tasks = _inherited[-1]
-    found = function(tasks[number])
-    try:
-        return pickle.dumps(found)
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return None
 
 
 @dataclass(frozen=True)
@@ -176,11 +87,11 @@ class Processes:
         """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
         count = min(self.workers or cores(), len(tasks))
         context = multiprocessing.get_context("spawn")
-        yield from _lost_replaced(lambda: ProcessPoolExecutor(count, context), function, tasks, AHEAD * count)
+        yield from lost_replaced(lambda: ProcessPoolExecutor(count, context), function, tasks, AHEAD * count)
 
 
-def _lost_replaced(
-    opened: Callable[[], ProcessPoolExecutor],
+def lost_replaced(
+    opened: Callable[[], AbstractContextManager[Executor]],
     function: Callable[[Task], Found],
     tasks: Sequence[Task],
     ahead: int,

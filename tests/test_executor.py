@@ -22,7 +22,8 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.executor import Forks, Processes, Threads, Workers
+from gpmodel.executor import Processes, Threads, Workers
+from gpmodel.forks import Forks
 
 
 def draw(seed: int) -> float:
@@ -67,11 +68,11 @@ def numbered(workers: Workers, count: int) -> list[float]:
 
 
 FORKING = """
-import json, os, sys
+import json, os, sys, time
 from functools import partial
 from pathlib import Path
 from gpmodel.errors import InputError
-from gpmodel.executor import Forks, called_beside
+from gpmodel.forks import Forks, called_beside
 
 made = []
 
@@ -99,6 +100,10 @@ try:
     list(Forks(2)(fail, range(2)))
 except InputError as error:
     said = [str(error), error.argument]
+try:  # what nobody waits for any more does not go on
+    called_beside(Forks(2), partial(fail, 0), [partial(time.sleep, 3600)] * 2)
+except InputError as error:
+    assert [str(error), error.argument] == said
 print(json.dumps([os.getpid() in {pid for pid, _, _ in found.values()}, said]))
 """
 
@@ -116,7 +121,7 @@ def test_copies_give_every_result_replace_a_lost_one_and_hand_errors_on(tmp_path
 
 ORPHANS = """
 import os, time
-from gpmodel.executor import Forks
+from gpmodel.forks import Forks
 
 def sleep(number):
     os.write(1, f"{os.getpid()}\\n".encode())

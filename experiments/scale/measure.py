@@ -29,7 +29,8 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.executor import Forks, Processes, Threads, Workers
+from gpmodel.executor import Processes, Threads, Workers
+from gpmodel.forks import Forks
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.progress import Teller

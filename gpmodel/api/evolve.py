@@ -27,9 +27,10 @@ from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.runs import KeptRuns, Plan, Run, run_all
 from gpmodel.evolution.settings import SelectionScheme
-from gpmodel.executor import Forks, Workers
+from gpmodel.executor import Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
+from gpmodel.forks import Forks
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import standard_effects

@@ -19,9 +19,10 @@ from gpmodel.api.table import TableLike
 from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
-from gpmodel.executor import Forks, Workers
+from gpmodel.executor import Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
+from gpmodel.forks import Forks
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_names
 from gpmodel.hierarchy.found import KeptMachines, Rows, Searched, found_on_most

@@ -11,8 +11,8 @@ from gpmodel.cli.discover import discover_request, settings
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.discovery.search import Search
-from gpmodel.executor import Forks
 from gpmodel.files import folder_for
+from gpmodel.forks import Forks
 from gpmodel.mechanism.source import MechanismChoice
 
 TABLE = "demo.csv"

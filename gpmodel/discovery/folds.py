@@ -18,7 +18,7 @@ from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import Forks, called_beside
+from gpmodel.forks import Forks, called_beside
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import bundles

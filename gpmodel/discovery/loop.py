@@ -18,11 +18,11 @@ from gpmodel.discovery.state import Journal, State
 from gpmodel.discovery.suspects import suspects_of
 from gpmodel.evidence.confirmation import Confirmation, confirmation
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.executor import called_beside
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.offer import Offer, distinct
+from gpmodel.forks import called_beside
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget, SelectionScheme, Tournament
-from gpmodel.executor import Forks, Workers
+from gpmodel.executor import Workers
+from gpmodel.forks import Forks
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from gpmodel.calibration.priors import off_mean
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import exchangeable
-from gpmodel.executor import ALONE, Workers, called
+from gpmodel.executor import Workers, called
+from gpmodel.forks import ALONE
 from gpmodel.model.error_model import ErrorModel, Poses, observe
 from gpmodel.model.states import States
 from gpmodel.selection.active import LEAST_NOISE, Active
