@@ -26,6 +26,8 @@ INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
 """Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
 STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
 """Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
+ROOTS = (0.1, 0.2, 0.4, 0.8)
+"""Distances of the outer roots of a cubic from the middle one."""
 ALONE = 3
 """How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
 LINE = "({q} - {a})"
@@ -38,7 +40,8 @@ JOINED = 4.0
 
 @dataclass(frozen=True)
 class Element:
-    """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k."""
+    """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k, {d}
+    1/k²."""
 
     text: str
     function: Callable[[Array], Array]
@@ -48,7 +51,7 @@ class Element:
     def written(self, text: str, values: Array) -> str:
         """Its text, of what has a text and values (N,)."""
         low, width = float(values.min()), float(np.ptp(values))
-        ends = {"a": low + self.c * width, "b": low + (self.c + 1.0 / self.k) * width}
+        ends = {"a": low + self.c * width, "b": low + (self.c + 1.0 / self.k) * width, "d": (width / self.k) ** 2}
         numbers = {name: f"({end:.6g})" for name, end in ends.items()}
         return self.text.format(q=text, k=f"({self.k / width:.6g})", **numbers)
 
@@ -82,6 +85,13 @@ def _elements(finer: int = 1) -> Iterator[Element]:
     for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
         yield Element(name + "({q} - {a})", apply[name], 1.0, -d)
         yield Element(name + "({a} - {q})", partial(_of_opposite, apply[name]), 1.0, 1.0 + d)
+
+
+def _cubics() -> Iterator[Element]:
+    """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
+    first, last, steps = INSIDE
+    for c, root in product(np.linspace(first, last, steps * ALONE + 1).tolist(), ROOTS):
+        yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
 def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
@@ -125,7 +135,7 @@ def edges(column: Array) -> Elements:
     return Elements(tuple(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist()))
 
 
-ELEMENTS, FINE = Elements(tuple(_elements())), Elements(tuple(_elements(ALONE)))
+ELEMENTS, FINE = Elements(tuple(_elements())), Elements((*_elements(ALONE), *_cubics()))
 FAR = Elements(tuple(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d)))
 """Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
 
