@@ -40,10 +40,10 @@ class Forks:
     def _beside(
         self, function: Callable[[Task], Found], tasks: Sequence[Task], call: Callable[[], None] | None
     ) -> Iterator[tuple[int, Found]]:
-        workers, threads = self.workers or cores(), threading.active_count()
+        workers = self.workers or cores()
         count = min(workers, len(tasks))
         alone = workers == 1 or count + (call is not None) <= 1
-        if alone or _inherited or sys.platform != "linux" or threads > 1:
+        if alone or _inherited or sys.platform != "linux" or threading.active_count() > 1:
             if call:
                 call()
             yield from Threads(1 if _inherited else self.workers)(function, tasks)
@@ -77,7 +77,7 @@ ALONE = Forks(1)
 def called_beside(
     workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """The same, and what another call returns that is made here meanwhile."""
+    """What a call returns that is made here, and what each of some returns that copies make meanwhile."""
     made: list[Beside] = []
     found = dict(workers.beside(lambda: made.append(call()), calls))
     return made[0], [found[number] for number in range(len(calls))]

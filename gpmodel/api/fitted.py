@@ -163,8 +163,7 @@ class FittedResult(RecordedResult, ABC):
 
     def report(self, folder: str | Path) -> None:
         """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
-        record = write_fitted(lambda: self.record, self.model, folder)
-        vars(self)["record"] = record  # which may have been made in a copy of this process
+        write_fitted(lambda: self.record, self.model, folder)
 
     def save(self, file: str | Path) -> None:
         """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""

@@ -39,9 +39,9 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
             write(draft)
 
 
-def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> Report:
-    """The same of a fit, with model.json and every export that the model allows; look: makes the record, which is
-    returned. All of it side by side. Raises InputError likewise."""
+def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> None:
+    """The same of a fit, with model.json and every export that the model allows, all of it side by side; look: makes
+    the record. Raises InputError likewise."""
     check_writable()
     from gpmodel.api.exports import ExportsResult
     from gpmodel.application.exports.make import parts_of, together
@@ -58,7 +58,6 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -
         drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft))
         write_pages(replace(record, exports=exports.records), drawings, draft)
         exports.write(draft)
-    return record
 
 
 def save_model(model: Model, folder: Path) -> None:

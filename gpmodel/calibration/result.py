@@ -1,6 +1,6 @@
 """What a fit found, and all that is needed to distrust it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.unmeasured_joints import solve_joints
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
 from gpmodel.numerics.rank import RankChoice
 
@@ -87,6 +88,11 @@ class Calibration(Uncertainty):
     def dropped(self) -> tuple[str, ...]:
         """Names of the effects that the poses could not determine."""
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
+
+    def values_of(self, effects: Sequence[Effect]) -> list[float]:
+        """Values of some of its effects, by name."""
+        values = dict(zip((e.name for e in self.model.effects), self.theta.tolist(), strict=True))
+        return [values[effect.name] for effect in effects]
 
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:

@@ -86,8 +86,9 @@ def compact_laws(
         searched = [list(as_laws(law.program for law in found[next(numbers)])) for as_laws in ways]
         if not (laws := list(chain.from_iterable(searched))):
             continue
-        for view in (one.without(curve.effects) for one in sharp):
-            residual = taken_as_measured(left, out & explained(view, [law.candidate for law in laws]))
+        if sharp:
+            trusted = out & explained(sharp[0].without(curve.effects), [law.candidate for law in laws])
+            residual = taken_as_measured(left, trusted)
         residual = residual.without(curve.effects)
         for as_laws, some in zip(ways, searched, strict=True):
             laws += _shortened(some, residual, as_laws) if some else []
@@ -126,9 +127,10 @@ def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) 
     """
     criteria = residual.criteria
     own = scores(residual, (curve,))[0].nats
-    scored = zip((law.candidate for law in laws), scores(residual, [law.candidate for law in laws]), strict=True)
+    candidates = [law.candidate for law in laws]
+    scored = zip(candidates, scores(residual, candidates), strict=True)
     said, score = plainest(criteria, sorted(scored, key=lambda one: -one[1].nats))
-    law, most = next(law for law in laws if law.candidate is said), score.nats
+    law, most = laws[candidates.index(said)], score.nats
     worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 

@@ -16,7 +16,6 @@ from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
-from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.table.split import JUDGED
 
@@ -45,7 +44,7 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
 
     refined, settled = refined_fit(to_all, left, {c.name: c for c in state.found}, to_all(state.found, fit))
     located = tuple(_located(c, partial(left, settled)) for c in refined.values())
-    theta = [_values(settled, c.effects) for c in refined.values()]
+    theta = [settled.values_of(c.effects) for c in refined.values()]
     found, changes, whole = _settled(state, located, theta, settled)
     units = state.poses.states.units
     known = [(*constants_in_words(c, own, whole, units), *_events(c)) for c, own in zip(found, changes, strict=True)]
@@ -72,20 +71,15 @@ def _settled(
         if np.all(np.abs(steps) <= SETTLED * deviations):
             settled = np.where(np.arange(len(here.theta)) < count, here.theta, 0.0)
             return named, changes, replace(here, theta=settled)
-        theta = [_values(here, c.effects) for c in named]
+        theta = [here.values_of(c.effects) for c in named]
         moving = tuple(moved(c, _known(own, here)) for c, own in zip(moving, changes, strict=True))
     named = in_words(found, state.poses.states.units)
     return named, [()] * len(named), state.to_all(state.model(named), fit)
 
 
-def _values(fit: Calibration, effects: Sequence[Effect]) -> list[float]:
-    values = dict(zip((e.name for e in fit.model.effects), fit.theta.tolist(), strict=True))
-    return [values[effect.name] for effect in effects]
-
-
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
     """The constants that a fit corrected."""
-    steps = _values(fit, [change.effect for change in changes])
+    steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.evidence.residual import Residual, residual_of, winsorising
+from gpmodel.evidence.residual import Residual, residual_of, squares, winsorising
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.split import JUDGED
@@ -19,11 +20,9 @@ GROSS = 2.0
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
     """Poses (N,) that stand out of a model with a curve, but are no gross errors beside others without it."""
-    model, problem = left.calibration.model, left.problem
-    names = [e.name for e in model.effects]
-    values = np.array([left.calibration.theta[names.index(e.name)] for e in curve.effects])
-    before = _lengths(left, problem.residual + left.columns(curve.effects) @ values)
-    out = winsorising(problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
+    motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
+    before = _lengths(left, left.problem.residual + motion)
+    out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
     return np.asarray(out & (before <= GROSS * np.sort(before)[-2:].min(initial=np.inf)))
 
 
@@ -41,11 +40,11 @@ def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
         left = residual.values - columns @ np.linalg.lstsq(columns, residual.values, rcond=None)[0]
         errors = _lengths(residual, left[: residual.measured])
         limit = outlier_limit(errors, sigmas)
-        energy = float(np.sum(np.minimum(errors, limit) ** 2))
-        found.append((0.5 * residual.freedom * np.log(energy) + law.cost, errors <= limit))
+        gain = 1.0 - float(np.sum(np.minimum(errors, limit) ** 2)) / residual.energy
+        found.append((law.cost - float(fit_nats(gain, residual.freedom)), errors <= limit))
     return min(found, key=lambda one: one[0])[1]
 
 
 def _lengths(residual: Residual, values: Array) -> Array:
     """Length (N,) of the values (M,) of each pose."""
-    return np.asarray(np.sqrt(np.bincount(residual.problem.pose_of_row, values**2, len(residual.poses))))
+    return np.sqrt(squares(residual.problem, values, len(residual.poses)))

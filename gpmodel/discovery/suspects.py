@@ -18,7 +18,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.result import Suspect
 from gpmodel.discovery.state import State
-from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.residual import Residual, residual_of, squares
 from gpmodel.evidence.score import best_nats, contribution, scores
 from gpmodel.evolution.chance import chance
 from gpmodel.executor import called
@@ -94,8 +94,7 @@ def _pool(state: State) -> list[Candidate]:
 
 def _rms_at(residual: Residual, rows: IntArray, values: Array) -> float:
     """3-D RMS, m, of the weighted rows of some poses."""
-    squared = np.zeros(len(residual.poses))
-    np.add.at(squared, residual.problem.pose_of_row, values[: residual.measured] ** 2)
+    squared = squares(residual.problem, values[: residual.measured], len(residual.poses))
     return float(np.sqrt(np.mean(squared[rows])))
 
 

@@ -241,7 +241,10 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:
     """Factor (N,) that brings each pose's residual to at most median + sigmas · 1.4826 MAD of all lengths."""
-    squared = np.zeros(poses)
-    np.add.at(squared, problem.pose_of_row, problem.residual**2)
-    length = np.sqrt(squared)
+    length = np.sqrt(squares(problem, problem.residual, poses))
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
+
+
+def squares(problem: Linearised, values: Array, poses: int) -> Array:
+    """Sum of squares (N,) of the values (M,) of each pose; 0 where it has none."""
+    return np.asarray(np.bincount(problem.pose_of_row, values**2, poses), dtype=float)

@@ -85,9 +85,9 @@ def pareto(
 ) -> tuple[Solution, ...]:
     """Pareto front: solutions that no simpler one equals in gain, simplest first. sizes: what is small of a simple one,
     in every respect."""
+    measured = ((sizes(one), float(gain_nats(one.gain)), one) for one in solutions)
     found: list[tuple[tuple[int, ...], float, Solution]] = []
-    for solution in sorted(solutions, key=lambda one: (sizes(one), -gain_nats(one.gain))):
-        size, nats = sizes(solution), float(gain_nats(solution.gain))
+    for size, nats, solution in sorted(measured, key=lambda one: (one[0], -one[1])):
         if all(nats > other for small, other, _ in found if all(map(le, small, size))):
             found.append((size, nats, solution))
     return tuple(solution for _, _, solution in found)

@@ -56,11 +56,16 @@ class Element:
         return self.text.format(q=text, k=f"({self.k / width:.6g})", **numbers)
 
 
+def _inside(finer: int) -> list[float]:
+    """Places within the range."""
+    first, last, steps = INSIDE
+    return list(np.linspace(first, last, steps * finer + 1).tolist())
+
+
 def _elements(finer: int = 1) -> Iterator[Element]:
     """Line, parabolas, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
-    first, last, steps = INSIDE
-    inside = np.linspace(first, last, steps * finer + 1).tolist()
+    inside = _inside(finer)
     steep, turns, growth, widths = (
         np.geomspace(low, high, steps * finer + 1).tolist() for low, high, steps in (STEEP, TURNS, GROWTH, WIDTHS)
     )
@@ -89,8 +94,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 def _cubics() -> Iterator[Element]:
     """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
-    first, last, steps = INSIDE
-    for c, root in product(np.linspace(first, last, steps * ALONE + 1).tolist(), ROOTS):
+    for c, root in product(_inside(ALONE), ROOTS):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
