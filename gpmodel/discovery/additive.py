@@ -8,7 +8,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
 from gpmodel.discovery.averaging import averaged
-from gpmodel.discovery.choice import PLAIN, Choice, Together, chosen_together
+from gpmodel.discovery.choice import PLAIN, Choice, Laws, Together, chosen_again, chosen_together
 from gpmodel.discovery.compact import compact_laws, leeway, of_one_place, replacement
 from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.refinement import refined_fit, told_apart
@@ -51,7 +51,7 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     """
     last = first = chosen_together(choice, evolved)
     if laws := _laws(choice, first):
-        last = chosen_together(choice, (*evolved, *laws.values()), first.candidates, laws)
+        last = chosen_again(choice, first, laws)
         said = {name for law in laws.values() if law.name in last.candidates for name in law.inputs}
         gone = (c for name, c in first.candidates.items() if name not in last.candidates and said.issuperset(c.inputs))
         if first.chosen.likelier_by(last.chosen) > leeway(gone, choice.criteria):
@@ -59,24 +59,20 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     found = _accepted(choice, last)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         choice = replace(choice, timed=frozenset(found.passed))
-        found = _again(choice, evolved, first, laws, found)
-    found = _with_better_rivals(choice, evolved, first, laws, found)
+        found = _again(choice, first, laws, found)
+    found = _with_better_rivals(choice, first, laws, found)
     return replace(found, laws=tuple(laws.values()))
 
 
-def _again(
-    choice: Choice, evolved: Sequence[Candidate], first: Together, laws: Mapping[str, Candidate], found: Additive
-) -> Additive:
+def _again(choice: Choice, first: Together, laws: Laws, found: Additive) -> Additive:
     """What is chosen and passes when less is offered; what was refused before stays among the hypotheses."""
-    again = _accepted(choice, chosen_together(choice, (*evolved, *laws.values()), first.candidates, laws))
+    again = _accepted(choice, chosen_again(choice, first, laws))
     told = {h.candidate.name for h in again.hypotheses}
     refused = (h for h in found.hypotheses if not h.accepted and h.candidate.name not in told)
     return replace(again, hypotheses=(*again.hypotheses, *refused))
 
 
-def _with_better_rivals(
-    choice: Choice, evolved: Sequence[Candidate], first: Together, laws: Mapping[str, Candidate], found: Additive
-) -> Additive:
+def _with_better_rivals(choice: Choice, first: Together, laws: Laws, found: Additive) -> Additive:
     """What was found, or what is chosen instead where a rival predicts clearly better than one of the findings: these
     are not offered again, and the whole model has to predict no worse.
 
@@ -90,9 +86,9 @@ def _with_better_rivals(
     timed = choice.timed
     if timed is not None:
         timed = timed.union(name for h in outdone.values() for name, _ in h.rivals)
-    kept = {curve: law for curve, law in laws.items() if law.name not in outdone}
+    kept = {names: law for names, law in laws.items() if law.name not in outdone}
     fewer = replace(choice, timed=timed, outdone=frozenset(outdone))
-    other = _again(fewer, evolved, first, kept, found)
+    other = _again(fewer, first, kept, found)
     before, after = (cross_validated(choice.residual(model.calibration), ()) for model in (found, other))
     if gained(before, after, limits.outlier_sigmas) <= 0.0:
         return found
@@ -101,7 +97,7 @@ def _with_better_rivals(
     return replace(other, hypotheses=(*other.hypotheses, *gone))
 
 
-def _laws(choice: Choice, first: Together) -> dict[str, Candidate]:
+def _laws(choice: Choice, first: Together) -> Laws:
     """Of every curve that was chosen, of what was evolved in several terms or just now, and of several at one place
     together: the law of one term that saves most, where it predicts as well within one standard error.
 
@@ -109,16 +105,17 @@ def _laws(choice: Choice, first: Together) -> dict[str, Candidate]:
     constants inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
     """
     chosen = list(zip(first.candidates.values(), first.chosen.kept, strict=True))
-    curves = [
-        c
+    curves: dict[tuple[str, ...], Candidate] = {
+        (c.name,): c
         for c, k in chosen
         if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None)
         or (not c.family and (len(c.effects) > 1 or c.name in choice.fresh))
-    ]
-    curves += of_one_place(c for c, k in chosen if k.determined <= MOST_DETERMINED)
-    searched = () if choice.late() else compact_laws(first.left, curves, choice.search)
-    found = ((curve.name, replacement(curve, residual, laws)) for curve, residual, laws in searched)
-    return {name: law.simplified() for name, law in found if law}
+    }
+    curves |= of_one_place(c for c, k in chosen if k.determined <= MOST_DETERMINED)
+    names = {curve.name: names for names, curve in curves.items()}
+    searched = () if choice.late() else compact_laws(first.left, list(curves.values()), choice.search)
+    found = ((names[curve.name], replacement(curve, residual, laws)) for curve, residual, laws in searched)
+    return {names: law.simplified() for names, law in found if law}
 
 
 def _accepted(choice: Choice, last: Together) -> Additive:

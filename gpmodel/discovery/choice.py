@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
@@ -22,9 +21,9 @@ from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.group import Group
-from gpmodel.selection.offers import Offering, of_evolved, of_offers
+from gpmodel.selection.offers import Builder, Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
-from gpmodel.selection.select import select
+from gpmodel.selection.select import select, select_again
 from gpmodel.selection.waves import grids_of
 from gpmodel.table.split import JUDGED
 
@@ -78,56 +77,62 @@ class Together:
     left: Residual
 
 
-def chosen_together(
-    choice: Choice,
-    evolved: Sequence[Candidate],
-    before: Mapping[str, Candidate] = MappingProxyType({}),
-    laws: Mapping[str, Candidate] = MappingProxyType({}),
-) -> Together:
-    """What is chosen, and fitted; the arguments are those of `_chosen`."""
-    chosen = _chosen(choice, evolved, before, laws)
-    candidates = {kept.group.name: as_candidate(kept, choice.train) for kept in chosen.kept}
-    left = choice.residual(choice.fit(tuple(candidates.values()), choice.standard))
-    return Together(chosen, candidates, left)
+Laws = Mapping[tuple[str, ...], Candidate]
+"""Laws by the names of what was chosen that each says in its place."""
 
 
-def _chosen(
-    choice: Choice, evolved: Sequence[Candidate], before: Mapping[str, Candidate], laws: Mapping[str, Candidate]
-) -> Selection:
-    """What is chosen of all that is offered but for groups at joints that stand still.
+def chosen_together(choice: Choice, evolved: Sequence[Candidate]) -> Together:
+    """What is chosen of all that is offered but for groups at joints that stand still, and fitted.
 
-    before: what was chosen, of which some have laws. These are not offered again, nor are curves that were not chosen
-    and read what laws read, beside nothing but what was chosen reads: they would say the same elsewhere or together.
     What was evolved in several terms is offered term by term where one of them has a name by itself.
     """
-    read = {name for candidate in before.values() for name in candidate.inputs}
-    said = {name for law in laws.values() for name in law.inputs}
-    mechanism = choice.standard.model.mechanism
-    cost = partial(choice.search.cost, places=len(sites_of(mechanism)))
-    builders = of_offers(choice.offers), of_evolved(evolved, cost)
+    mechanism, states = choice.standard.model.mechanism, choice.train.states
     still = still_joints(mechanism, choice.train.dataset)
+    inputs = readable_inputs(states, np.arange(len(states)))[0].names
+    sites = moving_sites(mechanism, choice.train.dataset)
+    grids = grids_of(choice.offers, mechanism, states)
+    grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
+
+    def wanted(group: Group) -> bool:
+        return choice.asks_for(group) and not all(stands_still(e.slots, still) for e in group.effects)
+
+    offering = Offering((of_offers(choice.offers), _of_laws(choice, evolved)), sites, inputs, grids, wanted)
+    workers = choice.search.here
+    chosen = select(choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED, workers=workers)
+    return _fitted(choice, chosen)
+
+
+def chosen_again(choice: Choice, before: Together, laws: Laws) -> Together:
+    """What is chosen from there on with laws in their places, and fitted.
+
+    What they stand for is not offered again, nor are curves that were not chosen and read what laws read, beside
+    nothing but what was chosen reads: they would say the same elsewhere or together.
+    """
+    read = {name for candidate in before.candidates.values() for name in candidate.inputs}
+    said = {name for law in laws.values() for name in law.inputs}
 
     def repeats(group: Group) -> bool:
         inputs = set(group.inputs)
-        return is_curve(group) and group.name not in before and bool(inputs & said) and inputs <= read
+        return is_curve(group) and group.name not in before.candidates and bool(inputs & said) and inputs <= read
 
     def wanted(group: Group) -> bool:
-        return (
-            group.name not in laws
-            and not repeats(group)
-            and choice.asks_for(group)
-            and not all(stands_still(e.slots, still) for e in group.effects)
-        )
+        return (group.name,) not in laws and not repeats(group) and choice.asks_for(group)
 
-    states = choice.train.states
-    inputs = readable_inputs(states, np.arange(len(states)))[0].names
-    sites = moving_sites(mechanism, choice.train.dataset)
-    grids = grids_of(choice.offers, mechanism, choice.train.states)
-    grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
-    offering = Offering(builders, sites, inputs, grids, wanted)
-    return select(
-        choice.standard, choice.train, offering, criteria=choice.criteria, seed=JUDGED, workers=choice.search.here
-    )
+    offering = Offering((_of_laws(choice, tuple(laws.values())),), wanted=wanted)
+    return _fitted(choice, select_again(before.chosen, offering, laws))
+
+
+def _of_laws(choice: Choice, evolved: Sequence[Candidate]) -> Builder:
+    """What was evolved, as groups whose costs count the places there are."""
+    cost = partial(choice.search.cost, places=len(sites_of(choice.standard.model.mechanism)))
+    return of_evolved(evolved, cost)
+
+
+def _fitted(choice: Choice, chosen: Selection) -> Together:
+    """What was chosen as candidates, and the fit with them."""
+    candidates = {kept.group.name: as_candidate(kept, choice.train) for kept in chosen.kept}
+    left = choice.residual(choice.fit(tuple(candidates.values()), choice.standard))
+    return Together(chosen, candidates, left)
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:

@@ -95,18 +95,19 @@ def compact_laws(
         yield curve, residual, tuple(laws)
 
 
-def of_one_place(candidates: Iterable[Candidate]) -> Iterator[Candidate]:
-    """Candidates at one place that read two inputs together, as one: functions of both and of one of them may stand
-    for one law. Where all have names they stay what they are."""
+def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
+    """Candidates at one place that read two inputs together, their names and all as one: functions of both and of one
+    of them may stand for one law. Where all have names they stay what they are."""
     at: dict[tuple[frozenset[object], bool], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[_sites(one), one.has_priors].append(one)
     for (sites, _), parts in at.items():
         read = {name for c in parts for name in c.inputs}
         if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER and any(_unnamed(c) for c in parts):
-            name, cost = " and ".join(c.name for c in parts), sum(c.cost for c in parts)
-            effects = tuple(e for c in parts for e in c.effects)
-            yield replace(parts[0], name=name, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
+            names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
+            effects, said = tuple(e for c in parts for e in c.effects), " and ".join(names)
+            whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
+            yield names, whole
 
 
 def _sites(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:

@@ -4,6 +4,7 @@ With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I
 C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,10 +34,10 @@ class Active:
         """The limits by which groups come in and go."""
         return self.pool.criteria
 
-    def added(self, g: int, variance: float) -> "Active":
-        """The model with group g, all its effects, at a prior variance of `variance`."""
-        everything = np.arange(len(self.pool.index[g]))
-        return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: everything})
+    def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
+        """The model with group g, all its effects or a part of them, at a prior variance of `variance`."""
+        effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
+        return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def without(self, g: int) -> "Active":
         """The model without group g."""

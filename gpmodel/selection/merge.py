@@ -26,8 +26,8 @@ TRIED = 3
 PAIRED = 30
 """Groups of which two are tried in the place of one, the best first."""
 
-LEEWAY = 100.0
-"""Nats that re-estimation may bring beyond what a group saves at the variances as they are; it brings tens."""
+LEEWAY = 50.0
+"""Nats by which a trial falls short at the variances as they are, and is none: re-estimation brings half of them."""
 
 
 def merged(active: Active) -> Active:

@@ -66,18 +66,27 @@ class Offering:
 
 
 def offered(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """The single groups that vary over these poses, the first of each set of columns, and their blocks.
+    """What is offered from the start: single groups and their blocks."""
+    return with_blocks(mechanism, singles(offering, mechanism, shapes))
+
+
+def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
+    """The single groups that vary over these poses, the first of each set of columns.
 
     Terms that were evolved together are offered one by one where one of them has a name by itself.
     """
     built = chain.from_iterable(builder(mechanism, shapes) for builder in offering.single)
-    found = _distinct(group for group in built if group is not None and offering.wanted(group))
+    found = without_copies(group for group in built if group is not None and offering.wanted(group))
     named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
-    groups = _distinct(g for whole in found for g in _apart(whole, named))
-    return groups + shared_kinds(mechanism, groups)
+    return without_copies(g for whole in found for g in _apart(whole, named))
 
 
-def _distinct(groups: Iterable[Group]) -> list[Group]:
+def with_blocks(mechanism: Mechanism, single: Sequence[Group]) -> list[Group]:
+    """Single groups, and those of one kind at several joints as one more each."""
+    return [*single, *shared_kinds(mechanism, single)]
+
+
+def without_copies(groups: Iterable[Group]) -> list[Group]:
     """The first of each set of columns."""
     found: dict[object, Group] = {}
     for group in groups:

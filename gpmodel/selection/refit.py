@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
+from gpmodel.model.effect import Term
 from gpmodel.model.error_model import Placement, pose_error
 from gpmodel.numerics.least_squares import inverse_gram
 from gpmodel.numerics.outliers import among_worst, outlier_limit
@@ -18,7 +19,7 @@ from gpmodel.numerics.outliers import among_worst, outlier_limit
 class Expansion:
     """Where the chain is linearised: what is fitted to what, values (E,), placement, σ of one measurement, m.
 
-    variances, chosen: of the groups in the model, by name, the variance and the effects that are left.
+    variances, left: of the groups in the model, by name, the variance and the terms of the effects that are left.
     """
 
     fitting: Fitting
@@ -26,7 +27,7 @@ class Expansion:
     placement: Placement
     sigma: float
     variances: Mapping[str, float] = field(default_factory=dict)
-    chosen: Mapping[str, IntArray] = field(default_factory=dict)
+    left: Mapping[str, frozenset[tuple[Term, ...]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,19 @@
 """What a selection chose: groups with gains, values, and what could stand in their place."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array
+from gpmodel.evidence.units import exchangeable
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.effect import Effect
-from gpmodel.selection.active import Active
-from gpmodel.selection.exchange import Alternative
+from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.group import Group
+from gpmodel.selection.look import Look, Screening
 from gpmodel.selection.moves import found
 from gpmodel.selection.refit import Expansion
 
@@ -32,14 +36,44 @@ class Kept:
 
 
 @dataclass(frozen=True)
+class Among:
+    """What a choice is made among: groups that are in whatever they are worth, single ones that are offered from the
+    start, free functions and waves that what was left asked for. grids, seed: of the waves and the orders that chance
+    is asked of."""
+
+    screening: Screening
+    always: tuple[Group, ...]
+    single: tuple[Group, ...]
+    found: tuple[Group, ...]
+    grids: Sequence[FrequencyGrid]
+    seed: int
+
+
+@dataclass(frozen=True)
 class Selection:
-    """The groups that were chosen, by gain. state: of the exact fit behind them. by_chance: (T,) the most nats, costs
-    counted, that any group gains on T permuted residuals of it. evidence: log marginal likelihood, costs counted."""
+    """The groups that were chosen, by gain, among which, and the last look at them."""
 
     kept: tuple[Kept, ...]
-    state: Expansion
-    by_chance: Array
-    evidence: float
+    among: Among
+    look: Look
+
+    @property
+    def state(self) -> Expansion:
+        """The exact fit behind it."""
+        return self.look.state
+
+    @property
+    def evidence(self) -> float:
+        """Log marginal likelihood, costs counted."""
+        return self.look.active.evidence
+
+    @cached_property
+    def by_chance(self) -> Array:
+        """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
+        screening, rng = self.among.screening, np.random.default_rng(self.among.seed)
+        together = exchangeable(self.state.fitting.poses.dataset.subset(screening.sample), screening.criteria)
+        with threadpool_limits(limits=1, user_api="blas"):
+            return best_by_chance(self.look.active, self.among.grids, together, rng, screening.criteria.shuffles)
 
     def likelier_by(self, other: "Selection") -> float:
         """Nats of its evidence over another one's; 0 where they left other poses out and are not to be compared."""
@@ -47,17 +81,16 @@ class Selection:
         return self.evidence - other.evidence if alike else 0.0
 
 
-def summarised(
-    active: Active, rivals: Mapping[int, tuple[Alternative, ...]], state: Expansion, by_chance: Array
-) -> Selection:
-    """What was chosen, from the groups in the model, their rivals and the exact fit."""
+def summarised(among: Among, look: Look) -> Selection:
+    """What was chosen, from the groups in the model and their rivals."""
+    active = look.active
     kept: list[Kept] = []
     for g in found(active):
         group, variance, pick = active.pool.groups[g], active.variances[g], active.chosen[g].tolist()
         effects, spreads = tuple(group.effects[k] for k in pick), tuple(group.spreads[k] for k in pick)
         group = replace(group, effects=effects, spreads=spreads)
-        others = tuple((active.pool.groups[r.number], r.loss) for r in rivals.get(g, ()))
+        others = tuple((active.pool.groups[r.number], r.loss) for r in look.rivals.get(g, ()))
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
         kept.append(Kept(group, active.gains[g][0], variance, others, determined))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), state, by_chance, active.evidence)
+    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), among, look)

@@ -1,51 +1,34 @@
 """Selection of groups: linearise, choose, solve the exact chain, look again."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import IntArray, Mask
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.iterate import Fitting
-from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.noise import blocks_of, pose_ratio
-from gpmodel.calibration.priors import off_mean
+from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.units import exchangeable
 from gpmodel.executor import Workers, called
+from gpmodel.families.candidate import Candidate
 from gpmodel.forks import ALONE
-from gpmodel.model.error_model import ErrorModel, Poses, observe
+from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.states import States
-from gpmodel.selection.active import LEAST_NOISE, Active
-from gpmodel.selection.by_chance import best_by_chance
-from gpmodel.selection.exchange import exchanged
+from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
-from gpmodel.selection.moves import stepwise, with_optimal_variances
-from gpmodel.selection.offers import Offering, offered
-from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.refit import Expansion, far_out, refit
-from gpmodel.selection.result import Selection, summarised
-from gpmodel.selection.rows import Rows
+from gpmodel.selection.look import Screening, added, left_by, looked
+from gpmodel.selection.offers import Offering, singles, with_blocks, without_copies
+from gpmodel.selection.refit import Expansion
+from gpmodel.selection.result import Among, Selection, summarised
 from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
-MOST_LOOKS = 3
-"""Linearisations at most; the second usually finds nothing to change."""
 SCREENING_POSES = 1500
 """As many tell groups of a few nats from none; the numbers are fitted to all."""
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What stays the same: the sample that is chosen on, its shapes, the limits."""
-
-    sample: IntArray
-    shapes: Shapes
-    criteria: Criteria
 
 
 def select(
@@ -63,46 +46,55 @@ def select(
     the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _select(calibration, poses, offering, np.random.default_rng(seed), criteria or Criteria(), workers)
+        return _select(calibration, poses, offering, criteria or Criteria(), seed, workers)
 
 
 def _select(
-    calibration: Calibration,
-    poses: Poses,
-    offering: Offering,
-    rng: np.random.Generator,
-    criteria: Criteria,
-    workers: Workers,
+    calibration: Calibration, poses: Poses, offering: Offering, criteria: Criteria, seed: int, workers: Workers
 ) -> Selection:
-    mechanism = calibration.model.mechanism
     bundle = sharing(poses.dataset)
     sample = _sample_of(bundle)
-    shapes = Shapes(_predicted_states(calibration, poses.subset(sample)))
-    base = list(geometry_groups(calibration.model.effects))
+    part = poses.subset(sample)
+    screening = Screening(sample, Shapes(_predicted_states(calibration, part)), criteria)
+    base = geometry_groups(calibration.model.effects)
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
-    task = _Task(sample, shapes, criteria)
     fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
-    single = [*offered(offering, mechanism, shapes), *_free(_left(task, base, state), offering)]
-    state = _refitted(stepwise(_started(task, [*base, *single], state)), task, state)
-    groups = [*base, *single]
-    kept = [g for g in groups if g.always_included or g.name in state.variances]
-    left = _left(task, kept, state)
-    waves, free = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
+    single = singles(offering, calibration.model.mechanism, screening.shapes)
+    free = _free(left_by(screening, base, state), offering)
+    groups = [*base, *with_blocks(calibration.model.mechanism, single), *free]
+    state = added(screening, groups, state)
+    left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
+    waves, more = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
     names = {g.name for g in (*groups, *waves)}
-    groups += [*waves, *(g for g in free if g.name not in names)]
-    for _ in range(MOST_LOOKS):
-        active, rivals = exchanged(stepwise(_started(task, groups, state)))
-        before = state
-        state = _refitted(active, task, before)
-        if _same(before, state):
-            break
-    together = exchangeable(poses.dataset.subset(sample), criteria)
-    chance = best_by_chance(active, offering.grids, together, rng, criteria.shuffles)
-    return summarised(active, rivals, state, chance)
+    found = (*free, *waves, *(g for g in more if g.name not in names))
+    return _selected(Among(screening, base, tuple(single), found, offering.grids, seed), state)
+
+
+def select_again(before: Selection, offering: Offering, laws: Mapping[tuple[str, ...], Candidate]) -> Selection:
+    """Choose once more from where a choice ended, beside what it was offered and is still wanted.
+
+    laws: by the names of the kept groups that each stands for, in whose places the choice begins with it; they are
+    among what `offering` builds. Groups come and go as in any choice.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        among, state = before.among, before.state
+        new = singles(offering, state.fitting.model.mechanism, among.screening.shapes)
+        single, found = ([g for g in groups if offering.wanted(g)] for groups in (among.single, among.found))
+        among = replace(among, single=tuple(without_copies([*single, *new])), found=tuple(found))
+        said = {name for names in laws for name in names}
+        variances = {name: a for name, a in state.variances.items() if name not in said}
+        instead = {law.name: max(state.variances[name] for name in names) for names, law in laws.items()}
+        return _selected(among, replace(state, variances=variances | instead))
+
+
+def _selected(among: Among, state: Expansion) -> Selection:
+    """What is chosen of groups from a state on."""
+    groups = [*among.always, *with_blocks(state.fitting.model.mechanism, among.single), *among.found]
+    return summarised(among, looked(among.screening, groups, state))
 
 
 def _sample_of(bundle: IntArray) -> IntArray:
@@ -129,75 +121,8 @@ def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     return replace(there.states, seen=replace(there.states.seen, points=points))
 
 
-def _left(task: _Task, beside: Sequence[Group], state: Expansion) -> Active:
-    """What some groups leave."""
-    return with_optimal_variances(_started(task, beside, state))
-
-
 def _free(left: Active, offering: Offering) -> list[Group]:
     """The free functions that what a model leaves asks for."""
     if not offering.inputs:
         return []
     return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]
-
-
-def _started(task: _Task, groups: Sequence[Group], state: Expansion) -> Active:
-    """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
-    fitting, sample = state.fitting, task.sample
-    model, part = fitting.model, fitting.poses.subset(sample)
-    problem = linearise(model, part, state.theta, state.placement, fitting.rotation_weight, fitting.use[sample])
-    target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
-    noise = blocks_of(problem, fitting.bundle[sample], fitting.ratio)
-    rows = Rows(model.mechanism, problem, target, noise, task.shapes)
-    pool = GroupPool(rows, groups, task.criteria)
-    active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
-    for g, group in enumerate(groups):
-        if group.always_included or group.name in state.variances:
-            active = active.added(g, state.variances.get(group.name, 1e-6))
-            if group.name in state.chosen:
-                active = replace(active, chosen={**active.chosen, g: state.chosen[group.name]})
-    return active
-
-
-def _refitted(active: Active, task: _Task, state: Expansion) -> Expansion:
-    """The exact fit with what is active, outliers and the noise's levels judged anew."""
-    fitting = state.fitting
-    before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
-    effects, variances, chosen = [], {}, {}
-    for g, a in active.variances.items():
-        group = active.pool.groups[g]
-        prior = group.with_prior(a)
-        effects += [prior[k] for k in active.chosen[g]]
-        variances[group.name], chosen[group.name] = a, active.chosen[g]
-    mean = dict(zip((active.pool.effects[i].terms for i in active.index), active.mean * active.scale, strict=True))
-    theta = np.array([before.get(e.terms, mean[e.terms]) for e in effects])
-    sigma = float(np.sqrt(active.sigma2))
-    fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
-    fit = refit(Expansion(fitting, theta, state.placement, sigma, variances, chosen))
-    use = far_out(fit.error, fitting.use, task.criteria.outlier_sigmas)
-    if not use.all():
-        use |= _back_in(fit.state, task.criteria)
-    if (use != fitting.use).any():
-        fitting = replace(fitting, use=use)
-        fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
-    ratio = pose_ratio(fit.problem, fitting.bundle, fitting.ratio, fit.unknowns - fit.problem.placement)
-    return replace(fit.state, fitting=replace(fitting, ratio=ratio))
-
-
-def _back_in(state: Expansion, criteria: Criteria) -> Mask:
-    """The poses (N,) that do not stand far out of a fit to all of them.
-
-    Those that stood out of the model before, and were left out of this one's fit, may be what it is there for."""
-    everything = np.ones(len(state.fitting.use), dtype=bool)
-    fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
-    return far_out(fit.error, everything, criteria.outlier_sigmas)
-
-
-def _same(before: Expansion, after: Expansion) -> bool:
-    """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
-    first, second = before.fitting, after.fitting
-    return (
-        bool((first.use == second.use).all())
-        and abs(np.log1p(first.ratio) - np.log1p(second.ratio)) < 0.1
-        and abs(np.log(before.sigma / after.sigma)) < 0.05
-    )

@@ -94,7 +94,7 @@ def test_parts_at_one_place_give_way_to_the_law_that_they_stood_for() -> None:
     parts = at_one_place(*PARTS)
     effects = (*geometric_effects(arm), *(e for c in parts for e in c.effects))
     left = residual_of(calibrate(ErrorModel(arm, effects), truth.poses), truth.poses, Criteria(), 0)
-    (whole,) = of_one_place(parts)
+    ((_, whole),) = of_one_place(parts)
     ((curve, residual, laws),) = compact_laws(left, [whole], Search(workers=2))
     found = replacement(curve, residual, laws)
     assert found is not None
@@ -108,7 +108,7 @@ def test_what_is_named_or_elsewhere_or_reads_a_third_input_is_not_joined() -> No
     elsewhere = [*at_one_place("J1"), *at_one_place("J2", slot="J5.moving")]
     for apart in (named, elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
         assert not list(of_one_place(apart))
-    assert [c.name for c in of_one_place([*named, *at_one_place("J4")])] == ["sin(J4) and cos(J4) and J4"]
+    assert [c.name for _, c in of_one_place([*named, *at_one_place("J4")])] == ["sin(J4) and cos(J4) and J4"]
 
 
 @pytest.mark.parametrize(

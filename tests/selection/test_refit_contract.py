@@ -12,8 +12,9 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.selection import select as selection
+from gpmodel.selection import look
 from gpmodel.selection.offers import Offering, of_offers
+from gpmodel.selection.select import select
 from joints import spherical_joint
 
 JOINT = spherical_joint()
@@ -60,8 +61,8 @@ def refits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ratios.append(fit.state.sigma / given[-1].sigma)
         return fit
 
-    exact = selection.refit
-    monkeypatch.setattr(selection, "refit", watched)
+    exact = look.refit
+    monkeypatch.setattr(look, "refit", watched)
     return ratios
 
 
@@ -69,7 +70,7 @@ def holds(kind: str, seed: int, refits: list[float]) -> None:
     machine, poses = MACHINES[kind](seed)
     standard = calibrate(ErrorModel(machine, geometric_effects(machine)), poses)
     refits.clear()
-    chosen = selection.select(standard, poses, Offering((of_offers(catalogue.catalogue),)), seed=1)
+    chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)), seed=1)
     assert refits
     assert refits[-1] < 1.005, f"{kind} {seed}"
     assert max(refits) < 1.05, f"{kind} {seed}: of a first look, far from the point it was linearised at"
