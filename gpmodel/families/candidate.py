@@ -12,10 +12,12 @@ from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect, made_of
-from gpmodel.model.states import States
+from gpmodel.model.states import States, load_unit
 
-NO_LOAD = 1e-6
-"""N m or N: a load below it is rounding."""
+NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
+"""N m or N: a load below it is rounding. Share of the largest load in the same unit below which another is as good as
+none: no joint is so soft beside the others that it would show, and at other poses the load may be a hundred times as
+large."""
 
 Kind = Literal["single", "harmonic", "vector", "curve"]
 
@@ -159,5 +161,11 @@ def across(joint: Joint) -> tuple[str, str]:
 
 
 def loaded(states: States, load: str) -> bool:
-    """Whether a load is there and more than rounding: an axis through its centre of mass carries none."""
-    return load in states.columns and float(np.max(np.abs(states[load]), initial=0.0)) > NO_LOAD
+    """Whether a load is there and more than rounding, or than next to none: an axis through its centre of mass carries
+    none, a wrist that hangs straight down hardly any."""
+    if load not in states.columns:
+        return False
+    unit = load_unit(load)
+    alike = (states[name] for name in states.loads if load_unit(name) == unit)
+    largest = max((float(np.max(np.abs(values), initial=0.0)) for values in alike), default=0.0)
+    return float(np.max(np.abs(states[load]), initial=0.0)) > max(NO_LOAD, NEXT_TO_NONE * largest)

@@ -10,11 +10,13 @@ from threadpoolctl import threadpool_limits
 from gpmodel.arrays import Array
 from gpmodel.evidence.units import exchangeable
 from gpmodel.families.frequency_grid import FrequencyGrid
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.group import Group
 from gpmodel.selection.look import Look, Screening
 from gpmodel.selection.moves import found
+from gpmodel.selection.offers import with_blocks
 from gpmodel.selection.refit import Expansion
 
 
@@ -47,6 +49,10 @@ class Among:
     found: tuple[Group, ...]
     grids: Sequence[FrequencyGrid]
     seed: int
+
+    def groups(self, mechanism: Mechanism) -> list[Group]:
+        """All of them, those of one kind at several joints as one more each."""
+        return [*self.always, *with_blocks(mechanism, self.single), *self.found]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from gpmodel.model.states import States
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.look import Screening, added, left_by, looked
-from gpmodel.selection.offers import Offering, singles, with_blocks, without_copies
+from gpmodel.selection.offers import Offering, singles, without_copies
 from gpmodel.selection.refit import Expansion
 from gpmodel.selection.result import Among, Selection, summarised
 from gpmodel.selection.surfaces import surfaces_left
@@ -42,6 +42,8 @@ def select(
 ) -> Selection:
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
+    Free functions are looked for in what the geometry leaves, they and waves in what stepwise selection leaves of that,
+    and once more in what the choice of all these leaves: a ripple may be hidden behind two others.
     poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
     the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
     """
@@ -64,14 +66,21 @@ def _select(
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
     single = singles(offering, calibration.model.mechanism, screening.shapes)
-    free = _free(left_by(screening, base, state), offering)
-    groups = [*base, *with_blocks(calibration.model.mechanism, single), *free]
+    among = Among(screening, base, tuple(single), (), offering.grids, seed)
+    among = replace(among, found=tuple(_free(left_by(screening, base, state), offering)))
+    groups = among.groups(calibration.model.mechanism)
     state = added(screening, groups, state)
     left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
-    waves, more = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
-    names = {g.name for g in (*groups, *waves)}
-    found = (*free, *waves, *(g for g in more if g.name not in names))
-    return _selected(Among(screening, base, tuple(single), found, offering.grids, seed), state)
+    chosen = _selected(_with_more(among, left, offering, workers), state)
+    more = _with_more(chosen.among, chosen.look.active, offering, workers) if chosen.kept else chosen.among
+    return _selected(more, chosen.state) if more.found != chosen.among.found else chosen
+
+
+def _with_more(among: Among, left: Active, offering: Offering, workers: Workers) -> Among:
+    """With the free functions and waves that what is left asks for."""
+    waves, free = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
+    names = {g.name for g in (*among.single, *among.found)}
+    return replace(among, found=(*among.found, *(g for g in (*waves, *free) if g.name not in names)))
 
 
 def select_again(before: Selection, offering: Offering, laws: Mapping[tuple[str, ...], Candidate]) -> Selection:
@@ -93,8 +102,7 @@ def select_again(before: Selection, offering: Offering, laws: Mapping[tuple[str,
 
 def _selected(among: Among, state: Expansion) -> Selection:
     """What is chosen of groups from a state on."""
-    groups = [*among.always, *with_blocks(state.fitting.model.mechanism, among.single), *among.found]
-    return summarised(among, looked(among.screening, groups, state))
+    return summarised(among, looked(among.screening, among.groups(state.fitting.model.mechanism), state))
 
 
 def _sample_of(bundle: IntArray) -> IntArray:

@@ -79,6 +79,21 @@ def test_what_the_table_lacks_is_not_offered() -> None:
     assert "parallel_bar_closure" not in {c.family for c in catalogue.candidates(mechanism("ur5"), on_ur5)}
 
 
+def test_a_joint_that_next_to_nothing_pulls_at_has_no_stiffness_to_find() -> None:
+    """As at a wrist that hangs straight down at every pose; at others the load is many times as large."""
+    arm = mechanism("ur5")
+    states = prepare(arm, bare("ur5", 40)).states
+    load, joint = "torque_wrist_1_joint", "wrist_1_joint"
+
+    def yielding(share: float) -> set[str]:
+        hanging = replace(states, columns={**states.columns, load: share * states[load]})
+        found = [c for c in catalogue.candidates(arm, hanging) if load in c.inputs]
+        return {c.family for c in found if c.name.endswith(joint)}
+
+    assert {"joint_compliance", "hardening_stiffness", "backlash_load"} <= yielding(1.0)
+    assert not {"joint_compliance", "hardening_stiffness", "backlash_load"} & yielding(1e-4)
+
+
 def without_priors(candidate: Candidate) -> tuple[Effect, ...]:
     """Its effects as large as one likes; a curve of many keeps the priors that make it smooth."""
     if len(candidate.effects) > FEW:
