@@ -72,7 +72,9 @@ def _select(
     state = added(screening, groups, state)
     left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
     chosen = _selected(_with_more(among, left, offering, workers), state)
-    more = _with_more(chosen.among, chosen.look.active, offering, workers) if chosen.kept else chosen.among
+    if chosen.state.variances.keys() == state.variances.keys():
+        return chosen
+    more = _with_more(chosen.among, chosen.look.active, offering, workers)
     return _selected(more, chosen.state) if more.found != chosen.among.found else chosen
 
 

@@ -189,11 +189,17 @@ class Places:
         return (inner - cross @ np.swapaxes(cross, 1, 2)) / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
-        """Gain (S,) at one typical variance, nats."""
+        """Gain (S,) at one typical variance a, nats: ½ a bᵀM⁻¹b - ½ ln|M| of M = I + a S and b = XᵀC⁻¹y.
+
+        The last pivot of the Cholesky factor of M bordered by √a b and c is √(c - a bᵀM⁻¹b).
+        """
         inner, rhs = self.products(values, sigma2)
         size = values.shape[1]
         variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-300)
-        lower = np.linalg.cholesky(np.eye(size) + variance[:, None, None] * inner)
-        half = np.linalg.solve(lower, rhs[:, :, None])[:, :, 0]
-        volume = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
-        return np.asarray(0.5 * variance * np.sum(half**2, axis=1) - volume)
+        border = np.sqrt(variance)[:, None] * rhs
+        corner = 1.0 + np.sum(border**2, axis=1)
+        bordered = np.zeros((len(inner), size + 1, size + 1))
+        bordered[:, :-1, :-1] = np.eye(size) + variance[:, None, None] * inner
+        bordered[:, -1, :-1], bordered[:, -1, -1] = border, corner
+        pivots = np.diagonal(np.linalg.cholesky(bordered), axis1=1, axis2=2)
+        return np.asarray(0.5 * (corner - pivots[:, -1] ** 2) - np.log(pivots[:, :-1]).sum(axis=1))
