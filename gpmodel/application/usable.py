@@ -215,7 +215,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
     """A basis within the ranges of its inputs, and a little beyond them unless it changes there by half of what it does
     within: a pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
-    if len(own) < len(basis.inputs):
+    if not own or len(own) < len(basis.inputs):
         return Clamped(basis, own)
     wider = {name: (low - REACH * (high - low), high + REACH * (high - low)) for name, (low, high) in own.items()}
     count = max(3, round(LOOKS ** (1.0 / max(len(own), 1))))

@@ -86,6 +86,18 @@ def test_within_its_ranges_nothing_changes() -> None:
     assert set(used["outside"]) == {""}
 
 
+def test_of_a_law_in_two_places_one_may_follow_the_session_alone() -> None:
+    """As the deviation of a moment in it does, which both of its terms hold."""
+    terms = ("J3.moving", "Ry", "J3*abs(row - 30)"), ("J3.moving", "Rz", "abs(row - 30)")
+    law = Effect("law", tuple(Term(slot, axis, gp.Expression(text)) for slot, axis, text in terms), "rad", "")
+    measured = table(60, effects=("J3.moving:Ry:J3*abs(row - 30)=10 urad",))
+    saved = gp.calibrate(gp.load_mechanism("irb6400r"), measured, [law], standard=("none",)).model.saved
+    poses = unmeasured([j.name for j in saved.mechanism.joints], np.full((1, 6), 0.1))
+    ended = [term.basis for term in usable(saved).model.effects[0].terms]
+    states = prepare(saved.mechanism, poses).states
+    np.testing.assert_allclose([basis(states)[0] for basis in ended], [3.0, 30.0])
+
+
 def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
     frame = table(60, effects=("J1.moving:Rz:clock=1e-6",), inputs={"clock": np.linspace(0.0, 600.0, 60)},
                   input_units={"clock": "s"})  # fmt: skip
