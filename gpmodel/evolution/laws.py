@@ -153,7 +153,7 @@ def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
 def _of_distance(problem: SlotProblem) -> list[Program]:
     """Laws of the distance from a point in the plane of two inputs that says most."""
     (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
-    return _of_any(problem, [parse(f"sqrt(square({one} - ({a:.6g})) + ({w:.6g})*square({other} - ({b:.6g})))")])
+    return _of_any(problem, [parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))")])
 
 
 def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> list[Program]:

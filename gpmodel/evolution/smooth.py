@@ -150,7 +150,7 @@ def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
 def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
     """A point in the plane of two columns (2, N), the distance from which says most, and how often the second counts.
 
-    (a, b, w) of √((x - a)² + w (y - b)²).
+    (a, b, w) of √((x - a)² + w² (y - b)²).
     """
     middle, spread = columns.mean(axis=1), columns.std(axis=1)
     scaled, noise = (columns - middle[:, None]) / spread[:, None], targets.energy / targets.components
@@ -163,4 +163,4 @@ def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
     ends = (minimize(cost, start, method="Nelder-Mead", bounds=NEAR) for start in starts)
     found = min(ends, key=lambda end: float(end.fun))
     (a, b), log_ratio = middle + spread * found.x[:2], float(found.x[2])
-    return float(a), float(b), float((np.exp(log_ratio) * spread[0] / spread[1]) ** 2)
+    return float(a), float(b), float(np.exp(log_ratio) * spread[0] / spread[1])

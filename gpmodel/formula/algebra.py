@@ -16,8 +16,8 @@ LARGEST_PIECE = 30
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
 
-deadzone, logistic = sympy.Function("deadzone"), sympy.Function("logistic")
-"""What of its argument is beyond -1 to 1; 1/(1 + exp(-a)): left alone by the algebra."""
+deadzone, logistic, hypot = map(sympy.Function, ("deadzone", "logistic", "hypot"))
+"""What of its argument is beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b): left alone by the algebra."""
 
 _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "add": lambda a, b: a + b,
@@ -44,6 +44,7 @@ _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "step": lambda a: sympy.Heaviside(a, 0),
     "deadzone": deadzone,
     "logistic": logistic,
+    "hypot": hypot,
     "power": lambda a, b: a**b,
 }
 
@@ -105,6 +106,7 @@ _FROM_SYMPY: dict[type[sympy.Basic], str] = {
     sympy.Heaviside: "step",
     deadzone: "deadzone",
     logistic: "logistic",
+    hypot: "hypot",
     **{getattr(sympy, name): name for name in ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin")},
 }
 

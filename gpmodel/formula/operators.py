@@ -11,7 +11,7 @@ Choices, made once and tested:
 * ``not`` is C's: 1 where the accumulator is 0, else 0.
 * ``min`` and ``max`` hand on a NaN.
 * ``step`` is 1 above 0, else 0; ``deadzone`` is what of its argument is below -1 or above 1, else 0.
-* ``logistic`` is 1/(1 + exp(-a)); ``power`` is real: a NaN of a negative base and a broken exponent.
+* ``logistic`` is 1/(1 + exp(-a)), ``hypot`` sqrt(a*a + b*b); ``power`` is real: a NaN of a negative base and a broken exponent.
 * angles are radians.
 """
 
@@ -64,6 +64,11 @@ def _beyond(a: Array) -> Array:
     return (np.abs(a) > 1.0).astype(float)
 
 
+def _directions(a: Array, b: Array) -> tuple[Array, Array]:
+    away = np.maximum(np.hypot(a, b), np.finfo(float).tiny)
+    return a / away, b / away
+
+
 def _between(chosen: Mask) -> tuple[Array, Array]:
     first = chosen.astype(float)
     return first, 1.0 - first
@@ -105,6 +110,7 @@ LANGUAGE: tuple[Operator, ...] = (
     Operator(WRITTEN, "step", 1, False, lambda a: (a > 0.0).astype(float), lambda a: (np.zeros_like(a),)),
     Operator(WRITTEN, "logistic", 1, True, _logistic, lambda a: (_logistic(a) * _logistic(-a),)),
     Operator(WRITTEN, "deadzone", 1, False, lambda a: a - np.clip(a, -1.0, 1.0), lambda a: (_beyond(a),)),
+    Operator(WRITTEN, "hypot", 2, False, np.hypot, _directions),
     Operator(
         WRITTEN, "power", 2, False, np.float_power,
         lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),

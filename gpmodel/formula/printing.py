@@ -8,7 +8,7 @@ from typing import Literal
 
 import sympy
 
-from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, in_pieces, logical_not
+from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, hypot, in_pieces, logical_not
 from gpmodel.formula.program import Program
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
@@ -37,6 +37,7 @@ def latex_lines(
 
     def line(expression: sympy.Basic) -> str:
         named = expression.replace(sympy.Heaviside, lambda a, *_: _STEP(a)).replace(logical_not, _NOT)
+        named = named.replace(hypot, lambda a, b: sympy.sqrt(a**2 + b**2))
         return str(sympy.latex(named, symbol_names=written))
 
     return [(line(symbol), line(expression)) for symbol, expression in pieces.items()], list(map(line, outputs))
@@ -105,6 +106,7 @@ _NUMPY: dict[str, str] = {
     "step": "({0} > 0.0).astype(float)",
     "logistic": "0.5 + 0.5 * np.tanh(0.5 * {0})",
     "deadzone": "{0} - np.clip({0}, -1.0, 1.0)",
+    "hypot": "np.hypot({0}, {1})",
     "power": "np.float_power({0}, {1})",
 }
 
@@ -128,5 +130,6 @@ _C99: dict[str, str] = _NUMPY | {
     "step": "{0} > 0.0 ? 1.0 : 0.0",
     "logistic": "0.5 + 0.5 * tanh(0.5 * {0})",
     "deadzone": "{0} - fmin(fmax({0}, -1.0), 1.0)",
+    "hypot": "hypot({0}, {1})",
     "power": "pow({0}, {1})",
 }
