@@ -11,7 +11,8 @@ Choices, made once and tested:
 * ``not`` is C's: 1 where the accumulator is 0, else 0.
 * ``min`` and ``max`` hand on a NaN.
 * ``step`` is 1 above 0, else 0; ``deadzone`` is what of its argument is below -1 or above 1, else 0.
-* ``logistic`` is 1/(1 + exp(-a)), ``hypot`` sqrt(a*a + b*b); ``power`` is real: a NaN of a negative base and a broken exponent.
+* ``logistic`` is 1/(1 + exp(-a)), ``hypot`` is sqrt(a*a + b*b).
+* ``power`` is real: a NaN of a negative base and a broken exponent.
 * angles are radians.
 """
 
