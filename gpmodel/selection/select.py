@@ -43,7 +43,8 @@ def select(
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
     Free functions are looked for in what the geometry leaves, they and waves in what stepwise selection leaves of that,
-    and once more in what the choice of all these leaves: a ripple may be hidden behind two others.
+    and, but of a sample of many poses, once more in what the choice of all these leaves: a ripple may hide behind two
+    others.
     poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
     the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
     """
@@ -72,7 +73,7 @@ def _select(
     state = added(screening, groups, state)
     left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
     chosen = _selected(_with_more(among, left, offering, workers), state)
-    if chosen.state.variances.keys() == state.variances.keys():
+    if len(part) < len(poses) or chosen.state.variances.keys() == state.variances.keys():
         return chosen
     more = _with_more(chosen.among, chosen.look.active, offering, workers)
     return _selected(more, chosen.state) if more.found != chosen.among.found else chosen
