@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import IntArray, Mask
+from gpmodel.arrays import Mask
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of, pose_ratio
 from gpmodel.calibration.priors import off_mean
@@ -28,9 +28,8 @@ UNKNOWN = 1e-6
 
 @dataclass(frozen=True)
 class Screening:
-    """What stays the same: the sample that is chosen on, its shapes, the limits."""
+    """What stays the same: the shapes of the poses that are chosen on, the limits."""
 
-    sample: IntArray
     shapes: Shapes
     criteria: Criteria
 
@@ -66,11 +65,10 @@ def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
     """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
-    fitting, sample = state.fitting, screening.sample
-    model, part = fitting.model, fitting.poses.subset(sample)
-    problem = linearise(model, part, state.theta, state.placement, fitting.rotation_weight, fitting.use[sample])
+    fitting, model = state.fitting, state.fitting.model
+    problem = linearise(model, fitting.poses, state.theta, state.placement, fitting.rotation_weight, fitting.use)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
-    noise = blocks_of(problem, fitting.bundle[sample], fitting.ratio)
+    noise = blocks_of(problem, fitting.bundle, fitting.ratio)
     rows = Rows(model.mechanism, problem, target, noise, screening.shapes)
     pool = GroupPool(rows, groups, screening.criteria)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)

@@ -77,7 +77,7 @@ class Selection:
     def by_chance(self) -> Array:
         """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
         screening, rng = self.among.screening, np.random.default_rng(self.among.seed)
-        together = exchangeable(self.state.fitting.poses.dataset.subset(screening.sample), screening.criteria)
+        together = exchangeable(self.state.fitting.poses.dataset, screening.criteria)
         with threadpool_limits(limits=1, user_api="blas"):
             return best_by_chance(self.look.active, self.among.grids, together, rng, screening.criteria.shuffles)
 

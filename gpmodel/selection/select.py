@@ -28,7 +28,7 @@ from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
 SCREENING_POSES = 1500
-"""As many tell groups of a few nats from none; the numbers are fitted to all."""
+"""As many tell groups of a few nats from none, and are what is chosen on; the numbers are fitted to all afterwards."""
 
 
 def select(
@@ -55,14 +55,14 @@ def select(
 def _select(
     calibration: Calibration, poses: Poses, offering: Offering, criteria: Criteria, seed: int, workers: Workers
 ) -> Selection:
-    bundle = sharing(poses.dataset)
-    sample = _sample_of(bundle)
-    part = poses.subset(sample)
-    screening = Screening(sample, Shapes(_predicted_states(calibration, part)), criteria)
-    base = geometry_groups(calibration.model.effects)
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
-    fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
+    bundle = sharing(poses.dataset)
+    sample = _sample_of(bundle)
+    part, bundle = poses.subset(sample), bundle[sample]
+    screening = Screening(Shapes(_predicted_states(calibration, part)), criteria)
+    base = geometry_groups(calibration.model.effects)
+    fitting = Fitting(calibration.model, part, use[sample], calibration.rotation_weight, bundle)
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
