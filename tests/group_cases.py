@@ -20,7 +20,7 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
-from gpmodel.selection.offers import Offering, of_offers, offered
+from gpmodel.selection.offers import Offering, of_offers, shared_kinds, singles
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.rows import Rows
 from gpmodel.table.bundles import replicates
@@ -33,6 +33,12 @@ def offering(arm: Mechanism, poses: Poses) -> Offering:
     """All that a selection may choose of these poses."""
     inputs = readable_inputs(poses.states, np.arange(len(poses)))[0].names
     return Offering(STANDING, sites_of(arm), inputs)
+
+
+def offered(offering: Offering, arm: Mechanism, shapes: Shapes) -> list[Group]:
+    """Single groups that a selection may choose of, and those of one kind at several joints as one more each."""
+    single = singles(offering, arm, shapes)
+    return [*single, *shared_kinds(arm, single)]
 
 
 @cache

@@ -218,7 +218,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
     if not own or len(own) < len(basis.inputs):
         return Clamped(basis, own)
     wider = {name: (low - REACH * (high - low), high + REACH * (high - low)) for name, (low, high) in own.items()}
-    count = max(3, round(LOOKS ** (1.0 / max(len(own), 1))))
+    count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
     at = States(dict(zip(own, map(np.ravel, np.meshgrid(*values, indexing="ij")), strict=True)), dict.fromkeys(own, ""))

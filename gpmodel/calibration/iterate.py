@@ -57,10 +57,13 @@ class Fitting:
     bundle: IntArray
     ratio: float = 0.0
 
+    def linearised(self, theta: Array, placement: Placement) -> Linearised:
+        """The weighted linear problem at one point, repeats of a pose as they are."""
+        return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
+
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """The weighted linear problem at one point, its rows independent."""
-        problem = linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
-        return decorrelated(problem, self.bundle, self.ratio)
+        """The same with its rows independent."""
+        return decorrelated(self.linearised(theta, placement), self.bundle, self.ratio)
 
     def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
         """The problem of a point with the residual at another one, its columns as they are. Not beside free joints."""

@@ -163,9 +163,11 @@ def across(joint: Joint) -> tuple[str, str]:
 def loaded(states: States, load: str) -> bool:
     """Whether a load is there and more than rounding, or than next to none: an axis through its centre of mass carries
     none, a wrist that hangs straight down hardly any."""
-    if load not in states.columns:
+
+    def most(name: str) -> float:
+        return float(np.max(np.abs(states[name]), initial=0.0))
+
+    if load not in states.columns or not most(load) > NO_LOAD:
         return False
-    unit = load_unit(load)
-    alike = (states[name] for name in states.loads if load_unit(name) == unit)
-    largest = max((float(np.max(np.abs(values), initial=0.0)) for values in alike), default=0.0)
-    return float(np.max(np.abs(states[load]), initial=0.0)) > max(NO_LOAD, NEXT_TO_NONE * largest)
+    alike = (name for name in states.loads if load_unit(name) == load_unit(load))
+    return most(load) > NEXT_TO_NONE * max(map(most, alike), default=0.0)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Mask
-from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of, pose_ratio
 from gpmodel.calibration.priors import off_mean
 from gpmodel.evidence.criteria import Criteria
@@ -47,7 +46,7 @@ def looked(screening: Screening, groups: Sequence[Group], state: Expansion) -> L
     """The last look: from what was chosen before, again until the next would see the same problem."""
     for _ in range(MOST_LOOKS):
         active, rivals = exchanged(stepwise(_started(screening, groups, state)))
-        before, state = state, refitted(active, screening, state)
+        before, state = state, _refitted(active, screening, state)
         if _same(before, state):
             break
     return Look(active, rivals, state)
@@ -55,7 +54,7 @@ def looked(screening: Screening, groups: Sequence[Group], state: Expansion) -> L
 
 def added(screening: Screening, groups: Sequence[Group], state: Expansion) -> Expansion:
     """The exact fit with what forward and backward selection alone choose of groups."""
-    return refitted(stepwise(_started(screening, groups, state)), screening, state)
+    return _refitted(stepwise(_started(screening, groups, state)), screening, state)
 
 
 def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> Active:
@@ -66,21 +65,22 @@ def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
     """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
     fitting, model = state.fitting, state.fitting.model
-    problem = linearise(model, fitting.poses, state.theta, state.placement, fitting.rotation_weight, fitting.use)
+    problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
     noise = blocks_of(problem, fitting.bundle, fitting.ratio)
     rows = Rows(model.mechanism, problem, target, noise, screening.shapes)
     pool = GroupPool(rows, groups, screening.criteria)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
-        left = state.left.get(group.name)
-        those = [k for k, e in enumerate(group.effects) if left is None or e.terms in left]
-        if those and (group.always_included or group.name in state.variances):
-            active = active.added(g, state.variances.get(group.name, UNKNOWN), those)
+        if group.always_included or group.name in state.variances:
+            left = state.left.get(group.name)
+            those = [k for k, e in enumerate(group.effects) if left is None or e.terms in left]
+            if those:
+                active = active.added(g, state.variances.get(group.name, UNKNOWN), those)
     return active
 
 
-def refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
+def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
     """The exact fit with what is active, outliers and the noise's levels judged anew."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))

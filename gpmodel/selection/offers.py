@@ -65,11 +65,6 @@ class Offering:
     wanted: Callable[[Group], bool] = lambda _: True
 
 
-def offered(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """What is offered from the start: single groups and their blocks."""
-    return with_blocks(mechanism, singles(offering, mechanism, shapes))
-
-
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
     """The single groups that vary over these poses, the first of each set of columns.
 
@@ -79,11 +74,6 @@ def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Gr
     found = without_copies(group for group in built if group is not None and offering.wanted(group))
     named = {g.effects[0].terms for g in found if g.family and len(g.effects) == 1}
     return without_copies(g for whole in found for g in _apart(whole, named))
-
-
-def with_blocks(mechanism: Mechanism, single: Sequence[Group]) -> list[Group]:
-    """Single groups, and those of one kind at several joints as one more each."""
-    return [*single, *shared_kinds(mechanism, single)]
 
 
 def without_copies(groups: Iterable[Group]) -> list[Group]:

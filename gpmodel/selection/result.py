@@ -16,7 +16,7 @@ from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.group import Group
 from gpmodel.selection.look import Look, Screening
 from gpmodel.selection.moves import found
-from gpmodel.selection.offers import with_blocks
+from gpmodel.selection.offers import shared_kinds
 from gpmodel.selection.refit import Expansion
 
 
@@ -52,7 +52,7 @@ class Among:
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
         """All of them, those of one kind at several joints as one more each."""
-        return [*self.always, *with_blocks(mechanism, self.single), *self.found]
+        return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.found]
 
 
 @dataclass(frozen=True)

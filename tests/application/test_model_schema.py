@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from effect_cases import bare, mechanism
-from group_cases import STANDING
+from group_cases import STANDING, offered
 from model_cases import fitted, refused, sealed
 
 import gpmodel as gp
@@ -18,7 +18,7 @@ from gpmodel.application.model_schema import LARGEST_FILE, EffectPart
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.selection.group import Shapes
-from gpmodel.selection.offers import Offering, offered
+from gpmodel.selection.offers import Offering
 from gpmodel.texts import SEAL
 
 

@@ -7,7 +7,7 @@ import loop_cases
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, sized
-from group_cases import ARM, STANDING, offering, problem
+from group_cases import ARM, STANDING, offered, offering, problem
 from scipy import linalg, stats
 
 from gpmodel.calibration.gauss_newton import calibrate
@@ -22,7 +22,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes
-from gpmodel.selection.offers import Offering, offered
+from gpmodel.selection.offers import Offering
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select

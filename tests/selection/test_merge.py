@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from effect_cases import measure, mechanism
-from group_cases import ARM, STANDING, started
+from group_cases import ARM, STANDING, offered, started
 
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
@@ -17,7 +17,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, group_of, joined
 from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
 from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
-from gpmodel.selection.offers import Offering, of_evolved, offered
+from gpmodel.selection.offers import Offering, of_evolved
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
 
