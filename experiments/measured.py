@@ -56,7 +56,7 @@ def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: ar
     """The loop as `gpmodel discover` runs it, with its report in `given.out`."""
     search = Search(
         runs=given.runs, max_effects=given.max_effects, stop_after=60 * given.minutes, workers=given.workers,
-        strategies=strategies_named(given.representations, "slot", {}),
+        strategies=strategies_named(given.representations, "slot", {}), scored_poses=len(train),
     )  # fmt: skip
     found = discover(
         MechanismChoice(robot).load(), poses, train, heldout, search=search, seed=given.seed,

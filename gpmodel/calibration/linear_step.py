@@ -57,9 +57,7 @@ def linear_step(
     free = problem.free(kept)
     belief = beliefs(model, problem, theta, placement, kept)
     rows = belief.rows[:, free]
-    readings = ReadJoints.beside(
-        problem, np.vstack([problem.columns[:, free], rows]), free, noise_sigma(model, problem)
-    )
+    readings = ReadJoints.beside(problem, rows, free, noise_sigma(model, problem))
     rows = np.vstack([rows, readings.rows(problem)[:, free]])
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf

@@ -142,7 +142,7 @@ def linearise(
         placement_names=tuple(names),
         observed=observed,
         poses=poses,
-        sizes=np.linalg.norm(weighted, axis=0),
+        sizes=np.sqrt(np.einsum("km,km->k", weighted.T, weighted.T)),
         weights=weights,
     )
 

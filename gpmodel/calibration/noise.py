@@ -33,10 +33,16 @@ class Whitening:
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
-        """Values (M, ...) with the mean of each block times a factor (B,)."""
+        """Values (M, ...) with the mean of each block times a factor (B,); a row alone in its block is its own mean."""
         if self.ratio == 0.0:
             return values
-        return values + ((factor - 1.0).reshape(-1, *[1] * (values.ndim - 1)) * self.means(values))[self.block]
+        beside = [1] * (values.ndim - 1)
+        out: Array = values * factor[self.block].reshape(-1, *beside)
+        rows = np.flatnonzero(self.sizes[self.block] > 1)
+        numbers, block = np.unique(self.block[rows], return_inverse=True)
+        again, several = replace(self, block=block.reshape(-1)), values[rows]
+        out[rows] = several + ((factor[numbers] - 1.0).reshape(-1, *beside) * again.means(several))[again.block]
+        return out
 
     @cached_property
     def sizes(self) -> IntArray:
@@ -81,7 +87,9 @@ def decorrelated_rows(problem: Linearised, values: Array, bundle: IntArray, rati
     """The same of any values (M, ...) over the rows of a problem."""
     if ratio == 0.0:
         return values
-    return float(np.sqrt(1.0 + ratio)) * blocks_of(problem, bundle, ratio).whiten(values)
+    out = blocks_of(problem, bundle, ratio).whiten(values)
+    out *= np.sqrt(1.0 + ratio)
+    return out
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:

@@ -124,13 +124,13 @@ class ReadJoints:
     weight: float
 
     @classmethod
-    def beside(cls, problem: Linearised, informed: Array, free: Mask, sigma: float) -> "ReadJoints":
-        """Where they tell more of something than the other rows (M, F) of the columns that are `free` (K,), each ± σ;
-        nothing without free joints."""
+    def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
+        """Where they tell more of something than the problem does and other rows (B, F), of the columns that are `free`
+        (K,), each ± σ; nothing without free joints."""
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)
         known = replace(problem.left.readings, rows=problem.left.readings.rows[:, free])
-        alone = known.alone(informed, sigma)
+        alone = known.alone(np.vstack([problem.columns[:, free], rows]), sigma)
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:

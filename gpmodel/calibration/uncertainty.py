@@ -11,7 +11,7 @@ from gpmodel.calibration.result import Covariance, Placed, Uncertainty
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
-from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram
+from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_of
 
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
@@ -21,17 +21,22 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
     belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
-    believed = np.vstack([problem.columns, belief.rows])[:, free]
-    informed = believed[: len(problem.columns) + belief.own]
-    rank = informed.shape[1] if problem.left is None else _rank(informed)
-    left = float(np.sqrt(np.sum(problem.residual**2) / max(len(informed) - rank, 1)))
+    rows, count = belief.rows[:, free], len(problem.columns) + belief.own
+    rank = int(free.sum()) if problem.left is None else _rank(np.vstack([problem.columns[:, free], rows[: belief.own]]))
+    left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise
-    read = ReadJoints.beside(problem, believed, free, sigma).rows(problem)
-    columns = np.vstack([believed, read[:, free]])
-    scale = np.linalg.norm(columns, axis=0)
-    scale = np.where(scale < ident.NEGLIGIBLE, 1.0, scale)
-    many = columns.shape[1] >= MANY_COLUMNS
-    inverse = inverse_gram(columns / scale, many)
+    rows = np.vstack([rows, ReadJoints.beside(problem, rows, free, sigma).rows(problem)[:, free]])
+    if free.sum() >= MANY_COLUMNS:
+        products = (problem.columns.T @ problem.columns)[np.ix_(free, free)] + rows.T @ rows
+        scale = _or_one(np.sqrt(np.diag(products)))
+        inverse = inverse_of(products / np.outer(scale, scale))
+        shares = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))
+    else:
+        columns = np.vstack([problem.columns[:, free], rows])
+        scale = _or_one(np.linalg.norm(columns, axis=0))
+        inverse = inverse_gram(columns / scale)
+        fixed = ident.orthonormal(columns[:count, : problem.placement])
+        shares = ident.unique_shares(np.hstack([fixed, columns[:count, problem.placement :]]))
     covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
     deviation = np.sqrt(np.diag(covariance))
@@ -39,11 +44,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     n = len(kept)
     stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
     stderr[at] = deviation[effects]
-    if many:
-        share[at] = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))[effects]
-    else:
-        fixed = ident.orthonormal(informed[:, : problem.placement])
-        share[at] = ident.unique_shares(np.hstack([fixed, informed[:, effects]]))[fixed.shape[1] :]
+    share[at] = shares[len(shares) - len(at) :]
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = covariance
@@ -55,10 +56,14 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
 
 
+def _or_one(norms: Array) -> Array:
+    """Norms (K,) that are no rounding, 1 for others."""
+    return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
+
+
 def _rank(columns: Array) -> int:
     """How many combinations of columns (M, K) the measurements determine."""
-    scale = np.linalg.norm(columns, axis=0)
-    return int(np.linalg.matrix_rank(columns / np.where(scale < ident.NEGLIGIBLE, 1.0, scale), 1e-9))
+    return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 
 def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:

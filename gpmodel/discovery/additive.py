@@ -19,7 +19,7 @@ from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance
 from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate
-from gpmodel.selection.result import Kept, Selection
+from gpmodel.selection.result import Kept
 
 MOST_DETERMINED = 20.0
 """Unknowns of a curve that the data determine, up to which a law may say the same: the most that a smooth curve has. A
@@ -121,7 +121,7 @@ def _laws(choice: Choice, first: Together) -> Laws:
 def _accepted(choice: Choice, last: Together) -> Additive:
     """The chosen groups that stand every test beside each other, fine curves in as much detail as their evidence asks:
     what is a line of a curve is no finding."""
-    kept = {k.group.name: k for k in last.chosen.kept}
+    kept, null_nats = {k.group.name: k for k in last.chosen.kept}, last.chosen.by_chance
     residual = lru_cache(1)(choice.residual)
     offered, calibration = _in_detail(choice, last)
     apart = told_apart(residual(calibration), offered)
@@ -137,7 +137,7 @@ def _accepted(choice: Choice, last: Together) -> Additive:
         left = residual(calibration)
 
         def verdict(name: str) -> Hypothesis:
-            return _judged(left.without(asked[name].effects), asked[name], kept[name], last.chosen)
+            return _judged(left.without(asked[name].effects), asked[name], kept[name], null_nats)
 
         return of_each(asked, verdict)
 
@@ -149,7 +149,7 @@ def _accepted(choice: Choice, last: Together) -> Additive:
     residual(calibration)  # once, before it is looked at side by side
     judged = of_each(candidates, with_rivals)
     passed = {name: h for name, h in judged.items() if h.accepted}
-    return Additive(tuple(judged.values()), calibration, last.chosen.by_chance, passed=passed)
+    return Additive(tuple(judged.values()), calibration, null_nats, passed=passed)
 
 
 def _in_detail(choice: Choice, last: Together) -> tuple[dict[str, Candidate], Calibration]:
@@ -158,10 +158,10 @@ def _in_detail(choice: Choice, last: Together) -> tuple[dict[str, Candidate], Ca
     return offered, calibration if offered == last.candidates else choice.fit(tuple(offered.values()), calibration)
 
 
-def _judged(residual: Residual, candidate: Candidate, kept: Kept, chosen: Selection) -> Hypothesis:
+def _judged(residual: Residual, candidate: Candidate, kept: Kept, null_nats: Array) -> Hypothesis:
     """The verdict on a kept group beside all the others; residual: without it."""
     before = cross_validated(residual.at_own_noise(), ())
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
-    by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), chosen.by_chance)
+    by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), null_nats)
     return tested(residual, candidate, score, by_chance, before)

@@ -13,6 +13,7 @@ from gpmodel.evidence.cross_validation import cross_validated, gained
 from gpmodel.evidence.residual import Residual
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
+from gpmodel.numerics.least_squares import solve
 
 MOST_RIVALS = 6
 """Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
@@ -62,7 +63,7 @@ def spread_by_rivals(
         return {}
     own = _explained(residual, effects)
     apart = np.column_stack([own - _explained(residual, rival) for _, rival in able])
-    moved = linalg.lstsq(residual.system, apart, lapack_driver="gelsy", check_finite=False)[0][-len(residual.names) :]
+    moved = solve(residual.system, apart)[-len(residual.names) :]
     at = {e.name: i for i, e in enumerate(residual.calibration.model.effects)}
     columns = residual.problem.columns[:, residual.problem.placement :][:, [at[name] for name in residual.names]]
     unit = residual.system[: residual.measured, -len(residual.names) :]

@@ -72,8 +72,7 @@ def discover(
     state.say("standard model")
     base = state.fit(ErrorModel(mechanism, ()))
     standard_fit = state.fit(state.model(()))
-    calibration = state.fit(state.model(state.found), standard_fit) if state.findings else standard_fit
-    calibration, stopped = _run_rounds(state, standard_fit, calibration)
+    calibration, stopped = _searched(state, standard_fit)
     state.say("the ladder of held-out errors, and the final fit on all poses")
     finished = partial(_unfinished if errors_alone else _finished, state, standard_fit, calibration)
     (last, final, doubt, suspects), rungs = called_beside(search.here, finished, _rungs(state, standard_fit))
@@ -82,6 +81,18 @@ def discover(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
         doubt, state.standard, time.monotonic() - started, stopped, suspects,
     )  # fmt: skip
+
+
+def _searched(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
+    """The rounds on the poses that choices are made on, what they found fitted to all training poses, and why they
+    ended."""
+    sampled = len(state.sample) < len(state.train)
+    start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
+    calibration = state.fit_sample(state.model(state.found), start) if state.findings else start
+    calibration, stopped = _run_rounds(state, start, calibration)
+    if sampled:
+        calibration = state.fit(state.model(state.found), standard_fit) if state.findings else standard_fit
+    return calibration, stopped
 
 
 def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:

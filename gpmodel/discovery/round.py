@@ -28,8 +28,8 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     """
     number = len(state.rounds) + 1
     rng = np.random.default_rng([state.seed, number])
-    train = state.poses.subset(state.train)
-    exploration, judged = _explored(state, calibration, train, rng)
+    poses = state.poses.subset(state.sample)
+    exploration, judged = _explored(state, calibration, poses, rng)
     passed = _one_a_place(h.candidate for h in judged if h.accepted)
     new = tuple(c for c in passed if c.name not in {e.name for e in state.evolved})
     pointed = _pointed(state, exploration)
@@ -38,8 +38,8 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
         return calibration
     state.say(f"round {number}: choosing groups of effects together")
     choice = Choice(
-        standard_fit, lambda found, start: state.fit(state.model(found), start) if found else standard_fit, train,
-        state.offers, state.search, state.criteria, pointed, lambda: state.late, frozenset(c.name for c in new),
+        standard_fit, lambda found, start: state.fit_sample(state.model(found), start) if found else standard_fit,
+        poses, state.offers, state.search, state.criteria, pointed, lambda: state.late, frozenset(c.name for c in new),
     )  # fmt: skip
     found = additive(choice, (*state.evolved, *new))
     searched = [*judged, *(h for r in state.rounds for h in r.hypotheses)]
@@ -80,17 +80,14 @@ def _pointed(state: State, exploration: Exploration) -> frozenset[str] | None:
 
 
 def _explored(
-    state: State, calibration: Calibration, train: Poses, rng: np.random.Generator
+    state: State, calibration: Calibration, poses: Poses, rng: np.random.Generator
 ) -> tuple[Exploration, tuple[Hypothesis, ...]]:
     """What GP evolves on the residual of a calibration, and the verdicts on the best of it.
 
     Maxima on shuffled residuals are pooled over rounds of one budget: those of an opening round stand alone.
     """
     number = len(state.rounds) + 1
-    rows = np.arange(len(train))
-    if len(train) > state.search.scored_poses:
-        rows = np.sort(rng.permutation(len(train))[: state.search.scored_poses])
-    residual = residual_of(calibration, train.subset(rows), state.criteria, JUDGED)
+    residual = residual_of(calibration, poses, state.criteria, JUDGED)
     state.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
     opening = bool(state.offers) and number == 1
     earlier = [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]

@@ -1,4 +1,5 @@
-"""Rows that a search may use: each measurement once, and no held-out pose of a set-up or tool it is not trained on."""
+"""Rows that a search may use: each measurement once, no held-out pose of a set-up or tool it is not trained on, and
+of many a sample to choose on."""
 
 import numpy as np
 
@@ -7,7 +8,8 @@ from gpmodel.calibration.comparison import known_rows
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller
-from gpmodel.table.bundles import copies
+from gpmodel.table.bundles import copies, sharing
+from gpmodel.table.split import JUDGED
 
 Division = tuple[Poses, IntArray, IntArray]
 """Poses, and which of them train and are held out."""
@@ -38,6 +40,20 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
         return poses, train, heldout
     say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
     return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
+
+
+def evenly(poses: Poses, rows: IntArray, most: int) -> IntArray:
+    """Of more rows (R,) than `most` about so many: of every stretch of poses one, drawn at random, with its repeats.
+
+    Every k-th pose would be of one value of a joint where a programme steps through a grid.
+    """
+    if len(rows) <= most:
+        return rows
+    bundle = sharing(poses.subset(rows).dataset)
+    count = int(bundle.max()) + 1
+    stretch = np.arange(count) * most // len(rows)
+    drawn = np.lexsort((np.random.default_rng(JUDGED).random(count), stretch))
+    return rows[np.isin(bundle, drawn[np.unique(stretch, return_index=True)[1]])]
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.discovery.result import Finding, Round
+from gpmodel.discovery.rows import evenly
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.runs import KeptRuns
@@ -61,6 +63,11 @@ class State:
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
 
+    @cached_property
+    def sample(self) -> IntArray:
+        """The training rows that choices are made on."""
+        return evenly(self.poses, self.train, self.search.scored_poses)
+
     @property
     def found(self) -> tuple[Candidate, ...]:
         """The findings' candidates, in order."""
@@ -97,9 +104,16 @@ class State:
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
         """A model fitted to the training poses; start: a fit to go on from, its outliers judged anew."""
-        train = self.poses.subset(self.train)
+        return self._fit(model, self.train, start)
+
+    def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
+        """The same, of the poses that choices are made on."""
+        return self._fit(model, self.sample, start)
+
+    def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:
         again = without_outlier_marks(start) if start else None
-        return calibrate(model, train, condition_limit=self.condition_limit, start=again, seed=JUDGED)
+        limit = self.condition_limit
+        return calibrate(model, self.poses.subset(rows), condition_limit=limit, start=again, seed=JUDGED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
         """A model fitted to all poses, with the condition limit that the training poses chose."""

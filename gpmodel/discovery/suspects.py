@@ -17,6 +17,7 @@ from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.result import Suspect
+from gpmodel.discovery.rows import evenly
 from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of, squares
 from gpmodel.evidence.score import best_nats, contribution, scores
@@ -64,13 +65,14 @@ def _of_odd_poses(state: State, final: Calibration) -> Iterator[Suspect]:
     pool = _pool(state) if len(odd) >= FEWEST else []
     if not pool:
         return
-    residual = residual_of(final, poses, criteria, JUDGED, np.ones(len(poses), dtype=bool))
+    some = np.union1d(evenly(poses, np.arange(len(poses)), state.search.scored_poses), odd)
+    residual = residual_of(final, poses.subset(some), criteria, JUDGED, np.ones(len(some), dtype=bool))
     parts = np.array_split(np.arange(len(pool)), AT_ONCE)
     scored = called(state.search.here, [partial(scores, residual, [pool[k] for k in part]) for part in parts])
     known = list(chain.from_iterable(scored))
     best = max(range(len(pool)), key=lambda k: known[k].nats)
     left = residual.values - contribution(residual, pool[best])
-    before, after = (_rms_at(residual, odd, values) for values in (residual.values, left))
+    before, after = (_rms_at(residual, np.searchsorted(some, odd), values) for values in (residual.values, left))
     if after > EXPLAINED * before:
         return
     trials = residual.shuffled(np.random.default_rng(JUDGED), criteria.shuffles)

@@ -20,18 +20,24 @@ def solve(system: Array, target: Array) -> Array:
     return np.asarray(linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False))
 
 
-def inverse_gram(columns: Array, many: bool) -> Array:
-    """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR, or by Cholesky where priors keep hundreds regular."""
-    if many:
-        return np.asarray(linalg.cho_solve(factored(columns.T @ columns), np.eye(columns.shape[1]), check_finite=False))
+def inverse_gram(columns: Array) -> Array:
+    """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR."""
     root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
     return root @ root.T
+
+
+def inverse_of(products: Array) -> Array:
+    """The inverse (K, K) of products of unit columns that priors keep regular, by Cholesky; it overwrites them."""
+    return np.asarray(linalg.cho_solve(factored(products), np.eye(len(products)), check_finite=False))
 
 
 def root_mean_square(values: Array) -> float:
     """√ mean v² of values (N,); NaN of none."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
 
+
+REGULAR = 1e-13
+"""Of the largest eigenvalue of products of unit columns: smaller ones are rounding."""
 
 INSIDE = 1e-6
 """Share of a unit vector of coefficients that combinations of columns which are zero, but for rounding, take up: above
@@ -52,10 +58,19 @@ class LeaveOneOut:
 
     @classmethod
     def of(cls, columns: Array) -> "LeaveOneOut":
-        """Of columns (M, K), scaled before the rank is decided; those that are negligible count as zero."""
+        """Of columns (M, K), scaled before the rank is decided; those that are negligible count as zero.
+
+        Of hundreds that priors keep regular from the eigenvalues s² of their products.
+        """
         norms = np.linalg.norm(columns, axis=0)
         norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
-        u, s, vt = linalg.svd(columns / norms, full_matrices=False, check_finite=False)
+        unit = columns / norms
+        if unit.shape[1] >= MANY_COLUMNS:
+            square, v = linalg.eigh(unit.T @ unit, check_finite=False)
+            kept = square > REGULAR * square[-1]
+            s, v = np.sqrt(square[kept]), v[:, kept]
+            return cls(norms, (unit @ v) / s, s, v)
+        u, s, vt = linalg.svd(unit, full_matrices=False, check_finite=False)
         rank = int(np.sum(s > 1e-9 * s[0]))
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 

@@ -59,7 +59,9 @@ class Span:
             return cls(plain)
         inside = plain.T @ columns[:, believed]
         factor = factored(gram[np.ix_(believed, believed)] - inside.T @ inside)
-        return cls(plain, columns[:, believed] - plain @ inside, factor)
+        rest = columns[:, believed]
+        rest -= plain @ inside
+        return cls(plain, rest, factor)
 
     def weighed(self, rows: slice, weight: float) -> "Span":
         """The span where some rows, in which the plain columns are zero, have another weight."""

@@ -39,6 +39,12 @@ class Active:
         effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
+    def beside_nothing(self) -> "Active":
+        """The model in a pool that has nothing else to offer, whose products are a fraction of the others'."""
+        pool = GroupPool(self.pool.rows, [self.pool.groups[g] for g in self.variances], self.criteria)
+        variances, chosen = (dict(enumerate(of.values())) for of in (self.variances, self.chosen))
+        return Active(pool, variances, chosen, self.sigma2)
+
     def without(self, g: int) -> "Active":
         """The model without group g."""
         left = {k: v for k, v in self.variances.items() if k != g}

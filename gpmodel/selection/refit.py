@@ -11,7 +11,7 @@ from gpmodel.calibration.linear_step import linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.model.effect import Term
 from gpmodel.model.error_model import Placement, pose_error
-from gpmodel.numerics.least_squares import inverse_gram
+from gpmodel.numerics.least_squares import inverse_of
 from gpmodel.numerics.outliers import among_worst, outlier_limit
 
 
@@ -52,7 +52,8 @@ def refit(state: Expansion) -> Refit:
     fitted = iterate(fitting, state.theta, state.placement, everything)
     problem = fitting.at(fitted.theta, fitted.placement)
     linear = linear_step(model, problem, fitted.theta, fitted.placement, everything, None)
-    inverse = inverse_gram(np.vstack([problem.columns / linear.scale, linear.priors]), many=True)
+    scaled = problem.columns / linear.scale
+    inverse = inverse_of(scaled.T @ scaled + linear.priors.T @ linear.priors)
     unknowns = len(inverse) - float(np.sum((linear.priors @ inverse) * linear.priors))
     variance = float(problem.residual @ problem.residual) / max(len(problem.residual) - unknowns, 1.0)
     sigma = float(np.sqrt(variance / inflation))

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import IntArray
 from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
@@ -27,9 +26,6 @@ from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
-SCREENING_POSES = 1500
-"""As many tell groups of a few nats from none, and are what is chosen on; the numbers are fitted to all afterwards."""
-
 
 def select(
     calibration: Calibration,
@@ -43,8 +39,7 @@ def select(
     """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
 
     Free functions are looked for in what the geometry leaves, they and waves in what stepwise selection leaves of that,
-    and, but of a sample of many poses, once more in what the choice of all these leaves: a ripple may hide behind two
-    others.
+    and once more in what the choice of all these leaves: a ripple may hide behind two others.
     poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
     the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
     """
@@ -58,11 +53,9 @@ def _select(
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
     bundle = sharing(poses.dataset)
-    sample = _sample_of(bundle)
-    part, bundle = poses.subset(sample), bundle[sample]
-    screening = Screening(Shapes(_predicted_states(calibration, part)), criteria)
+    screening = Screening(Shapes(_predicted_states(calibration, poses)), criteria)
     base = geometry_groups(calibration.model.effects)
-    fitting = Fitting(calibration.model, part, use[sample], calibration.rotation_weight, bundle)
+    fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
@@ -73,7 +66,7 @@ def _select(
     state = added(screening, groups, state)
     left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
     chosen = _selected(_with_more(among, left, offering, workers), state)
-    if len(part) < len(poses) or chosen.state.variances.keys() == state.variances.keys():
+    if chosen.state.variances.keys() == state.variances.keys():
         return chosen
     more = _with_more(chosen.among, chosen.look.active, offering, workers)
     return _selected(more, chosen.state) if more.found != chosen.among.found else chosen
@@ -106,16 +99,6 @@ def select_again(before: Selection, offering: Offering, laws: Mapping[tuple[str,
 def _selected(among: Among, state: Expansion) -> Selection:
     """What is chosen of groups from a state on."""
     return summarised(among, looked(among.screening, among.groups(state.fitting.model.mechanism), state))
-
-
-def _sample_of(bundle: IntArray) -> IntArray:
-    """The poses to choose on: all, or whole bundles of about SCREENING_POSES evenly along the rows."""
-    if len(bundle) <= SCREENING_POSES:
-        return np.arange(len(bundle))
-    share = SCREENING_POSES / len(bundle)
-    numbers = np.unique(bundle)
-    chosen = numbers[np.floor(np.arange(len(numbers)) * share) != np.floor((np.arange(len(numbers)) - 1) * share)]
-    return np.flatnonzero(np.isin(bundle, chosen))
 
 
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:

@@ -6,7 +6,7 @@ of it. Of poses that share a deviation the angles are taken as one.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -118,6 +118,7 @@ def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
     A joint's best wave is sought again beside the others' only once it would be the next. Source: Minoux (1978).
     """
     rows, found, fresh = active.pool.rows, list[Group](), set[int]()
+    names, active = {g.name for g in active.pool.groups}, active.beside_nothing()
     peaks = [(np.inf, 0.0)] * len(grids)
     there: dict[int, Spectrum] = {}
     while grids and len(found) < MOST_WAVES:
@@ -132,12 +133,13 @@ def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
             continue
         net, rate = peaks[k]
         group = _written(there[k], rate, net + grids[k].template.cost, rows.shapes)
-        if group is None or group.name in {g.name for g in active.pool.groups}:
+        if group is None or group.name in names:
             break
         found.append(group)
+        names.add(group.name)
         pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
-        wider = Active(pool, active.variances, active.chosen, active.sigma2)
-        active, fresh = with_optimal_variances(wider.added(len(pool.groups) - 1, 1e-10)), set()
+        wider = replace(active, pool=pool).added(len(pool.groups) - 1, 1e-10)
+        active, fresh = with_optimal_variances(wider), set()
     return found
 
 

@@ -227,9 +227,6 @@ def test_nothing_is_added_with_the_search_of_the_program(seed: int) -> None:
     assert found("nothing", seed, PROGRAM).findings == ()
 
 
-SINE_FOR_TANH = pytest.mark.xfail(strict=True, reason="a shorter sine fits 60 poses 1.2 nats worse than tanh")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "seed"),
@@ -237,7 +234,7 @@ SINE_FOR_TANH = pytest.mark.xfail(strict=True, reason="a shorter sine fits 60 po
         ("gear", 2),
         ("gear", 3),
         ("gear", 4),
-        pytest.param("windup", 2, marks=SINE_FOR_TANH),
+        ("windup", 2),
         ("windup", 3),
         ("windup", 4),
     ],

@@ -53,16 +53,23 @@ MACHINES = {"rigs": rig, "arms": arm}
 
 @pytest.fixture
 def refits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Noise of each exact fit of a selection over that of the linear problem it was chosen on."""
+    """Noise of each exact fit of a selection over that of the linear problem it was chosen on, of the same poses."""
     ratios: list[float] = []
+    poses: list[np.ndarray] = []
+
+    def started(*given):
+        poses.append(given[-1].fitting.use)
+        return linear(*given)
 
     def watched(*given):
         fit = exact(*given)
-        ratios.append(fit.state.sigma / given[-1].sigma)
+        if (given[-1].fitting.use == poses[-1]).all():
+            ratios.append(fit.state.sigma / given[-1].sigma)
         return fit
 
-    exact = look.refit
+    exact, linear = look.refit, look._started
     monkeypatch.setattr(look, "refit", watched)
+    monkeypatch.setattr(look, "_started", started)
     return ratios
 
 

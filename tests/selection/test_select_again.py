@@ -8,7 +8,6 @@ import pytest
 from effect_cases import bare, measure
 from group_cases import ARM, offering
 
-import gpmodel.selection.select
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -94,20 +93,3 @@ def test_what_chance_finds_is_asked_when_it_is_wanted_and_the_same_each_time() -
     assert "by_chance" not in vars(replace(before))
     np.testing.assert_array_equal(replace(before).by_chance, before.by_chance)
     assert before.by_chance.max() < 5.0
-
-
-def test_of_many_poses_a_sample_is_chosen_on_and_a_set_up_that_is_not_in_it_stays_where_it_was(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(gpmodel.selection.select, "SCREENING_POSES", 60)
-    data, label = bare(ARM, 200, 4, payload=False), np.full(200, "s0")
-    label[[1, 2, 5]], label[66:72] = "s1", "s2"
-    data = replace(data, labels={**data.labels, "setup": label})
-    truth = measure(ARM, (on("J3", "Ry", "torque_J3"),), np.array([3e-7]), 4, dataset=data)
-    arm, poses = truth.model.mechanism, truth.poses
-    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
-    chosen = select(fit, poses, offering(arm, poses))
-    assert len(chosen.state.fitting.poses) == 60
-    assert set(chosen.state.fitting.poses.dataset.label("setup").tolist()) == {"s0", "s2"}
-    assert names(chosen) == {"joint compliance, J3"}
-    np.testing.assert_array_equal(chosen.state.placement.registration["s1"], fit.placement.registration["s1"])
