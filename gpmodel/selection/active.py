@@ -42,8 +42,8 @@ class Active:
     def beside_nothing(self) -> "Active":
         """The model in a pool that has nothing else to offer, whose products are a fraction of the others'."""
         pool = GroupPool(self.pool.rows, [self.pool.groups[g] for g in self.variances], self.criteria)
-        variances, chosen = (dict(enumerate(of.values())) for of in (self.variances, self.chosen))
-        return Active(pool, variances, chosen, self.sigma2)
+        variances = dict(enumerate(self.variances.values()))
+        return Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
 
     def without(self, g: int) -> "Active":
         """The model without group g."""
