@@ -47,7 +47,7 @@ class FittedColumns:
         fit = self.calibration
         loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
-        return LeaveOneOut.of(np.vstack([self.columns, priors])[:, self.held])
+        return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
 
     def over_all_rows(self, values: Array) -> Array:
         """Values (M, R) with zeros in the rows of the priors."""

@@ -1,6 +1,6 @@
 """What the standard model hides: effects of the catalogue that a constant of it could equally be."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,9 @@ SHOWN = 4
 
 MOST = 6
 """In a report."""
+
+AT_ONCE = 50
+"""Candidates whose columns are there at once: of thousands of poses megabytes each."""
 
 ROW = "row"
 """The input of what follows the rows."""
@@ -113,10 +116,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     offered = [c for c in pool if not own & {effect.name for effect in c.effects}]
     if not sure or not offered:
         return ()
-    columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in offered]))
-    ends = np.cumsum([len(candidate.effects) for candidate in offered])[:-1]
-    parts = (np.split(each, ends, axis=1) for each in (columns, ident.remove(here.apart.u, columns)))
-    for candidate, shapes, left in zip(offered, *parts, strict=True):
+    for candidate, shapes, left in _looked_at(here, offered):
         beside = np.linalg.qr(left, mode="r")
         visible = ident.NEGLIGIBLE + VISIBLE * np.linalg.norm(shapes)
         for k, size, along in zip(sure, lengths, units @ shapes, strict=True):
@@ -138,6 +138,16 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
             Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *poses_and_sizes, session)
         )
     return tuple(sorted(rivals, key=lambda rival: rival.apart))
+
+
+def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
+    """Every candidate with its columns (M, k) and what the model leaves of them."""
+    for first in range(0, len(offered), AT_ONCE):
+        some = offered[first : first + AT_ONCE]
+        columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
+        ends = np.cumsum([len(candidate.effects) for candidate in some])[:-1]
+        left = ident.remove(here.apart.u, columns)
+        yield from zip(some, np.split(columns, ends, axis=1), np.split(left, ends, axis=1), strict=True)
 
 
 def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:

@@ -72,10 +72,16 @@ def discover(
     state.say("standard model")
     base = state.fit(ErrorModel(mechanism, ()))
     standard_fit = state.fit(state.model(()))
-    calibration, stopped = _searched(state, standard_fit)
+    top, stopped = _searched(state, standard_fit)
     state.say("the ladder of held-out errors, and the final fit on all poses")
-    finished = partial(_unfinished if errors_alone else _finished, state, standard_fit, calibration)
-    (last, final, doubt, suspects), rungs = called_beside(search.here, finished, _rungs(state, standard_fit))
+
+    def ended() -> tuple[Calibration, _Last]:
+        calibration = top()
+        return calibration, (_unfinished if errors_alone else _finished)(state, standard_fit, calibration)
+
+    (calibration, (last, final, doubt, suspects)), rungs = called_beside(
+        search.here, ended, _rungs(state, standard_fit)
+    )
     _ladder(state, base, standard_fit, [*rungs, calibration])
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
@@ -83,16 +89,16 @@ def discover(
     )  # fmt: skip
 
 
-def _searched(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """The rounds on the poses that choices are made on, what they found fitted to all training poses, and why they
-    ended."""
+def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
+    """The rounds on the poses that choices are made on: what fits all that they found to the training poses, and why
+    they ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration = state.fit_sample(state.model(state.found), start) if state.findings else start
     calibration, stopped = _run_rounds(state, start, calibration)
-    if sampled:
-        calibration = state.fit(state.model(state.found), standard_fit) if state.findings else standard_fit
-    return calibration, stopped
+    if sampled and state.findings:
+        return partial(state.fit, state.model(state.found), standard_fit), stopped
+    return (lambda: standard_fit if sampled else calibration), stopped
 
 
 def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:

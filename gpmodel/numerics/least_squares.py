@@ -64,13 +64,13 @@ class LeaveOneOut:
         """
         norms = np.linalg.norm(columns, axis=0)
         norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
-        unit = columns / norms
-        if unit.shape[1] >= MANY_COLUMNS:
-            square, v = linalg.eigh(unit.T @ unit, check_finite=False)
+        columns = columns / norms
+        if columns.shape[1] >= MANY_COLUMNS:
+            square, v = linalg.eigh(columns.T @ columns, check_finite=False)
             kept = square > REGULAR * square[-1]
             s, v = np.sqrt(square[kept]), v[:, kept]
-            return cls(norms, (unit @ v) / s, s, v)
-        u, s, vt = linalg.svd(unit, full_matrices=False, check_finite=False)
+            return cls(norms, columns @ (v / s), s, v)
+        u, s, vt = linalg.svd(columns, full_matrices=False, check_finite=False)
         rank = int(np.sum(s > 1e-9 * s[0]))
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
