@@ -43,11 +43,12 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
 
 
 def evenly(poses: Poses, rows: IntArray, most: int) -> IntArray:
-    """Of more rows (R,) than `most` about so many: of every stretch of poses one, drawn at random, with its repeats.
+    """About `most` of rows (R,): of every stretch of poses one, drawn at random, with its repeats. All of them where a
+    third or less would be left out: what is seen on all is worth more than that time.
 
     Every k-th pose would be of one value of a joint where a programme steps through a grid.
     """
-    if len(rows) <= most:
+    if 2 * len(rows) <= 3 * most:
         return rows
     bundle = sharing(poses.subset(rows).dataset)
     count = int(bundle.max()) + 1

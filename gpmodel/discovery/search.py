@@ -22,10 +22,11 @@ class Search:
     where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
     without them; a fraction of a second each. climb: how many of a run's best programs are finished by single edits.
     nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
-    evolved_poses: poses that GP sees at most, sampled anew every round; scored_poses: poses that all is chosen on at
-    most, drawn evenly along the rows: on 500 shows what is a fifth of the noise, and the numbers of what is chosen are
-    fitted to all. stop_after: seconds after which no new round begins, None for no limit. max_effects: findings after
-    which no new round begins. workers: GP runs side by side, which change no number. executor: runs them elsewhere.
+    evolved_poses: poses that GP sees at most, sampled anew every round; scored_poses: poses that all is chosen on where
+    there are more than half as many again, drawn evenly along the rows: on 500 shows what is a fifth of the noise, and
+    the numbers of what is chosen are fitted to all. stop_after: seconds after which no new round begins, None for no
+    limit. max_effects: findings after which no new round begins. workers: GP runs side by side, which change no number.
+    executor: runs them elsewhere.
 
     shortlist: evolved hypotheses that are judged. considered: candidates from which they are taken, best first.
     rivals: alternatives kept beside one.

@@ -30,7 +30,7 @@ def poses_of(count: int) -> Poses:
 def test_of_every_stretch_of_rows_one_is_drawn_and_all_of_few(most: int, count: int, skipped: int) -> None:
     rows = np.arange(count)[skipped:]
     drawn = evenly(poses_of(120), rows, most)
-    if len(rows) <= most:
+    if 2 * len(rows) <= 3 * most:
         np.testing.assert_array_equal(drawn, rows)
         return
     assert len(drawn) == most
@@ -52,6 +52,11 @@ def test_what_was_measured_of_a_pose_again_is_drawn_with_it() -> None:
     drawn = evenly(again, np.arange(300), 60)
     assert len(drawn) == 60
     assert (np.unique(drawn // 3, return_counts=True)[1] == 3).all()
+
+
+@pytest.mark.parametrize(("count", "drawn"), [(60, 60), (61, 61), (90, 90), (91, 60), (300, 60)])
+def test_all_are_taken_where_a_third_or_less_would_be_left_out(count: int, drawn: int) -> None:
+    assert len(evenly(poses_of(300), np.arange(count), SAMPLE)) == drawn
 
 
 @pytest.mark.parametrize("stays", [np.arange(0), np.arange(3), np.arange(1)], ids=["none", "three", "one"])
