@@ -42,17 +42,17 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
     return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
 
 
-def evenly(poses: Poses, rows: IntArray, most: int) -> IntArray:
-    """About `most` of rows (R,): of every stretch of poses one, drawn at random, with its repeats. All of them where a
+def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
+    """About `size` of rows (R,): of every stretch of poses one, drawn at random, with its repeats. All of them where a
     third or less would be left out: what is seen on all is worth more than that time.
 
     Every k-th pose would be of one value of a joint where a programme steps through a grid.
     """
-    if 2 * len(rows) <= 3 * most:
+    if 2 * len(rows) <= 3 * size:
         return rows
     bundle = sharing(poses.subset(rows).dataset)
     count = int(bundle.max()) + 1
-    stretch = np.arange(count) * most // len(rows)
+    stretch = np.arange(count) * size // len(rows)
     drawn = np.lexsort((np.random.default_rng(JUDGED).random(count), stretch))
     return rows[np.isin(bundle, drawn[np.unique(stretch, return_index=True)[1]])]
 
