@@ -11,7 +11,8 @@ from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.linearise import Linearised, linearise, placement_after
+from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.placing import placement_after
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations

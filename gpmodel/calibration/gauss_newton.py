@@ -129,8 +129,8 @@ def _fit(
         nominal = _nominal(fitting, fitted.placement)
         choices = _Choices(*choose(fitting.model, fitted.problem, nominal, fitted.theta, condition_limit, manner.seed))
         held = np.where(choices.kept, fitted.theta, 0.0)
-        known = fitted.problem if np.array_equal(held, fitted.theta) else None
-        fitted = iterate(fitting, held, fitted.placement, choices.kept, known)
+        same = np.array_equal(held, fitted.theta)
+        fitted = iterate(fitting, held, fitted.placement, choices.kept, fitted.problem if same else None)
         use = fitting.use
         if manner.robust:
             use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use)

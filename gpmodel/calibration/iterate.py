@@ -1,15 +1,17 @@
 """Damped Gauss-Newton: steps on the analytic columns, bent and halved until the error falls enough."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linear_step import LinearStep, linear_step
-from gpmodel.calibration.linearise import Linearised, linearise, placement_after, residual_at
-from gpmodel.calibration.noise import decorrelated, decorrelated_rows
+from gpmodel.calibration.linearise import Linearised, linearise, linearise_about, residual_at
+from gpmodel.calibration.noise import decorrelate
+from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
+from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 
 MAX_ITERATIONS = 30
@@ -63,12 +65,23 @@ class Fitting:
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
         """The same with its rows independent."""
-        return decorrelated(self.linearised(theta, placement), self.bundle, self.ratio)
+        return self._independent(self.linearised(theta, placement))
+
+    def about(self, observed: Observed, placement: Placement) -> Linearised:
+        """The same about what the instrument would read there. Not beside free joints."""
+        weight, use = self.rotation_weight, self.use
+        return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
         """The problem of a point with the residual at another one, its columns as they are. Not beside free joints."""
         there = residual_at(problem, self.model, theta, placement)
-        return replace(there, residual=decorrelated_rows(there, there.residual, self.bundle, self.ratio))
+        decorrelate(there, there.residual, self.bundle, self.ratio)
+        return there
+
+    def _independent(self, problem: Linearised) -> Linearised:
+        for values in (problem.columns, problem.residual):
+            decorrelate(problem, values, self.bundle, self.ratio)
+        return problem
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
         """Sum of squares, m², of the residual and of the pulls of the priors, weighted as at one step: costs that are
@@ -130,23 +143,25 @@ def iterate(
     halved alone where free joints are eliminated, since the rows change with the point.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
-    last, cut, short, since, gram = np.inf, 0, False, 0.0, None
+    last, cut, since, gram = np.inf, 0, 0.0, None
     for _ in range(MAX_ITERATIONS):
         if gram is None and here.problem.placement + kept.sum() >= MANY_COLUMNS:
             gram = here.problem.columns.T @ here.problem.columns
         step = _step(fitting, here, kept, gram)
         if not np.isfinite(step.moved) or step.moved > 1e3 * max(last, 1.0):
             return Fitted(**vars(here), status="diverged")
-        near = here.problem.left is None and since + step.moved < NEAR
-        reached = _lower(fitting, here, step, max(0, cut - REGAINED), near or short)
-        if reached is None:
+        there, cut = _lower(fitting, here, step, max(0, cut - REGAINED))
+        if there is None:
             return Fitted(**vars(here), status="stalled")
-        there, cut, short = reached
+        last, free = step.moved, here.problem.left is not None
+        near = not free and since + last < NEAR
         near = near and _straight(here.problem.residual - there.problem.residual, step.motion / 2**cut)
-        if there.problem.columns is here.problem.columns and not near:
-            there = replace(there, problem=fitting.at(there.theta, there.placement))
-        here, last = there, step.moved
         since, gram = (since + last, gram) if near else (0.0, None)
+        if not near and not free:
+            theta, placement, observed = there.theta, there.placement, there.problem.observed
+            del here, there, step  # of thousands of poses two problems are held at a time, not three
+            there = Reached(placement, theta, fitting.about(observed, placement))
+        here = there
         if last < STEP_TOLERANCE:
             return Fitted(**vars(here), status="converged")
     return Fitted(**vars(here), status="stalled")
@@ -158,11 +173,9 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
     return _Step(linear, whole, fall, here.problem.columns @ whole, linear.readings.rows(here.problem) @ whole)
 
 
-def _lower(
-    fitting: Fitting, here: Reached, step: _Step, cut: int, columns_kept: bool
-) -> tuple[Reached, int, bool] | None:
-    """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on; its halvings, and whether it took
-    more than the first try. columns_kept: even that one leaves the columns as they are, as all others do."""
+def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
+    """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on, None where none does; its halvings.
+    Its columns are those of the point before, but where free joints are eliminated."""
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None
     for halvings in range(cut, MAX_HALVINGS + 1):
@@ -171,14 +184,12 @@ def _lower(
         for corrections in range(1 if free else CORRECTIONS + 1):
             tried = placement_after(here.problem.observed, here.placement, part[:count])
             values = here.theta + part[count:]
-            first = halvings == corrections == 0
-            whole = free or (first and not columns_kept)
-            problem = fitting.at(values, tried) if whole else fitting.beside(here.problem, values, tried)
+            problem = fitting.at(values, tried) if free else fitting.beside(here.problem, values, tried)
             if step.anyway or fitting.cost(problem, values, tried, step.linear) <= enough:
-                return Reached(tried, values, problem), halvings, not (first or free)
+                return Reached(tried, values, problem), halvings
             if not free and corrections < CORRECTIONS:
                 part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
-    return None
+    return None, MAX_HALVINGS
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.joint_readings import JointReadings, joint_readings
+from gpmodel.calibration.placing import placement_columns
 from gpmodel.calibration.unmeasured_joints import (
     Complement,
     complement,
@@ -20,7 +21,6 @@ from gpmodel.mechanism.protocol import AXES, INSTRUMENT, places
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
 from gpmodel.model.observed import Observed
-from gpmodel.numerics import se3
 
 
 @dataclass(frozen=True)
@@ -120,14 +120,22 @@ def linearise(
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
-    residual = measured_minus(observed, poses.dataset)
-    weights = np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
+    if not free_joints(model.mechanism):
+        return linearise_about(observed, model, poses, placement, rotation_weight, use)
+    residual, weights = _weighted(observed, poses, rotation_weight, use)
     blocks, names = placement_columns(poses, observed, placement)
-    if free_joints(model.mechanism):
-        blocks.append(effect_columns(model.effects, model, poses, observed))
-        columns = np.concatenate(blocks, axis=2)
-        dense = _Dense(columns, residual, weights, tuple(names), table)
-        return _eliminated(model, placement, poses, observed, dense)
+    blocks.append(effect_columns(model.effects, model, poses, observed))
+    columns = np.concatenate(blocks, axis=2)
+    dense = _Dense(columns, residual, weights, tuple(names), table)
+    return _eliminated(model, placement, poses, observed, dense)
+
+
+def linearise_about(
+    observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
+) -> Linearised:
+    """The same about what the instrument would read there, where no joint is free."""
+    residual, weights = _weighted(observed, poses, rotation_weight, use)
+    blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
     weight = weights[rows]
     # one effect after the other in memory: columns of thousands of poses by hundreds of effects are there only once
@@ -145,6 +153,12 @@ def linearise(
         sizes=np.sqrt(np.einsum("km,km->k", weighted.T, weighted.T)),
         weights=weights,
     )
+
+
+def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mask) -> tuple[Array, Array]:
+    """Measured minus observed (N, m), and the weight of each; 0 where nothing was measured."""
+    residual = measured_minus(observed, poses.dataset)
+    return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
@@ -193,55 +207,3 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
         weights=left.keep.astype(float),
         left=Left(left, weights, readings),
     )
-
-
-def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Columns (N, m, P) of registration, tool and what instruments have of their own, in blocks, and their names."""
-    data = poses.dataset
-    blocks: list[Array] = []
-    names: list[str] = []
-    if any(kind.absolute for kind in observed.kinds):
-        turn = observed.registration_sensitivity(observed.tip[:, :3, 3].mean(axis=0))
-        for name in placement.registration:
-            blocks.append(turn * (data.label("setup") == name)[:, None, None])
-            names += [f"registration{f' {name}' if name else ''} {axis}" for axis in AXES]
-    axes = _tool_axes(observed)
-    tool = observed.tool_sensitivity()[:, :, :axes]
-    for name in placement.tool:
-        blocks.append(tool * (data.label("tool") == name)[:, None, None])
-        names += [f"tool{f' {name}' if name else ''} {axis}" for axis in AXES[:axes]]
-    for kind in observed.kinds:
-        if kind.own:
-            blocks.append(observed.own_sensitivity(kind))
-            names += [f"{key} {own}" for key, each in kind.own.items() for own in each]
-    return blocks, names
-
-
-def _tool_axes(observed: Observed) -> int:
-    """How many components of the tool's pose anything shows: its point, or its axes as well."""
-    return 6 if any(kind.oriented for kind in observed.kinds) else 3
-
-
-def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
-    """The placement moved by a step (P,), m and rad, of the columns `linearise` gives it, in their order.
-
-    Registrations turn about the middle of the predicted points, tools in their own axes; orientations stay rotations.
-    """
-    i = 0
-    registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
-    centre = observed.tip[:, :3, 3].mean(axis=0)
-    if any(kind.absolute for kind in observed.kinds):
-        for name, frame in registration.items():
-            registration[name] = se3.shift(centre) @ se3.exp(step[i : i + 6]) @ se3.shift(-centre) @ frame
-            i += 6
-    axes = _tool_axes(observed)
-    for name, frame in tool.items():
-        twist = np.zeros(6)
-        twist[:axes] = step[i : i + axes]
-        tool[name] = frame @ se3.exp(twist)
-        i += axes
-    for kind in observed.kinds:
-        for key, names in kind.own.items():
-            anchors[key] = kind.moved(key, observed.own[key], step[i : i + len(names)])
-            i += len(names)
-    return Placement(registration, tool, anchors)

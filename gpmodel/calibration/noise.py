@@ -38,11 +38,17 @@ class Whitening:
             return values
         beside = [1] * (values.ndim - 1)
         out: Array = values * factor[self.block].reshape(-1, *beside)
-        rows = np.flatnonzero(self.sizes[self.block] > 1)
-        numbers, block = np.unique(self.block[rows], return_inverse=True)
-        again, several = replace(self, block=block.reshape(-1)), values[rows]
+        rows, numbers, again = self.shared
+        several = values[rows]
         out[rows] = several + ((factor[numbers] - 1.0).reshape(-1, *beside) * again.means(several))[again.block]
         return out
+
+    @cached_property
+    def shared(self) -> tuple[IntArray, IntArray, "Whitening"]:
+        """The rows that are not alone in their block, the numbers of their blocks, and these rows by themselves."""
+        rows = np.flatnonzero(self.sizes[self.block] > 1)
+        numbers, block = np.unique(self.block[rows], return_inverse=True)
+        return rows, numbers, replace(self, block=block.reshape(-1))
 
     @cached_property
     def sizes(self) -> IntArray:
@@ -74,22 +80,14 @@ class Whitening:
         return replace(self, ratio=min(ratio, LARGEST_RATIO))
 
 
-def decorrelated(problem: Linearised, bundle: IntArray, ratio: float) -> Linearised:
-    """The problem with rows that are independent, those of a pose measured once as they were.
+def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
+    """Make any values (M, ...) over the rows of a problem independent, in place; those of a pose measured once stay.
 
     bundle: (N,) code of every pose, the same for repeats. ratio: between the two levels of the noise.
     """
-    columns, residual = (decorrelated_rows(problem, v, bundle, ratio) for v in (problem.columns, problem.residual))
-    return replace(problem, columns=columns, residual=residual)
-
-
-def decorrelated_rows(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> Array:
-    """The same of any values (M, ...) over the rows of a problem."""
-    if ratio == 0.0:
-        return values
-    out = blocks_of(problem, bundle, ratio).whiten(values)
-    out *= np.sqrt(1.0 + ratio)
-    return out
+    if ratio > 0.0:
+        rows, _, noise = blocks_of(problem, bundle, ratio).shared
+        values[rows] = np.sqrt(1.0 + ratio) * noise.whiten(values[rows])
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:

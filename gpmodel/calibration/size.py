@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.linearise import Linearised, effect_columns, placement_columns
+from gpmodel.calibration.linearise import Linearised, effect_columns
+from gpmodel.calibration.placing import placement_columns
 from gpmodel.model.error_model import ErrorModel, Placement, observe
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.observation import Observation, Orientation, Point

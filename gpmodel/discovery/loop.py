@@ -27,6 +27,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.allocation import give_back
 from gpmodel.progress import Say, Teller, silent
 
 
@@ -74,6 +75,7 @@ def discover(
     standard_fit = state.fit(state.model(()))
     top, stopped = _searched(state, standard_fit)
     state.say("the ladder of held-out errors, and the final fit on all poses")
+    give_back()
 
     def ended() -> tuple[Calibration, _Last]:
         calibration = top()

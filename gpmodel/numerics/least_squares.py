@@ -62,15 +62,14 @@ class LeaveOneOut:
 
         Of hundreds that priors keep regular from the eigenvalues s² of their products.
         """
-        norms = np.linalg.norm(columns, axis=0)
+        norms = np.sqrt(np.einsum("mk,mk->k", columns, columns))
         norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
-        columns = columns / norms
         if columns.shape[1] >= MANY_COLUMNS:
-            square, v = linalg.eigh(columns.T @ columns, check_finite=False)
+            square, v = linalg.eigh(columns.T @ columns / np.outer(norms, norms), check_finite=False)
             kept = square > REGULAR * square[-1]
             s, v = np.sqrt(square[kept]), v[:, kept]
-            return cls(norms, columns @ (v / s), s, v)
-        u, s, vt = linalg.svd(columns, full_matrices=False, check_finite=False)
+            return cls(norms, columns @ (v / s / norms[:, None]), s, v)
+        u, s, vt = linalg.svd(columns / norms, full_matrices=False, check_finite=False)
         rank = int(np.sum(s > 1e-9 * s[0]))
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 

@@ -7,7 +7,8 @@ import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, residuals, true_tips
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import errors_on
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression

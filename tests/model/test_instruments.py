@@ -9,7 +9,8 @@ from instrument_cases import ARM, OTHERS, ready, simulated, tool_error
 
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.unobservable import unseen
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe

@@ -11,7 +11,8 @@ import gpmodel as gp
 from gpmodel.application.exports.make import exports_of
 from gpmodel.application.exports.sample import Place
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import assembled, lineage
