@@ -115,8 +115,10 @@ class Active:
 
     @property
     def energy(self) -> float:
-        """Sum of the squared residual."""
-        return float(self.left @ self.left)
+        """Sum of the squared residual: |y|² - yᵀAμ - σ² |μ|², as (σ² I + AᵀA) μ = Aᵀy."""
+        target = self.pool.rows.target
+        taken = self.mean @ (self.rhs + self.sigma2 * self.mean) if self.variances else 0.0
+        return float(target @ target - taken)
 
     @cached_property
     def misfit(self) -> Array:

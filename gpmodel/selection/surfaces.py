@@ -168,15 +168,15 @@ class Places:
         """Of the poses of a model, or of some evenly along its rows where there are many."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
-        left = (rows.target - active.spanned @ (active.spanned.T @ rows.target))[:, None]
         taken = np.hstack([rows.placement, active.spanned])
+        left = rows.target - active.spanned @ (active.spanned.T @ rows.target)
         units = [sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in site.terms) for site in sites]
-        reach = [rows.whitening.whiten(np.asarray(unit))[:, None] for unit in units]
-        energy, sums, rhs = (
-            np.array([rows.totals(r * (r if value is None else value))[at] for r in reach])
-            for value in (None, taken, left)
-        )
-        return Places(rows.present[at], energy[:, :, 0], sums, rhs[:, :, 0])
+        reach = rows.whitening.whiten(np.array(units).T)
+        by_pose = rows.apart(np.column_stack([taken, left, reach]))[at]
+        taken, left, reach = np.split(by_pose, np.cumsum([taken.shape[1], 1]), axis=2)
+        sums = np.swapaxes(np.swapaxes(reach, 1, 2) @ taken, 0, 1)
+        energy, rhs = (np.sum(reach * value, axis=1).T for value in (reach, left))
+        return Places(rows.present[at], energy, np.ascontiguousarray(sums), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
         """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
