@@ -85,6 +85,7 @@ def discover(
         search.here, ended, _rungs(state, standard_fit)
     )
     _ladder(state, base, standard_fit, [*rungs, calibration])
+    give_back()
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
         doubt, state.standard, time.monotonic() - started, stopped, suspects,
