@@ -7,7 +7,8 @@ Source: Golub and Pereyra (1973).
 import numpy as np
 
 from experiments.spherical_joint.solution import Progress, Solution, error_of, truncated_step, verdict
-from gpmodel.calibration.linearise import linearise, placement_after
+from gpmodel.calibration.linearise import linearise
+from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.start import start_placement
 from gpmodel.calibration.unmeasured_joints import check_points
 from gpmodel.model.error_model import ErrorModel, Placement, Poses

@@ -173,7 +173,8 @@ class Places:
         units = [sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in site.terms) for site in sites]
         reach = rows.whitening.whiten(np.array(units).T)
         by_pose = rows.apart(np.column_stack([taken, left, reach]))[at]
-        taken, left, reach = np.split(by_pose, np.cumsum([taken.shape[1], 1]), axis=2)
+        count = taken.shape[1]
+        taken, left, reach = by_pose[:, :, :count], by_pose[:, :, [count]], by_pose[:, :, count + 1 :]
         sums = np.swapaxes(np.swapaxes(reach, 1, 2) @ taken, 0, 1)
         energy, rhs = (np.sum(reach * value, axis=1).T for value in (reach, left))
         return Places(rows.present[at], energy, np.ascontiguousarray(sums), rhs)

@@ -15,6 +15,7 @@ def _pages() -> int:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="pages in memory are counted in /proc")
 def test_what_many_small_arrays_had_is_given_back() -> None:
+    give_back()
     before = _pages()
     several = [np.ones(8_000) for _ in range(2_000)]
     held, last = _pages(), several[-1]
