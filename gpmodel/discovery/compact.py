@@ -8,6 +8,7 @@ from itertools import chain, combinations, count
 
 import numpy as np
 
+from gpmodel.calibration.gauge import moving_sites
 from gpmodel.discovery.judge import plainest
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
@@ -24,6 +25,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family, names
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
+from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group
@@ -103,7 +105,7 @@ def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
         at[_sites(one), one.has_priors].append(one)
     for (sites, _), parts in at.items():
         read = {name for c in parts for name in c.inputs}
-        if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER and any(_unnamed(c) for c in parts):
+        if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER:
             names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
             effects, said = tuple(e for c in parts for e in c.effects), " and ".join(names)
             whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
@@ -143,10 +145,12 @@ def leeway(curves: Iterable[Candidate], criteria: Criteria) -> float:
 
 
 def _margin(curve: Candidate, criteria: Criteria) -> float:
-    """Nats by which a law has to save more: than what has a name, by the head start of named effects; than a free
-    function, by less than the price of a name; than several evolved terms, by none; than one, by what is no tie."""
-    if curve.family in names():
-        return criteria.head_start
+    """Nats by which a law has to save more: than what has a name or several, by the head start of named effects for
+    each; than a free function, by less than the price of a name; than several evolved terms, by none; than one, by what
+    is no tie."""
+    said = {curve.family} if curve.family else {effect.family for effect in curve.effects}
+    if said.issubset(names()):
+        return criteria.head_start * len(said)
     if is_curve(curve):
         return -criteria.naming_margin
     return criteria.tie if len(curve.effects) == 1 else 0.0
@@ -159,8 +163,9 @@ def is_curve(group: Group | Candidate) -> bool:
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """What is searched for a curve: laws of its inputs, of two each where it has three and no name; nothing where it
-    has several places or more inputs, nor of one column remembered in two ways: of these the constant is to be found.
+    """What is searched for a curve: laws of its inputs at its place, and where it would save more; of two inputs each
+    where it has three and no name; nothing where it has several places or more inputs, nor of one column remembered in
+    two ways: of these the constant is to be found.
     """
     residual = left.without(curve.effects)
     sites = _sites(curve)
@@ -170,10 +175,31 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     most = TOGETHER if curve.family else MOST_INPUTS
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
-    site = Site(next(iter(sites)))
-    problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
     some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
-    return [LawTask(problem, names, site, written) for names in some if len(names) == len(_columns(names))]
+    asked = [names for names in some if len(names) == len(_columns(names))]
+    own = Site(next(iter(sites)))
+    found = []
+    for site in dict.fromkeys((own, _likeliest(residual, curve, own))):
+        problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
+        found += [LawTask(problem, names, site, written) for names in asked]
+    return found
+
+
+def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
+    """The place where a curve saves most, of those along or about an axis like its own.
+
+    What evolves sees large errors cut short, and of two places that move the tool nearly alike may take the other.
+    """
+    kind, mechanism = own.axis[0], residual.calibration.model.mechanism
+    sites = [site for site in moving_sites(mechanism, residual.poses.dataset) if site.axis[0] == kind]
+    there = [replace(curve, effects=tuple(_at(site, effect) for effect in curve.effects)) for site in sites]
+    nats = [score.nats for score in scores(residual, (curve, *there))]
+    return max(zip(nats, (own, *sites), strict=True), key=lambda one: one[0])[1]
+
+
+def _at(site: Site, effect: Effect) -> Effect:
+    """An effect of one place at another."""
+    return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
 
 
 def _columns(names: Iterable[str]) -> set[str]:

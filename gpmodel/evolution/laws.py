@@ -32,6 +32,8 @@ LONGEST = 30
 """Nodes that a law may have."""
 CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
+SHORTENED = 3
+"""Laws of one input of which those of a node less are looked at, the best."""
 FACTORS = 6
 """Laws of each factor or summand, the shortest descriptions."""
 EVEN = 0.05
@@ -53,16 +55,16 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:
-    """Shapes of one input, as they are and fitted, what climbing makes of the best, and what is left of the very best
-    without one of its nodes."""
+    """Shapes of one input, as they are and fitted, what climbing makes of the best, and what is left of these without
+    one of their nodes."""
     found = _with_fitted(problem, _shapes(problem))
     words = Vocabulary(problem.inputs, operator_set("slot"))
     best = sorted(found, key=lambda law: description_length(law, problem))
     starts = [law.program for law in best if _edited(law.program)][:CLIMBED]
     starts += [pair for pair, _ in promising(problem, words, CLIMBED)]
     found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
-    top = min(found, key=lambda law: description_length(law, problem))
-    return found + [scored(program, problem) for program in shorter(top.program, problem)]
+    best = sorted(found, key=lambda law: description_length(law, problem))[:SHORTENED]
+    return found + [scored(program, problem) for law in best for program in shorter(law.program, problem)]
 
 
 def _edited(program: Program) -> bool:

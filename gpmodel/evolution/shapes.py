@@ -28,6 +28,8 @@ STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (
 """Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
 ROOTS = (0.1, 0.2, 0.4, 0.8)
 """Distances of the outer roots of a cubic from the middle one."""
+EXPONENTS = (0.75, 1.25, 2.0)
+"""Of the size of x in odd powers x |x|^p, in even ones one more, where they start."""
 ALONE = 3
 """How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
 LINE = "({q} - {a})"
@@ -98,6 +100,21 @@ def _cubics() -> Iterator[Element]:
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
+def _powers() -> Iterator[Element]:
+    """Powers of any exponent, odd and even about their root."""
+    for c, p in product(_inside(ALONE), EXPONENTS):
+        yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(_odd_power, p), c=c)
+        yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
+
+
+def _odd_power(exponent: float, x: Array) -> Array:
+    return np.asarray(x * np.abs(x) ** exponent)
+
+
+def _even_power(exponent: float, x: Array) -> Array:
+    return np.asarray(np.abs(x) ** exponent)
+
+
 def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
     return function(-x)
 
@@ -139,7 +156,7 @@ def edges(column: Array) -> Elements:
     return Elements(tuple(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist()))
 
 
-ELEMENTS, FINE = Elements(tuple(_elements())), Elements((*_elements(ALONE), *_cubics()))
+ELEMENTS, FINE = Elements(tuple(_elements())), Elements((*_elements(ALONE), *_cubics(), *_powers()))
 FAR = Elements(tuple(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d)))
 """Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
 
@@ -178,9 +195,11 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     alone = ELEMENTS.on_grid(column)
     for one, values in zip(ELEMENTS.every, alone, strict=True):
         look(alone * values, partial(_product_of, one.text), partial(multiplied, one))
-    for one, values in zip((*ELEMENTS.every, *FAR.every), (*alone, *FAR.on_grid(column)), strict=True):
-        if one.text != LINE and np.ptp(values) > 0:
-            look(ELEMENTS.on_grid(values), partial(_element_of, one.text), partial(composed, one))
+    for inner, inside in ((ELEMENTS, alone), (FAR, FAR.on_grid(column))):
+        for one, values in zip(inner.every, inside, strict=True):
+            if one.text != LINE and np.ptp(values) > 0:
+                kind = partial(_element_of, one.text if inner is ELEMENTS else "far " + one.text)
+                look(ELEMENTS.on_grid(values), kind, partial(composed, one))
     best = sorted(found.values(), key=lambda shape: -shape[0])[:most]
     return [parse(text()) for _, text in best]
 

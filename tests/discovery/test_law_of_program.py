@@ -1,7 +1,6 @@
 """What was evolved and chosen, alone or in several parts at one place, gives way to the law of its inputs there."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import pytest
 from effect_cases import bare, measure, mechanism
@@ -103,12 +102,47 @@ def test_parts_at_one_place_give_way_to_the_law_that_they_stood_for() -> None:
     assert after.nats > before.nats + 100.0
 
 
-def test_what_is_named_or_elsewhere_or_reads_a_third_input_is_not_joined() -> None:
-    named = [replace(c, family="gear_ripple") for c in at_one_place("sin(J4)", "cos(J4)")]
+def test_what_is_elsewhere_or_reads_a_third_input_is_not_joined() -> None:
     elsewhere = [*at_one_place("J1"), *at_one_place("J2", slot="J5.moving")]
-    for apart in (named, elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
+    for apart in (elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
         assert not list(of_one_place(apart))
-    assert [c.name for _, c in of_one_place([*named, *at_one_place("J4")])] == ["sin(J4) and cos(J4) and J4"]
+    assert [c.name for _, c in of_one_place(at_one_place("sin(J4)", "cos(J4)", "J4"))] == ["sin(J4) and cos(J4) and J4"]
+
+
+def called(family: str, *texts: str) -> Candidate:
+    effects = tuple(effect_at(text, "J4.moving", "Rz", Expression(text), family=family) for text in texts)
+    return Candidate(family, effects, family, 5.0, "catalogue")
+
+
+@pytest.mark.parametrize(("law", "replaced"), [("J4 + 0.5*sin(2*J4 + 1)", False), ("deadzone(J4 - 0.27)", True)])
+def test_parts_with_names_give_way_to_a_law_that_says_more_alone(law: str, replaced: bool) -> None:
+    """A gear ratio and an error of two per turn are what they are called, or stand for the play of a gear."""
+    arm = mechanism(ARM)
+    effect = effect_at("law", "J4.moving", "Rz", Expression(law))
+    truth = measure(ARM, [effect], [1e-3], 3, dataset=bare(ARM, 60, 3))
+    parts = [called("gear_ratio", "J4"), called("gear_harmonic", "sin(2*J4)", "cos(2*J4)")]
+    effects = (*geometric_effects(arm), *(e for c in parts for e in c.effects))
+    left = residual_of(calibrate(ErrorModel(arm, effects), truth.poses), truth.poses, Criteria(), 0)
+    ((_, whole),) = of_one_place(parts)
+    ((_, residual, laws),) = compact_laws(left, [whole], Search(workers=1))
+    found = replacement(whole, residual, laws)
+    assert (found is not None) == replaced
+    assert not replaced or "deadzone" in found.candidate.name
+
+
+def test_the_law_of_a_curve_is_looked_for_where_the_curve_saves_most() -> None:
+    """The two axes are parallel; large errors had been cut short where the curve was evolved."""
+    arm = mechanism(ARM)
+    law = effect_at("law", "J3.moving", "Rz", Expression("abs(J5 + 0.4)"))
+    truth = measure(ARM, [law], [2e-3], 3, dataset=bare(ARM, 100, 3))
+    (curve,) = at_one_place("max(J5, -0.4)", slot="J2.moving")
+    model = ErrorModel(arm, (*geometric_effects(arm), *curve.effects))
+    left = residual_of(calibrate(model, truth.poses), truth.poses, Criteria(), 0)
+    ((_, residual, laws),) = compact_laws(left, [curve], Search(workers=1))
+    found = replacement(curve, residual, laws)
+    assert found is not None
+    assert found.candidate.place.slot == "J3.moving"
+    assert found.candidate.inputs == ("J5",)
 
 
 @pytest.mark.parametrize(
