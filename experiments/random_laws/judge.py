@@ -10,6 +10,7 @@ import numpy as np
 import gpmodel as gp
 from experiments.blind.description import urdf
 from experiments.blind.files import table
+from experiments.blind.grading import nodes
 from experiments.blind.oracle import rms_mm
 from experiments.blind.simulator import Array
 from experiments.methods.plug import Files, Method, asked, geometry, predicted
@@ -48,7 +49,7 @@ def drawn(robot: Robot) -> Row:
     case, law, place = robot.machine.case, robot.law, robot.place
     return {
         "arm": case.arm, "poses": len(robot.train.q), "noise_mm": case.noise_mm, "kind": robot.kind,
-        "size_mm": robot.size_mm, "law": str(law or ""), "inputs": list(law.inputs if law else ()),
+        "size_mm": robot.size_mm, "law": str(law or ""), "law_nodes": nodes(law.text) if law else 0, "inputs": list(law.inputs if law else ()),
         "place": f"{place.slot} {place.axis}" if place else "",
     }  # fmt: skip
 

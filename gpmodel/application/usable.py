@@ -24,10 +24,11 @@ MARGIN = 0.01
 """Share of a range's width by which an input may lie outside it unsaid: the extremes of a sample of poses are about
 one part in its number short of the limits the poses were drawn from."""
 
-
-REACH, LOOKS = 0.05, 400
-"""Share of a range's width by which a law that nobody named goes on beyond it: some forty poses leave as much of the
-limits they were drawn from unseen. At how many places it is looked at within, and beyond every edge and corner."""
+REACHES = (0.1, 0.05)
+"""Shares of a range's width by which a law that nobody named goes on beyond it, the first by which it may: twenty or
+forty poses leave as much of the limits they were drawn from unseen."""
+LOOKS = 400
+"""At how many places a law is looked at within the ranges of its inputs, and beyond every edge and corner."""
 
 
 @dataclass(frozen=True)
@@ -212,19 +213,28 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> Clamped:
-    """A basis within the ranges of its inputs, and a little beyond them unless it changes there by half of what it does
-    within: a pole is near."""
+    """A basis within the ranges of its inputs, and as far beyond them as it changes by less than half of what it does
+    within: beyond that a pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
-    if not own or len(own) < len(basis.inputs):
-        return Clamped(basis, own)
-    wider = {name: (low - REACH * (high - low), high + REACH * (high - low)) for name, (low, high) in own.items()}
+    if own and len(own) == len(basis.inputs):
+        for reach in REACHES:
+            wider = {
+                name: (low - reach * (high - low), high + reach * (high - low)) for name, (low, high) in own.items()
+            }
+            if _is_steady(basis, own, wider):
+                return Clamped(basis, wider)
+    return Clamped(basis, own)
+
+
+def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether a basis changes from ranges to wider ones by less than half of what it does within."""
     count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
     at = States(dict(zip(own, map(np.ravel, np.meshgrid(*values, indexing="ij")), strict=True)), dict.fromkeys(own, ""))
     with np.errstate(all="ignore"):
         beyond, within = Clamped(basis, wider)(at), Clamped(basis, own)(at)
-    return Clamped(basis, wider if np.abs(beyond - within).max() < 0.5 * np.ptp(within) else own)
+    return bool(np.abs(beyond - within).max() < 0.5 * np.ptp(within))
 
 
 def outside(saved: SavedModel, states: States) -> tuple[str, ...]:

@@ -146,14 +146,14 @@ def leeway(curves: Iterable[Candidate], criteria: Criteria) -> float:
 
 def _margin(curve: Candidate, criteria: Criteria) -> float:
     """Nats by which a law has to save more: than what has a name or several, by the head start of named effects for
-    each; than a free function, by less than the price of a name; than several evolved terms, by none; than one, by what
-    is no tie."""
+    each; than a free function, by less than the price of a name; than one evolved term, by what is no tie, and than
+    several, which are longer to read, by less than that."""
     said = {curve.family} if curve.family else {effect.family for effect in curve.effects}
     if said.issubset(names()):
         return criteria.head_start * len(said)
     if is_curve(curve):
         return -criteria.naming_margin
-    return criteria.tie if len(curve.effects) == 1 else 0.0
+    return criteria.tie if len(curve.effects) == 1 else -criteria.tie
 
 
 def is_curve(group: Group | Candidate) -> bool:
@@ -163,9 +163,9 @@ def is_curve(group: Group | Candidate) -> bool:
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """What is searched for a curve: laws of its inputs at its place, and where it would save more; of two inputs each
-    where it has three and no name; nothing where it has several places or more inputs, nor of one column remembered in
-    two ways: of these the constant is to be found.
+    """What is searched for a curve: laws of its inputs at its place, and where it would save more; of two each where it
+    has three and no name; nothing where it has several places or more inputs, nor of one column remembered in two ways:
+    of these the constant is to be found.
     """
     residual = left.without(curve.effects)
     sites = _sites(curve)
@@ -186,15 +186,17 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """The place where a curve saves most, of those along or about an axis like its own.
+    """The place where a curve saves most, of those along or about an axis like its own, which it stays at where none
+    saves more than a tie.
 
     What evolves sees large errors cut short, and of two places that move the tool nearly alike may take the other.
     """
     kind, mechanism = own.axis[0], residual.calibration.model.mechanism
     sites = [site for site in moving_sites(mechanism, residual.poses.dataset) if site.axis[0] == kind]
     there = [replace(curve, effects=tuple(_at(site, effect) for effect in curve.effects)) for site in sites]
-    nats = [score.nats for score in scores(residual, (curve, *there))]
-    return max(zip(nats, (own, *sites), strict=True), key=lambda one: one[0])[1]
+    here, *nats = (score.nats for score in scores(residual, (curve, *there)))
+    most, site = max(zip(nats, sites, strict=True), key=lambda one: one[0])
+    return site if most > here + residual.criteria.tie else own
 
 
 def _at(site: Site, effect: Effect) -> Effect:

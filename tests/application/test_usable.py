@@ -11,7 +11,7 @@ import gpmodel as gp
 from gpmodel.api.model import POINTS, Point
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import predicted_columns
-from gpmodel.application.usable import REACH, placed_now, usable
+from gpmodel.application.usable import REACHES, placed_now, usable
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect, Term
@@ -55,7 +55,7 @@ def test_well_beyond_its_ranges_an_unnamed_law_and_a_creep_keep_their_value_and_
 ) -> None:
     saved, (low, high) = saved_law("J3**3", family)
     q = np.zeros((4, 6))
-    q[:, 2] = high + (high - low) * np.array([0.0, 0.5 * REACH, 2.0 * REACH, 3.0 * REACH])
+    q[:, 2] = high + (high - low) * REACHES[0] * np.array([0.0, 0.5, 2.0, 3.0])
     poses = unmeasured([j.name for j in saved.mechanism.joints], q)
     assert predicted_columns(usable(saved), poses)["outside"].tolist() == ["", "J3", "J3", "J3"]
     twist = usable(saved).model.effects[0].terms[0].basis(prepare(saved.mechanism, poses).states)
@@ -70,11 +70,22 @@ def test_well_beyond_its_ranges_an_unnamed_law_and_a_creep_keep_their_value_and_
 )
 def test_a_law_ends_at_its_range_where_it_changes_much_beyond_it(text: str) -> None:
     _, (low, high) = saved_law("J3")
-    width = high - low
-    saved, _ = saved_law(text.format(x=f"J3 - ({low - 0.2 * REACH * width})"))
+    reach = REACHES[-1] * (high - low)
+    saved, _ = saved_law(text.format(x=f"J3 - ({low - 0.2 * reach})"))
     basis = usable(saved).model.effects[0].terms[0].basis
-    at_edge, beyond = basis(States({"J3": np.array([low, low - 0.5 * REACH * width])}, {"J3": "rad"}))
+    at_edge, beyond = basis(States({"J3": np.array([low, low - 0.5 * reach])}, {"J3": "rad"}))
     assert at_edge == beyond
+
+
+def test_a_law_goes_on_as_far_as_it_changes_little() -> None:
+    _, (low, high) = saved_law("J3")
+    width = high - low
+    saved, _ = saved_law(f"reciprocal(J3 - ({low - 0.2 * width}))")
+    basis = usable(saved).model.effects[0].terms[0].basis
+    q = low - width * np.array([0.0, 0.5 * REACHES[1], REACHES[1], REACHES[0]])
+    there = basis(States({"J3": q}, {"J3": "rad"}))
+    np.testing.assert_allclose(there[:3], 1.0 / (q[:3] - low + 0.2 * width))
+    assert there[3] == pytest.approx(there[2])
 
 
 def test_within_its_ranges_nothing_changes() -> None:
