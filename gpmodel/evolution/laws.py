@@ -7,7 +7,7 @@ fitted to the residual of the whole model, seen from the place.
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -34,8 +34,8 @@ CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 SHORTENED = 3
 """Laws of one input of which those of a node less are looked at, the best."""
-FACTORS = 6
-"""Laws of each factor or summand, the shortest descriptions."""
+FACTORS = 8
+"""Laws of each factor, summand, weighted sum or distance, the shortest descriptions."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
@@ -50,8 +50,20 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
     found = _of_one(there) if len(names) == 1 else _of_two(there)
-    sound = (law for law in found if 0 < law.complexity <= LONGEST and law.program.inputs)
-    return pareto(sound, lambda law: (law.complexity, length(law.program)))
+    return pareto(filter(_sound, found), lambda law: (law.complexity, length(law.program)))
+
+
+def _sound(law: Solution) -> bool:
+    return 0 < law.complexity <= LONGEST and bool(law.program.inputs)
+
+
+def _best(found: Iterable[Solution], problem: SlotProblem, most: int) -> list[Program]:
+    """The laws of the shortest descriptions, one of those that differ in constants alone."""
+    of_form: dict[tuple[Node, ...], Program] = {}
+    for law in sorted(found, key=lambda law: description_length(law, problem)):
+        form = (replace(node, value=None) if node.operator == "constant" else node for node in law.program.nodes)
+        of_form.setdefault(tuple(form), law.program)
+    return list(of_form.values())[:most]
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:
@@ -59,12 +71,11 @@ def _of_one(problem: SlotProblem) -> list[Solution]:
     one of their nodes."""
     found = _with_fitted(problem, _shapes(problem))
     words = Vocabulary(problem.inputs, operator_set("slot"))
-    best = sorted(found, key=lambda law: description_length(law, problem))
-    starts = [law.program for law in best if _edited(law.program)][:CLIMBED]
+    starts = _best((law for law in found if _edited(law.program)), problem, CLIMBED)
     starts += [pair for pair, _ in promising(problem, words, CLIMBED)]
     found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
-    best = sorted(found, key=lambda law: description_length(law, problem))[:SHORTENED]
-    return found + [scored(program, problem) for law in best for program in shorter(law.program, problem)]
+    best = _best(found, problem, SHORTENED)
+    return found + [scored(fewer, problem) for program in best for fewer in shorter(program, problem)]
 
 
 def _edited(program: Program) -> bool:
@@ -136,8 +147,7 @@ def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
     fronts = []
     for name, seen in zip(problem.inputs.names, targets, strict=True):
         one = SlotProblem(problem.inputs.select([name]), seen, parsimony=problem.parsimony)
-        laws = sorted(laws_at(one, 0, [name]), key=lambda law: description_length(law, one))
-        fronts.append([law.program for law in laws[:FACTORS]])
+        fronts.append(_best(filter(_sound, _of_one(one)), one, FACTORS))
     return fronts
 
 
@@ -161,7 +171,6 @@ def _of_distance(problem: SlotProblem) -> list[Program]:
 def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> list[Program]:
     """Laws of what two inputs are joined to, searched for the first way and offered for all."""
     values = joined[0].evaluate(problem.inputs.mapping())
-    laws = laws_at(
-        SlotProblem(Inputs(("joined",), values), problem.targets, parsimony=problem.parsimony), 0, ["joined"]
-    )
-    return [law.program.with_inputs({"joined": both}) for law in laws for both in joined]
+    one = SlotProblem(Inputs(("joined",), values), problem.targets, parsimony=problem.parsimony)
+    laws = _best(filter(_sound, _of_one(one)), one, FACTORS)
+    return [law.with_inputs({"joined": both}) for law in laws for both in joined]

@@ -43,7 +43,7 @@ JOINED = 4.0
 @dataclass(frozen=True)
 class Element:
     """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k, {d}
-    1/k²."""
+    1/k², {e} -k²."""
 
     text: str
     function: Callable[[Array], Array]
@@ -53,7 +53,12 @@ class Element:
     def written(self, text: str, values: Array) -> str:
         """Its text, of what has a text and values (N,)."""
         low, width = float(values.min()), float(np.ptp(values))
-        ends = {"a": low + self.c * width, "b": low + (self.c + 1.0 / self.k) * width, "d": (width / self.k) ** 2}
+        ends = {
+            "a": low + self.c * width,
+            "b": low + (self.c + 1.0 / self.k) * width,
+            "d": (width / self.k) ** 2,
+            "e": -((self.k / width) ** 2),
+        }
         numbers = {name: f"({end:.6g})" for name, end in ends.items()}
         return self.text.format(q=text, k=f"({self.k / width:.6g})", **numbers)
 
@@ -83,8 +88,8 @@ def _elements(finer: int = 1) -> Iterator[Element]:
             yield Element(name + "({k}*({q} - {a}))", apply[name], k, c)
         yield from (Element("logistic({k}*({q} - {a}))", apply["logistic"], s * k, c) for s in (1, -1) for k in steep)
         for k in widths:
-            yield Element("exp(-square({k}*({q} - {a})))", lambda x: np.exp(-x * x), k, c)
-            yield Element("reciprocal(1 + square({k}*({q} - {a})))", lambda x: 1.0 / (1.0 + x * x), k, c)
+            yield Element("exp({e}*square({q} - {a}))", lambda x: np.exp(-x * x), k, c)
+            yield Element("reciprocal({d} + square({q} - {a}))", lambda x: 1.0 / (1.0 + x * x), k, c)
     for c, d in combinations(inside, 2):
         yield Element("({q} - {a})*({q} - {b})", lambda x: x * (x - 1.0), 1.0 / (d - c), c)
         yield Element("deadzone({k}*({q} - {a}))", apply["deadzone"], 2.0 / (d - c), 0.5 * (c + d))
