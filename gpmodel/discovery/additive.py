@@ -26,6 +26,10 @@ MOST_DETERMINED = 20.0
 law of seven nodes has three constants."""
 
 
+PASSES = 3
+"""How often what is chosen is asked for its laws: a law makes others of what it stood beside."""
+
+
 @dataclass(frozen=True)
 class Additive:
     """What was chosen together. hypotheses: every chosen group, judged, the worthiest first. calibration: with the
@@ -49,19 +53,38 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     a law of the time, the groups are chosen without such laws, but those that passed: several of them together had
     stood for the walk. A finding gives way to a rival that predicts clearly better.
     """
-    last = first = chosen_together(choice, evolved)
-    if laws := _laws(choice, first):
-        last = chosen_again(choice, first, laws)
-        said = {name for law in laws.values() if law.name in last.candidates for name in law.inputs}
-        gone = (c for name, c in first.candidates.items() if name not in last.candidates and said.issuperset(c.inputs))
-        if first.chosen.likelier_by(last.chosen) > leeway(gone, choice.criteria):
-            last, laws = first, {}
-    found = _accepted(choice, last)
+    said = _with_laws(choice, chosen_together(choice, evolved))
+    found = _accepted(choice, said.last)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         choice = replace(choice, timed=frozenset(found.passed))
-        found = _again(choice, first, laws, found)
-    found = _with_better_rivals(choice, first, laws, found)
-    return replace(found, laws=tuple(laws.values()))
+        found = _again(choice, said.first, said.laws, found)
+    found = _with_better_rivals(choice, said.first, said.laws, found)
+    return replace(found, laws=said.every)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What was chosen, laws in the places of its curves, what is chosen with them, and all laws on the way there."""
+
+    first: Together
+    laws: Laws
+    last: Together
+    every: tuple[Candidate, ...] = ()
+
+
+def _with_laws(choice: Choice, chosen: Together) -> _Said:
+    """What was chosen with its curves said as laws; what is chosen beside these is asked for its law in turn."""
+    said, asked = _Said(chosen, {}, chosen), set[tuple[str, ...]]()
+    for _ in range(PASSES):
+        first = said.last
+        laws = _laws(choice, first, asked)
+        last = chosen_again(choice, first, laws) if laws else first
+        read = {name for law in laws.values() if law.name in last.candidates for name in law.inputs}
+        gone = (c for name, c in first.candidates.items() if name not in last.candidates and read.issuperset(c.inputs))
+        if not laws or first.chosen.likelier_by(last.chosen) > leeway(gone, choice.criteria):
+            break
+        said = _Said(first, laws, last, (*said.every, *laws.values()))
+    return said
 
 
 def _again(choice: Choice, first: Together, laws: Laws, found: Additive) -> Additive:
@@ -97,9 +120,10 @@ def _with_better_rivals(choice: Choice, first: Together, laws: Laws, found: Addi
     return replace(other, hypotheses=(*other.hypotheses, *gone))
 
 
-def _laws(choice: Choice, first: Together) -> Laws:
+def _laws(choice: Choice, first: Together, asked: set[tuple[str, ...]]) -> Laws:
     """Of every curve that was chosen, of what was evolved in several terms or just now, and of several at one place
-    together: the law of one term that saves most, where it predicts as well within one standard error.
+    together, but those asked for before: the law of one term that saves most, where it predicts as well within one
+    standard error.
 
     Programs are bred at all places at once and miss forms that a search at one place looks at one by one. Curves with
     constants inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
@@ -111,7 +135,10 @@ def _laws(choice: Choice, first: Together) -> Laws:
         if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None)
         or (not c.family and (len(c.effects) > 1 or c.name in choice.fresh))
     }
-    curves |= of_one_place(c for c, k in chosen if k.determined <= MOST_DETERMINED)
+    learned = (replace(c, effects=k.effects) for c, k in chosen if k.determined <= MOST_DETERMINED)
+    curves |= of_one_place(learned)
+    curves = {names: curve for names, curve in curves.items() if names not in asked}
+    asked.update(curves)
     names = {curve.name: names for names, curve in curves.items()}
     searched = () if choice.late() else compact_laws(first.left, list(curves.values()), choice.search)
     found = ((names[curve.name], replacement(curve, residual, laws)) for curve, residual, laws in searched)

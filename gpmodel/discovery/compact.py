@@ -99,11 +99,11 @@ def compact_laws(
 
 def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
     """Candidates at one place that read two inputs together, their names and all as one: functions of both and of one
-    of them may stand for one law. Where all have names they stay what they are."""
-    at: dict[tuple[frozenset[object], bool], list[Candidate]] = defaultdict(list)
+    of them may stand for one law."""
+    at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
-        at[_sites(one), one.has_priors].append(one)
-    for (sites, _), parts in at.items():
+        at[_sites(one)].append(one)
+    for sites, parts in at.items():
         read = {name for c in parts for name in c.inputs}
         if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER:
             names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
@@ -115,10 +115,6 @@ def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
 def _sites(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
     """Slots, axes and weights at which it acts."""
     return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
-
-
-def _unnamed(candidate: Candidate) -> bool:
-    return not candidate.family or is_curve(candidate)
 
 
 def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:

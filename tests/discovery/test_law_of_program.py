@@ -1,12 +1,16 @@
 """What was evolved and chosen, alone or in several parts at one place, gives way to the law of its inputs there."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery import additive as together
 from gpmodel.discovery import compact
 from gpmodel.discovery.additive import Additive, additive
 from gpmodel.discovery.choice import Choice
@@ -107,6 +111,48 @@ def test_what_is_elsewhere_or_reads_a_third_input_is_not_joined() -> None:
     for apart in (elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
         assert not list(of_one_place(apart))
     assert [c.name for _, c in of_one_place(at_one_place("sin(J4)", "cos(J4)", "J4"))] == ["sin(J4) and cos(J4) and J4"]
+
+
+def test_a_curve_and_a_law_at_one_place_are_joined() -> None:
+    curve, law = at_one_place("sin(J4)", "cos(J4)")
+    curve = replace(curve, effects=tuple(replace(e, prior=1e-3) for e in curve.effects))
+    ((names, whole),) = of_one_place([curve, law])
+    assert names == ("sin(J4)", "cos(J4)")
+    assert [e.prior for e in whole.effects] == [1e-3, np.inf]
+
+
+def test_what_is_chosen_beside_a_law_is_asked_for_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the law of one curve another curve is chosen; what was asked for once is not asked for again."""
+    curve, other, law, second = at_one_place("sin(J4)", "sin(J5)", "J4", "J5")
+    steps = [chosen_of(curve), chosen_of(law, other), chosen_of(law, second)]
+    searched: list[str] = []
+
+    def no_laws(left: object, curves: Sequence[Candidate], search: Search) -> list[object]:
+        searched.extend(c.name for c in curves)
+        return [(c, None, ()) for c in curves]
+
+    def law_of(curve: Candidate, residual: object, laws: object) -> object:
+        found = {"sin(J4)": law, "sin(J5)": second}.get(curve.name)
+        return found and SimpleNamespace(simplified=lambda: found)
+
+    monkeypatch.setattr(together, "compact_laws", no_laws)
+    monkeypatch.setattr(together, "replacement", law_of)
+    monkeypatch.setattr(together, "chosen_again", lambda choice, before, laws: steps[steps.index(before) + 1])
+    choice = SimpleNamespace(
+        fresh=frozenset({"sin(J4)", "sin(J5)"}), late=lambda: False, search=None, criteria=Criteria()
+    )
+    said = together._with_laws(choice, steps[0])
+    assert said.last is steps[-1]
+    assert [c.name for c in said.every] == ["J4", "J5"]
+    assert searched.count("sin(J4)") == searched.count("sin(J5)") == 1
+
+
+def chosen_of(*candidates: Candidate) -> SimpleNamespace:
+    kept = [SimpleNamespace(determined=1.0, effects=c.effects) for c in candidates]
+    return SimpleNamespace(
+        candidates={c.name: c for c in candidates}, left=None,
+        chosen=SimpleNamespace(kept=kept, likelier_by=lambda other: -1.0),
+    )  # fmt: skip
 
 
 def called(family: str, *texts: str) -> Candidate:
