@@ -53,28 +53,29 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     a law of the time, the groups are chosen without such laws, but those that passed: several of them together had
     stood for the walk. A finding gives way to a rival that predicts clearly better.
     """
-    said = _with_laws(choice, chosen_together(choice, evolved))
-    found = _accepted(choice, said.last)
+    said = _with_laws(choice, chosen_together(choice, evolved), set())
+    found = replace(_accepted(choice, said.last), laws=said.every)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         choice = replace(choice, timed=frozenset(found.passed))
-        found = _again(choice, said.first, said.laws, found)
-    found = _with_better_rivals(choice, said.first, said.laws, found)
-    return replace(found, laws=said.every)
+        found = _again(choice, said, said.laws, found)
+    return _with_better_rivals(choice, said, found)
 
 
 @dataclass(frozen=True)
 class _Said:
-    """What was chosen, laws in the places of its curves, what is chosen with them, and all laws on the way there."""
+    """What was chosen, laws in the places of its curves, what is chosen with them, all laws on the way there, and the
+    names of what was asked for its law."""
 
     first: Together
     laws: Laws
     last: Together
-    every: tuple[Candidate, ...] = ()
+    every: tuple[Candidate, ...]
+    asked: set[tuple[str, ...]]
 
 
-def _with_laws(choice: Choice, chosen: Together) -> _Said:
+def _with_laws(choice: Choice, chosen: Together, asked: set[tuple[str, ...]]) -> _Said:
     """What was chosen with its curves said as laws; what is chosen beside these is asked for its law in turn."""
-    said, asked = _Said(chosen, {}, chosen), set[tuple[str, ...]]()
+    said = _Said(chosen, {}, chosen, (), asked)
     for _ in range(PASSES):
         first = said.last
         laws = _laws(choice, first, asked)
@@ -83,19 +84,20 @@ def _with_laws(choice: Choice, chosen: Together) -> _Said:
         gone = (c for name, c in first.candidates.items() if name not in last.candidates and read.issuperset(c.inputs))
         if not laws or first.chosen.likelier_by(last.chosen) > leeway(gone, choice.criteria):
             break
-        said = _Said(first, laws, last, (*said.every, *laws.values()))
+        said = _Said(first, laws, last, (*said.every, *laws.values()), asked)
     return said
 
 
-def _again(choice: Choice, first: Together, laws: Laws, found: Additive) -> Additive:
+def _again(choice: Choice, said: _Said, laws: Laws, found: Additive) -> Additive:
     """What is chosen and passes when less is offered; what was refused before stays among the hypotheses."""
-    again = _accepted(choice, chosen_again(choice, first, laws))
+    other = _with_laws(choice, chosen_again(choice, said.first, laws), said.asked)
+    again = _accepted(choice, other.last)
     told = {h.candidate.name for h in again.hypotheses}
     refused = (h for h in found.hypotheses if not h.accepted and h.candidate.name not in told)
-    return replace(again, hypotheses=(*again.hypotheses, *refused))
+    return replace(again, hypotheses=(*again.hypotheses, *refused), laws=(*found.laws, *other.every))
 
 
-def _with_better_rivals(choice: Choice, first: Together, laws: Laws, found: Additive) -> Additive:
+def _with_better_rivals(choice: Choice, said: _Said, found: Additive) -> Additive:
     """What was found, or what is chosen instead where a rival predicts clearly better than one of the findings: these
     are not offered again, and the whole model has to predict no worse.
 
@@ -109,9 +111,9 @@ def _with_better_rivals(choice: Choice, first: Together, laws: Laws, found: Addi
     timed = choice.timed
     if timed is not None:
         timed = timed.union(name for h in outdone.values() for name, _ in h.rivals)
-    kept = {names: law for names, law in laws.items() if law.name not in outdone}
+    kept = {names: law for names, law in said.laws.items() if law.name not in outdone}
     fewer = replace(choice, timed=timed, outdone=frozenset(outdone))
-    other = _again(fewer, first, kept, found)
+    other = _again(fewer, said, kept, found)
     before, after = (cross_validated(choice.residual(model.calibration), ()) for model in (found, other))
     if gained(before, after, limits.outlier_sigmas) <= 0.0:
         return found

@@ -34,6 +34,8 @@ from gpmodel.selection.programs import as_candidate, without_poles
 TOGETHER, MOST_INPUTS = 2, 3
 """Inputs of a law; and of what was evolved, of which a law in two may say as much: its third may be there by chance."""
 
+NUMBERS = 3
+"""Numbers that a law of a few nodes has."""
 CLEARLY = 2.0
 """Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
 
@@ -99,15 +101,19 @@ def compact_laws(
 
 def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
     """Candidates at one place that read two inputs together, their names and all as one: functions of both and of one
-    of them may stand for one law."""
+    of them may stand for one law. Those that all have names stay what they are if they read two or have more numbers
+    than a law."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[_sites(one)].append(one)
     for sites, parts in at.items():
         read = {name for c in parts for name in c.inputs}
-        if len(sites) == 1 and len(parts) > 1 and len(read) <= TOGETHER:
+        effects = tuple(e for c in parts for e in c.effects)
+        named = all(c.family and not is_curve(c) for c in parts)
+        most = (1 if len(effects) <= NUMBERS else 0) if named else TOGETHER
+        if len(sites) == 1 and len(parts) > 1 and len(read) <= most:
             names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
-            effects, said = tuple(e for c in parts for e in c.effects), " and ".join(names)
+            said = " and ".join(names)
             whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
             yield names, whole
 
@@ -159,9 +165,9 @@ def is_curve(group: Group | Candidate) -> bool:
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """What is searched for a curve: laws of its inputs at its place, and where it would save more; of two each where it
-    has three and no name; nothing where it has several places or more inputs, nor of one column remembered in two ways:
-    of these the constant is to be found.
+    """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more; of
+    two each where it has three and no name; nothing where it has several places or more inputs, nor of one column
+    remembered in two ways: of these the constant is to be found.
     """
     residual = left.without(curve.effects)
     sites = _sites(curve)
@@ -172,12 +178,12 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
     some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
-    asked = [names for names in some if len(names) == len(_columns(names))]
+    asked = [read for read in some if len(read) == len(_columns(read))]
     own = Site(next(iter(sites)))
     found = []
-    for site in dict.fromkeys((own, _likeliest(residual, curve, own))):
+    for site in dict.fromkeys((own, own if curve.family in names() else _likeliest(residual, curve, own))):
         problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-        found += [LawTask(problem, names, site, written) for names in asked]
+        found += [LawTask(problem, read, site, written) for read in asked]
     return found
 
 

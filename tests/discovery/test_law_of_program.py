@@ -106,9 +106,11 @@ def test_parts_at_one_place_give_way_to_the_law_that_they_stood_for() -> None:
     assert after.nats > before.nats + 100.0
 
 
-def test_what_is_elsewhere_or_reads_a_third_input_is_not_joined() -> None:
+def test_what_is_elsewhere_or_reads_a_third_input_or_is_called_more_is_not_joined() -> None:
     elsewhere = [*at_one_place("J1"), *at_one_place("J2", slot="J5.moving")]
-    for apart in (elsewhere, at_one_place("J1", "J2*J3"), at_one_place("J1")):
+    named = [called("gear_ratio", "J4"), called("joint_compliance", "torque_J4")]
+    curve = [called("gear_ratio", "J4"), called("joint_curve", "sin(J4)", "cos(J4)", "sin(2*J4)")]
+    for apart in (elsewhere, named, curve, at_one_place("J1", "J2*J3"), at_one_place("J1")):
         assert not list(of_one_place(apart))
     assert [c.name for _, c in of_one_place(at_one_place("sin(J4)", "cos(J4)", "J4"))] == ["sin(J4) and cos(J4) and J4"]
 
@@ -141,7 +143,7 @@ def test_what_is_chosen_beside_a_law_is_asked_for_its_own(monkeypatch: pytest.Mo
     choice = SimpleNamespace(
         fresh=frozenset({"sin(J4)", "sin(J5)"}), late=lambda: False, search=None, criteria=Criteria()
     )
-    said = together._with_laws(choice, steps[0])
+    said = together._with_laws(choice, steps[0], set())
     assert said.last is steps[-1]
     assert [c.name for c in said.every] == ["J4", "J5"]
     assert searched.count("sin(J4)") == searched.count("sin(J5)") == 1
