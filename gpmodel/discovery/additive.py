@@ -9,8 +9,9 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
 from gpmodel.discovery.averaging import averaged
 from gpmodel.discovery.choice import PLAIN, Choice, Laws, Together, chosen_again, chosen_together
-from gpmodel.discovery.compact import compact_laws, leeway, of_one_place, replacement
+from gpmodel.discovery.compact import compact_laws, leeway, replacement
 from gpmodel.discovery.detail import detailed
+from gpmodel.discovery.one_place import of_one_place
 from gpmodel.discovery.refinement import refined_fit, told_apart
 from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import cross_validated, gained

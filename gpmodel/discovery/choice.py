@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.compact import is_curve
+from gpmodel.discovery.one_place import is_curve
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.walk import is_timed

@@ -1,6 +1,5 @@
 """The shortest law of a curve: what was chosen as a sum of many terms, said in one."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,6 +9,7 @@ import numpy as np
 
 from gpmodel.calibration.gauge import moving_sites
 from gpmodel.discovery.judge import plainest
+from gpmodel.discovery.one_place import TOGETHER, is_curve, places
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measured
@@ -22,20 +22,18 @@ from gpmodel.evolution.laws import laws_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import family, names
+from gpmodel.families.catalogue import names
+from gpmodel.formula.length import length
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
-from gpmodel.selection.group import Group
 from gpmodel.selection.programs import as_candidate, without_poles
 
-TOGETHER, MOST_INPUTS = 2, 3
-"""Inputs of a law; and of what was evolved, of which a law in two may say as much: its third may be there by chance."""
+MOST_INPUTS = 3
+"""Inputs of what was evolved, of which a law in two may say as much: its third may be there by chance."""
 
-NUMBERS = 3
-"""Numbers that a law of a few nodes has."""
 CLEARLY = 2.0
 """Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
 
@@ -62,6 +60,11 @@ class ShortLaw:
     program: Program
     task: LawTask
     candidate: Candidate
+
+    @property
+    def unread(self) -> float:
+        """Half the nats of the nodes that nobody reads as such: origins and scales of its inputs."""
+        return 0.5 * self.task.problem.parsimony * (self.program.complexity - length(self.program))
 
     def simplified(self) -> Candidate:
         """The effect as computer algebra writes it; it takes longer than all that is asked of a law before."""
@@ -99,43 +102,22 @@ def compact_laws(
         yield curve, residual, tuple(laws)
 
 
-def of_one_place(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
-    """Candidates at one place that read two inputs together, their names and all as one: functions of both and of one
-    of them may stand for one law. Those that all have names stay what they are if they read two or have more numbers
-    than a law."""
-    at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
-    for one in candidates:
-        at[_sites(one)].append(one)
-    for sites, parts in at.items():
-        read = {name for c in parts for name in c.inputs}
-        effects = tuple(e for c in parts for e in c.effects)
-        named = all(c.family and not is_curve(c) for c in parts)
-        most = (1 if len(effects) <= NUMBERS else 0) if named else TOGETHER
-        if len(sites) == 1 and len(parts) > 1 and len(read) <= most:
-            names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
-            said = " and ".join(names)
-            whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
-            yield names, whole
-
-
-def _sites(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
-    """Slots, axes and weights at which it acts."""
-    return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
-
-
 def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:
     """The plainest of the laws that save most in the place of a curve, where it predicts as well within one standard
     error.
 
-    Where it does not predict better by two, it has to save so much more as ``_margin`` says. residual: without the
-    curve. Source: the one-standard-error rule, Breiman et al. (1984), 3.4.3.
+    Where it does not predict better by two, the one that saves most has to save so much more as ``_margin`` says. Among
+    them an origin or a scale of an input counts half. residual: without the curve. Source: the one-standard-error rule,
+    Breiman et al. (1984), 3.4.3.
     """
     criteria = residual.criteria
     own = scores(residual, (curve,))[0].nats
     candidates = [law.candidate for law in laws]
-    scored = zip(candidates, scores(residual, candidates), strict=True)
-    said, score = plainest(criteria, sorted(scored, key=lambda one: -one[1].nats))
-    law, most = laws[candidates.index(said)], score.nats
+    found = scores(residual, candidates)
+    most = max(score.nats for score in found)
+    read = [replace(score, nats=score.nats + law.unread) for law, score in zip(laws, found, strict=True)]
+    ranked = sorted(zip(candidates, read, strict=True), key=lambda one: -one[1].nats)
+    law = laws[candidates.index(plainest(criteria, ranked)[0])]
     worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
     return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
 
@@ -158,19 +140,13 @@ def _margin(curve: Candidate, criteria: Criteria) -> float:
     return criteria.tie if len(curve.effects) == 1 else -criteria.tie
 
 
-def is_curve(group: Group | Candidate) -> bool:
-    """Whether it says how something looks and names no part."""
-    known = family(group.family)
-    return group.found_by == "surface" or (known is not None and known.generic)
-
-
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more; of
     two each where it has three and no name; nothing where it has several places or more inputs, nor of one column
     remembered in two ways: of these the constant is to be found.
     """
     residual = left.without(curve.effects)
-    sites = _sites(curve)
+    sites = places(curve)
     poses = len(residual.poses)
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)

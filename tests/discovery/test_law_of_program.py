@@ -14,7 +14,8 @@ from gpmodel.discovery import additive as together
 from gpmodel.discovery import compact
 from gpmodel.discovery.additive import Additive, additive
 from gpmodel.discovery.choice import Choice
-from gpmodel.discovery.compact import compact_laws, of_one_place, replacement
+from gpmodel.discovery.compact import compact_laws, replacement
+from gpmodel.discovery.one_place import of_one_place
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
@@ -155,6 +156,14 @@ def chosen_of(*candidates: Candidate) -> SimpleNamespace:
         candidates={c.name: c for c in candidates}, left=None,
         chosen=SimpleNamespace(kept=kept, likelier_by=lambda other: -1.0),
     )  # fmt: skip
+
+
+def test_origin_and_scale_of_an_input_count_half_among_laws() -> None:
+    """Of laws that save as much the one with an origin stands, until a part more is read."""
+    task = SimpleNamespace(problem=SimpleNamespace(parsimony=2.0))
+    (curve,) = at_one_place("J4")
+    texts = ("sin(J4)", "sin(2*J4)", "sin(2*(J4 - 0.3))", "sin(2*(J4 - 0.3))*abs(J4)")
+    assert [compact.ShortLaw(parse(text), task, curve).unread for text in texts] == [0.0, 2.0, 4.0, 4.0]
 
 
 def called(family: str, *texts: str) -> Candidate:
