@@ -49,7 +49,8 @@ def drawn(robot: Robot) -> Row:
     case, law, place = robot.machine.case, robot.law, robot.place
     return {
         "arm": case.arm, "poses": len(robot.train.q), "noise_mm": case.noise_mm, "kind": robot.kind,
-        "size_mm": robot.size_mm, "law": str(law or ""), "law_nodes": nodes(law.text) if law else 0, "inputs": list(law.inputs if law else ()),
+        "size_mm": robot.size_mm, "law": str(law or ""), "law_nodes": nodes(law.text) if law else 0,
+        "inputs": list(law.inputs if law else ()),
         "place": f"{place.slot} {place.axis}" if place else "",
     }  # fmt: skip
 
