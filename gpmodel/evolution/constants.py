@@ -1,17 +1,20 @@
 """Constants of a program fitted by least squares, with derivatives carried forward through it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import count
 
 import numpy as np
 from scipy.linalg import lapack
 
-from gpmodel.arrays import Array, Mask
-from gpmodel.evolution.projection import Targets
-from gpmodel.formula.operators import BY_NAME
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.evolution.projection import SMALLEST, Targets
+from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
 LARGEST = 1e100
 """A value whose square is still a number."""
+IDLE = 1e-12
+"""Share of its column outside the enabled ones up to which a constant stays: what it does they do."""
 
 
 def derivatives(program: Program, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -64,12 +67,54 @@ def polish(
     """The program with constants that explain most at a site, and its gain there.
 
     Levenberg-Marquardt on the projected residual; the coefficients of the outputs are solved anew at every
-    step. Constants whose value is in ``held`` stay. Never returns a smaller gain than it was given.
+    step. Constants whose value is in ``held`` stay. Never returns a smaller gain than it was given. Of one output a
+    kernel does the same.
     """
     place = targets if targets.sites == 1 else targets.only(site)
+    free = np.array([value not in held for value in program.constants], dtype=bool)
+    if len(program.outputs) == 1 and free.any():
+        return _polish_one(program, place, inputs, free, steps)
+    return _polish_several(program, place, inputs, free, steps)
+
+
+def _polish_one(
+    program: Program, place: Targets, inputs: Mapping[str, Array], free: Mask, steps: int
+) -> tuple[Program, float]:
+    """``polish`` for one output at one place."""
+    from gpmodel.evolution.kernels.constants import fit_constants
+
+    names = program.inputs
+    columns = np.array([inputs[name] for name in names], dtype=float).reshape(-1, place.poses)
+    constants = np.array(program.constants)
+    gain = fit_constants(
+        _nodes(program, names), columns, constants, free, place.weight[0], place.cross[0], place.pull[0],
+        float(place.energy), place.unique_share, (SMALLEST, LARGEST, IDLE), steps,
+    )  # fmt: skip
+    return program.with_constants(constants.tolist()), gain
+
+
+def _nodes(program: Program, names: Sequence[str]) -> IntArray:
+    """Op-code and two arguments (3, nodes) of a program whose inputs have these names, as kernels read them."""
+    from gpmodel.evolution.kernels.machine import CONSTANT
+
+    numbers = count()
+    found = []
+    for node in program.nodes:
+        if node.operator == "input":
+            found.append((INPUT, names.index(str(node.value)), 0))
+        elif node.operator == "constant":
+            found.append((CONSTANT, next(numbers), 0))
+        else:
+            found.append((BY_NAME[node.operator].code, node.arguments[0], node.arguments[-1]))
+    return np.array(found, dtype=np.int64).T.copy()
+
+
+def _polish_several(
+    program: Program, place: Targets, inputs: Mapping[str, Array], free: Mask, steps: int
+) -> tuple[Program, float]:
+    """``polish`` for any number of outputs at one place."""
     gain, coefficients = place.set_gain(program.evaluate(inputs), 0)
     constants = np.array(program.constants)
-    free = np.array([value not in held for value in program.constants], dtype=bool)
     if not free.any() or not coefficients.any():
         return program, gain
     values = program.values(inputs, place.poses)
@@ -121,10 +166,12 @@ def _step(
     if not np.all(np.abs(columns) < LARGEST):
         return None
     seen = columns @ place.cross[0].T
-    normal = (columns * place.weight[0]) @ columns.T - seen @ seen.T
+    total = (columns * place.weight[0]) @ columns.T
+    normal = total - seen @ seen.T
     rest = place.pull[0] - place.weight[0] * shape + (place.cross[0] @ shape) @ place.cross[0]
-    diagonal = np.diag(normal)
-    if np.any(diagonal <= 0) or not np.all(np.isfinite(normal)):
+    slope = columns @ rest
+    if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(slope))):
         return None
-    normal = normal + 1e-14 * np.diag(diagonal)
-    return normal, columns @ rest
+    idle = np.diag(normal) <= IDLE * np.diag(total)
+    normal[idle, :], normal[:, idle], slope[idle] = 0.0, 0.0, 0.0
+    return normal + np.diag(idle.astype(float)), slope

@@ -81,7 +81,7 @@ def _of_one(problem: SlotProblem) -> list[Solution]:
 def _edited(program: Program) -> bool:
     """Whether single edits know all that the program is made of: an edge they do not."""
     made_of = {node.operator for node in program.nodes} - {"input", "constant"}
-    return all(BY_NAME[name].code != WRITTEN for name in made_of)
+    return all(BY_NAME[name].code < WRITTEN for name in made_of)
 
 
 def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:

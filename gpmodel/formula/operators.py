@@ -32,7 +32,7 @@ TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 class Operator:
     """One operator: its op-code, its function of one or two arguments and the partial derivatives of it.
 
-    ``code`` is ``WRITTEN`` where it stands in texts only and no search evolves it.
+    ``code`` is ``WRITTEN`` or more where it stands in texts only and no search evolves it.
     ``smooth`` says that the first derivative is continuous everywhere; ``derivatives`` takes the arguments
     and returns one array an argument (almost everywhere for the others).
     """
@@ -78,8 +78,8 @@ def _between(chosen: Mask) -> tuple[Array, Array]:
 INPUT, LOAD, STORE = 0, 1, 2
 """Op-codes that move data and compute nothing."""
 
-WRITTEN = -1
-"""Op-code of operators that are written and read, and never run by a kernel."""
+WRITTEN = 23
+"""From this op-code on operators are written, read and fitted, and never evolved."""
 
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),
@@ -108,12 +108,12 @@ ARITHMETIC: tuple[Operator, ...] = (
 LANGUAGE: tuple[Operator, ...] = (
     *ARITHMETIC,
     Operator(WRITTEN, "sign", 1, False, np.sign, lambda a: (np.zeros_like(a),)),
-    Operator(WRITTEN, "step", 1, False, lambda a: (a > 0.0).astype(float), lambda a: (np.zeros_like(a),)),
-    Operator(WRITTEN, "logistic", 1, True, _logistic, lambda a: (_logistic(a) * _logistic(-a),)),
-    Operator(WRITTEN, "deadzone", 1, False, lambda a: a - np.clip(a, -1.0, 1.0), lambda a: (_beyond(a),)),
-    Operator(WRITTEN, "hypot", 2, False, np.hypot, _directions),
+    Operator(24, "step", 1, False, lambda a: (a > 0.0).astype(float), lambda a: (np.zeros_like(a),)),
+    Operator(25, "logistic", 1, True, _logistic, lambda a: (_logistic(a) * _logistic(-a),)),
+    Operator(26, "deadzone", 1, False, lambda a: a - np.clip(a, -1.0, 1.0), lambda a: (_beyond(a),)),
+    Operator(27, "hypot", 2, False, np.hypot, _directions),
     Operator(
-        WRITTEN, "power", 2, False, np.float_power,
+        28, "power", 2, False, np.float_power,
         lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),
     ),
 )  # fmt: skip

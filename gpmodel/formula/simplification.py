@@ -39,7 +39,7 @@ def simplify(program: Program) -> Program:
 
 def _is_written(program: Program) -> bool:
     """Whether an operator of it stands in texts only and is never evolved."""
-    return any(BY_NAME[name].code == WRITTEN for name in program.operator_counts)
+    return any(BY_NAME[name].code >= WRITTEN for name in program.operator_counts)
 
 
 def _operators_then_size(program: Program) -> tuple[int, int]:

@@ -1,0 +1,165 @@
+"""Constants of a program of one output by least squares, seen from one place: ``gpmodel.evolution.constants``."""
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.evolution.kernels.compiler import compiled, reduction
+from gpmodel.evolution.kernels.differentiation import carry_tangents
+
+TRIALS = 4
+"""Dampings tried a step, each ten times the one before."""
+
+
+@reduction
+def _product(one: Array, other: Array) -> float:
+    total = 0.0
+    for j in range(len(one)):
+        total += one[j] * other[j]
+    return total
+
+
+@compiled
+def _limited(row: Array, limit: float) -> bool:
+    """Whether all of a row are numbers below a limit."""
+    for j in range(len(row)):
+        if not abs(row[j]) < limit:
+            return False
+    return True
+
+
+@compiled
+def explained(
+    row: Array, weight: Array, cross: Array, pull: Array, energy: float, unique_share: float, smallest: float
+) -> tuple[float, float]:
+    """Gain of one basis (N,) and its coefficient, as ``Targets.set_gain`` has them of one."""
+    if not _limited(row, np.inf) or energy <= 0.0:
+        return 0.0, 0.0
+    largest = np.abs(row).max()
+    if largest <= smallest:
+        return 0.0, 0.0
+    scaled = row / largest
+    total = _product(weight, scaled * scaled)
+    unique = total
+    for k in range(len(cross)):
+        unique -= _product(cross[k], scaled) ** 2
+    if not unique > unique_share * total:
+        return 0.0, 0.0
+    pulled = _product(pull, scaled)
+    return pulled * pulled / unique / energy, pulled / unique / largest
+
+
+@compiled
+def _normal_equations(
+    columns: Array, coefficient: float, weight: Array, cross: Array, pull: Array, idle: float, normal: Array, slope: Array
+) -> bool:
+    """Fill those of one Gauss-Newton step, the first of the columns (m, N) being the basis; whether they are usable."""
+    size = len(columns)
+    seen = np.empty((size, len(cross)))
+    for i in range(size):
+        for k in range(len(cross)):
+            seen[i, k] = _product(cross[k], columns[i])
+    for i in range(size):
+        weighted = columns[i] * weight
+        for j in range(i):
+            normal[i, j] = normal[j, i] = _product(weighted, columns[j]) - _product(seen[i], seen[j])
+        total = _product(weighted, columns[i])
+        normal[i, i] = total - _product(seen[i], seen[i])
+        slope[i] = _product(pull, columns[i]) - coefficient * normal[i, 0]
+        if not (_limited(normal[i, : i + 1], np.inf) and abs(slope[i]) < np.inf):
+            return False
+        if normal[i, i] <= idle * total:
+            normal[i, :i], normal[:i, i], normal[i, i], slope[i] = 0.0, 0.0, 1.0, 0.0
+    return True
+
+
+@compiled
+def solved(matrix: Array, right: Array) -> bool:
+    """Solve a small system in place, the solution where the right side was; False where it is singular."""
+    size = len(right)
+    for i in range(size):
+        pivot = i + np.argmax(np.abs(matrix[i:, i]))
+        if not abs(matrix[pivot, i]) > 0.0:
+            return False
+        for j in range(i, size):
+            matrix[i, j], matrix[pivot, j] = matrix[pivot, j], matrix[i, j]
+        right[i], right[pivot] = right[pivot], right[i]
+        for k in range(i + 1, size):
+            factor = matrix[k, i] / matrix[i, i]
+            for j in range(i, size):
+                matrix[k, j] -= factor * matrix[i, j]
+            right[k] -= factor * right[i]
+    for i in range(size - 1, -1, -1):
+        for j in range(i + 1, size):
+            right[i] -= matrix[i, j] * right[j]
+        right[i] /= matrix[i, i]
+    return True
+
+
+@compiled
+def _distinct(constants: Array) -> bool:
+    """Whether constants are numbers and no two are equal: these would be one node."""
+    for i in range(len(constants)):
+        if not abs(constants[i]) < np.inf:
+            return False
+        for j in range(i):
+            if constants[i] == constants[j]:
+                return False
+    return True
+
+
+@compiled
+def fit_constants(
+    nodes: IntArray,
+    inputs: Array,
+    constants: Array,
+    free: Mask,
+    weight: Array,
+    cross: Array,
+    pull: Array,
+    energy: float,
+    unique_share: float,
+    limits: tuple[float, float, float],
+    steps: int,
+) -> float:
+    """Move the free ones of the constants (C,) to where the last node of a program explains most; its gain there.
+
+    nodes: as ``carry_tangents`` has them. weight, pull (N,), cross (K, N): of one place. limits: what a basis has to
+    exceed, what a column may not, and the share of it that has to lie outside the enabled columns.
+    """
+    poses, size = inputs.shape[1], nodes.shape[1]
+    smallest, largest, idle = limits
+    moving = np.flatnonzero(free)
+    values, tangents = np.empty((size, poses)), np.zeros((len(constants), size, poses))
+    carry_tangents(nodes, inputs, constants, values, tangents)
+    gain, coefficient = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
+    columns = np.empty((len(moving) + 1, poses))
+    normal, slope = np.empty((len(columns), len(columns))), np.empty(len(columns))
+    damping = 1e-3
+    for _ in range(steps if coefficient != 0.0 else 0):
+        columns[0] = values[-1]
+        for c in range(len(moving)):
+            columns[c + 1] = coefficient * tangents[moving[c], -1]
+        for column in columns:
+            if not _limited(column, largest):
+                return gain
+        if not _normal_equations(columns, coefficient, weight, cross, pull, idle, normal, slope):
+            return gain
+        before = gain
+        for _ in range(TRIALS):
+            damped, change, trial = normal.copy(), slope.copy(), constants.copy()
+            for i in range(len(damped)):
+                damped[i, i] *= 1.0 + damping
+            if solved(damped, change):
+                trial[moving] += change[1:]
+                if _distinct(trial):
+                    carry_tangents(nodes, inputs, trial, values, tangents)
+                    found, scale = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
+                    if found > gain:
+                        constants[:] = trial
+                        gain, coefficient = found, scale
+                        break
+            damping *= 10.0
+        if gain == before or gain - before < 1e-9 * (1.0 - before):
+            break
+        damping = max(damping * 0.1, 1e-12)
+    return gain
