@@ -2,13 +2,13 @@
 
 Of one input every short shape is looked at (``gpmodel.evolution.shapes``); the best are fitted and climbed from by
 single edits. Of two inputs a law is a product or a sum of a law of each, or a law of a weighted sum or of a distance:
-factors, summands, weights or the point are found without a shape, and then each is a search in one input. Constants are
-fitted to the residual of the whole model, seen from the place.
+factors, summands, weights or the point are found without a shape, which tells the form; then each is a search in one
+input. Constants are fitted to the residual of the whole model, seen from the place.
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from gpmodel.evolution.pareto import Solution, description_length, pareto, score
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.shapes import shapes
-from gpmodel.evolution.smooth import distance, factors, summands, through, weighted_sum, without
+from gpmodel.evolution.smooth import distance, factors, noise_left, summands, through, weighted_sum, without
 from gpmodel.formula.length import length
 from gpmodel.formula.operators import BY_NAME, WRITTEN, operator_set
 from gpmodel.formula.parse import parse
@@ -36,6 +36,8 @@ SHORTENED = 3
 """Laws of one input of which those of a node less are looked at, the best."""
 FACTORS = 8
 """Laws of each factor, summand, weighted sum or distance, the shortest descriptions."""
+BEHIND = 40.0
+"""Nats by which a form of two inputs may fit worse than the best without a shape, and is still searched for its law."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
@@ -116,30 +118,49 @@ def _with_fitted(problem: SlotProblem, programs: Sequence[Program]) -> list[Solu
     return [scored(program, problem) for program in (*programs, *fitted)]
 
 
+@dataclass(frozen=True)
+class _Form:
+    """How a law is made of two inputs. noise: the variance that it leaves without a shape. laws: the search for one."""
+
+    noise: float
+    laws: Callable[[], list[Program]]
+
+
 def _of_two(problem: SlotProblem) -> list[Solution]:
-    """Laws of two inputs of every form, as they are and fitted."""
-    forms = (_products, _sums, _of_weighted_sum, _of_distance)
-    return _with_fitted(problem, [program for form in forms for program in form(problem)])
+    """Laws of two inputs of every form that is nearly as likely as any, as they are and fitted."""
+    forms = [form(problem) for form in (_products, _sums, _of_weighted_sum, _of_distance)]
+    least, components = min(form.noise for form in forms), problem.targets.components
+    likely = [form for form in forms if 0.5 * components * np.log(form.noise / least) <= BEHIND]
+    return _with_fitted(problem, [program for form in likely for program in form.laws()])
 
 
-def _products(problem: SlotProblem) -> list[Program]:
+def _products(problem: SlotProblem) -> _Form:
     """Products of a law of each of two inputs, each searched as the problem is seen through the other factor."""
     first, second = factors(problem.targets, problem.inputs.values)
-    fronts = _of_each(problem, through(problem.targets, second), through(problem.targets, first))
-    product = parse("first*second")
-    return [product.with_inputs({"first": f, "second": s}) for f, s in itertools.product(*fronts)]
+    seen = through(problem.targets, second), through(problem.targets, first)
+
+    def laws() -> list[Program]:
+        product = parse("first*second")
+        fronts = _of_each(problem, *seen)
+        return [product.with_inputs({"first": f, "second": s}) for f, s in itertools.product(*fronts)]
+
+    return _Form(noise_left(seen[0], problem.inputs.values[0]), laws)
 
 
-def _sums(problem: SlotProblem) -> list[Program]:
+def _sums(problem: SlotProblem) -> _Form:
     """Sums of a law of each of two inputs, each searched with the other summand taken off the residual."""
     first, second = summands(problem.targets, problem.inputs.values)
-    fronts = _of_each(problem, without(problem.targets, second), without(problem.targets, first))
-    found, columns = [], problem.inputs.mapping()
-    for f, s in itertools.product(*fronts):
-        one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
-        weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
-        found.append(weighted.with_inputs({"first": f, "second": s}))
-    return found
+    seen = without(problem.targets, second), without(problem.targets, first)
+
+    def laws() -> list[Program]:
+        found, columns = [], problem.inputs.mapping()
+        for f, s in itertools.product(*_of_each(problem, *seen)):
+            one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
+            weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
+            found.append(weighted.with_inputs({"first": f, "second": s}))
+        return found
+
+    return _Form(noise_left(seen[0], problem.inputs.values[0]), laws)
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
@@ -151,7 +172,7 @@ def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
     return fronts
 
 
-def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
+def _of_weighted_sum(problem: SlotProblem) -> _Form:
     """Laws of the weighted sum of two inputs that says most, and of the plain one beside it."""
     first, second = weighted_sum(problem.targets, problem.inputs.values)
     (one, other), weight = (repr(name) for name in problem.inputs.names), second / first
@@ -162,15 +183,19 @@ def _of_weighted_sum(problem: SlotProblem) -> list[Program]:
     return _of_any(problem, sums)
 
 
-def _of_distance(problem: SlotProblem) -> list[Program]:
+def _of_distance(problem: SlotProblem) -> _Form:
     """Laws of the distance from a point in the plane of two inputs that says most."""
     (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
     return _of_any(problem, [parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))")])
 
 
-def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> list[Program]:
+def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> _Form:
     """Laws of what two inputs are joined to, searched for the first way and offered for all."""
     values = joined[0].evaluate(problem.inputs.mapping())
     one = SlotProblem(Inputs(("joined",), values), problem.targets, parsimony=problem.parsimony)
-    laws = _best(filter(_sound, _of_one(one)), one, FACTORS)
-    return [law.with_inputs({"joined": both}) for law in laws for both in joined]
+
+    def laws() -> list[Program]:
+        found = _best(filter(_sound, _of_one(one)), one, FACTORS)
+        return [law.with_inputs({"joined": both}) for law in found for both in joined]
+
+    return _Form(noise_left(problem.targets, values[0]), laws)

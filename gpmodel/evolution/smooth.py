@@ -114,12 +114,23 @@ def through(targets: Targets, factor: Array) -> Targets:
 def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
     """Functions (N,) of each of two columns (2, N) whose sum is most likely."""
     first, second = (Sines.of("", column, LENGTH).values for column in columns)
-    both, noise = np.hstack([first, second]), targets.energy / targets.components
-    for _ in range(TURNS):
-        found = smooth(targets, both, noise)
-        noise = found.noise
+    found = _settled(targets, np.hstack([first, second]))
     one, other = np.split(found.coefficients, [first.shape[1]])
     return first @ one, second @ other
+
+
+def _settled(targets: Targets, basis: Array) -> Smooth:
+    """The most likely function in the span of a basis (N, m), of the noise that it leaves itself."""
+    noise = targets.energy / targets.components
+    for _ in range(TURNS):
+        found = smooth(targets, basis, noise)
+        noise = found.noise
+    return found
+
+
+def noise_left(targets: Targets, column: Array) -> float:
+    """The noise variance that the most likely function of a column (N,) leaves at a place."""
+    return _settled(targets, Sines.of("", column, LENGTH).values).noise
 
 
 def without(targets: Targets, values: Array) -> Targets:

@@ -21,10 +21,10 @@ def _product(one: Array, other: Array) -> float:
 @compiled
 def _limited(row: Array, limit: float) -> bool:
     """Whether all of a row are numbers below a limit."""
+    within = 0
     for j in range(len(row)):
-        if not abs(row[j]) < limit:
-            return False
-    return True
+        within += abs(row[j]) < limit
+    return within == len(row)
 
 
 @compiled
@@ -50,7 +50,14 @@ def explained(
 
 @compiled
 def _normal_equations(
-    columns: Array, coefficient: float, weight: Array, cross: Array, pull: Array, idle: float, normal: Array, slope: Array
+    columns: Array,
+    coefficient: float,
+    weight: Array,
+    cross: Array,
+    pull: Array,
+    idle: float,
+    normal: Array,
+    slope: Array,
 ) -> bool:
     """Fill those of one Gauss-Newton step, the first of the columns (m, N) being the basis; whether they are usable."""
     size = len(columns)

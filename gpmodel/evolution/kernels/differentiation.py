@@ -102,4 +102,6 @@ def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Arr
                 for c in range(own):
                     if reached[c, k]:
                         tangent = by_first * tangents[c, first, j] if reached[c, first] else 0.0
-                        tangents[c, k, j] = tangent + (by_second * tangents[c, second, j] if reached[c, second] else 0.0)
+                        tangents[c, k, j] = tangent + (
+                            by_second * tangents[c, second, j] if reached[c, second] else 0.0
+                        )
