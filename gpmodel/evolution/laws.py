@@ -26,8 +26,8 @@ from gpmodel.formula.operators import BY_NAME, WRITTEN, operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
 
-STARTED, FITTED, STEPS = 200, 40, 4
-"""Shapes whose constants are fitted in a few steps; the best of these, which are fitted to the end; and those steps."""
+STARTED = 200
+"""Shapes whose constants are fitted, those that gain most before."""
 LONGEST = 30
 """Nodes that a law may have."""
 CLIMBED = 3
@@ -69,13 +69,14 @@ def _best(found: Iterable[Solution], problem: SlotProblem, most: int) -> list[Pr
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:
-    """Shapes of one input, as they are and fitted, what climbing makes of the best, and what is left of these without
-    one of their nodes."""
-    found = _with_fitted(problem, _shapes(problem))
+    """One input and shapes of it, what climbing makes of the best, and these without one of their nodes, all
+    fitted."""
+    ((name, column),) = problem.inputs.mapping().items()
+    found = _fitted(problem, [parse(repr(name)), *shapes(name, column, problem.targets, STARTED)])
     words = Vocabulary(problem.inputs, operator_set("slot"))
     starts = _best((law for law in found if _edited(law.program)), problem, CLIMBED)
     starts += [pair for pair, _ in promising(problem, words, CLIMBED)]
-    found += _with_fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
+    found += _fitted(problem, [climbed(start, problem, 0, words, 1) for start in starts])
     best = _best(found, problem, SHORTENED)
     return found + [scored(fewer, problem) for program in best for fewer in shorter(program, problem)]
 
@@ -100,22 +101,10 @@ def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: 
     return copies[argument] if len(copies) == index else builder.add(node, copies)
 
 
-def _shapes(problem: SlotProblem) -> list[Program]:
-    """One input, and the shapes of it that save most after a few steps of their constants."""
-    ((name, column),) = columns = problem.inputs.mapping().items()
-    started = [
-        polish(shape, problem.targets, 0, dict(columns), steps=STEPS)[0]
-        for shape in shapes(name, column, problem.targets, STARTED)
-    ]
-    started.sort(key=lambda program: description_length(scored(program, problem), problem))
-    return [parse(repr(name)), *started[:FITTED]]
-
-
-def _with_fitted(problem: SlotProblem, programs: Sequence[Program]) -> list[Solution]:
-    """Programs as they are, and with fitted constants."""
+def _fitted(problem: SlotProblem, programs: Iterable[Program]) -> list[Solution]:
+    """Programs with fitted constants."""
     columns = problem.inputs.mapping()
-    fitted = (polish(program, problem.targets, 0, columns)[0] for program in programs)
-    return [scored(program, problem) for program in (*programs, *fitted)]
+    return [scored(polish(program, problem.targets, 0, columns)[0], problem) for program in programs]
 
 
 @dataclass(frozen=True)
@@ -127,11 +116,11 @@ class _Form:
 
 
 def _of_two(problem: SlotProblem) -> list[Solution]:
-    """Laws of two inputs of every form that is nearly as likely as any, as they are and fitted."""
+    """Laws of two inputs of every form that is nearly as likely as any, fitted."""
     forms = [form(problem) for form in (_products, _sums, _of_weighted_sum, _of_distance)]
     least, components = min(form.noise for form in forms), problem.targets.components
     likely = [form for form in forms if 0.5 * components * np.log(form.noise / least) <= BEHIND]
-    return _with_fitted(problem, [program for form in likely for program in form.laws()])
+    return _fitted(problem, [program for form in likely for program in form.laws()])
 
 
 def _products(problem: SlotProblem) -> _Form:
