@@ -54,7 +54,7 @@ def additive(choice: Choice, evolved: Sequence[Candidate]) -> Additive:
     a law of the time, the groups are chosen without such laws, but those that passed: several of them together had
     stood for the walk. A finding gives way to a rival that predicts clearly better.
     """
-    said = _with_laws(choice, chosen_together(choice, evolved), set())
+    said = _with_laws(choice, chosen_together(choice, evolved), frozenset())
     found = replace(_accepted(choice, said.last), laws=said.every)
     if any(not h.verdict.passed("walk") for h in found.hypotheses):
         choice = replace(choice, timed=frozenset(found.passed))
@@ -71,15 +71,16 @@ class _Said:
     laws: Laws
     last: Together
     every: tuple[Candidate, ...]
-    asked: set[tuple[str, ...]]
+    asked: frozenset[tuple[str, ...]]
 
 
-def _with_laws(choice: Choice, chosen: Together, asked: set[tuple[str, ...]]) -> _Said:
+def _with_laws(choice: Choice, chosen: Together, asked: frozenset[tuple[str, ...]]) -> _Said:
     """What was chosen with its curves said as laws; what is chosen beside these is asked for its law in turn."""
     said = _Said(chosen, {}, chosen, (), asked)
     for _ in range(PASSES):
         first = said.last
-        laws = _laws(choice, first, asked)
+        laws, asked = _laws(choice, first, said.asked)
+        said = replace(said, asked=asked)
         last = chosen_again(choice, first, laws) if laws else first
         read = {name for law in laws.values() if law.name in last.candidates for name in law.inputs}
         gone = (c for name, c in first.candidates.items() if name not in last.candidates and read.issuperset(c.inputs))
@@ -123,10 +124,12 @@ def _with_better_rivals(choice: Choice, said: _Said, found: Additive) -> Additiv
     return replace(other, hypotheses=(*other.hypotheses, *gone))
 
 
-def _laws(choice: Choice, first: Together, asked: set[tuple[str, ...]]) -> Laws:
+def _laws(
+    choice: Choice, first: Together, asked: frozenset[tuple[str, ...]]
+) -> tuple[Laws, frozenset[tuple[str, ...]]]:
     """Of every curve that was chosen, of what was evolved in several terms or just now, and of several at one place
     together, but those asked for before: the law of one term that saves most, where it predicts as well within one
-    standard error.
+    standard error; and what was asked by now.
 
     Programs are bred at all places at once and miss forms that a search at one place looks at one by one. Curves with
     constants inside are refined instead. Terms were evolved beside poses that stood far out; now these are explained.
@@ -141,11 +144,10 @@ def _laws(choice: Choice, first: Together, asked: set[tuple[str, ...]]) -> Laws:
     learned = (replace(c, effects=k.effects) for c, k in chosen if k.determined <= MOST_DETERMINED)
     curves |= of_one_place(learned)
     curves = {names: curve for names, curve in curves.items() if names not in asked}
-    asked.update(curves)
     names = {curve.name: names for names, curve in curves.items()}
     searched = () if choice.late() else compact_laws(first.left, list(curves.values()), choice.search)
     found = ((names[curve.name], replacement(curve, residual, laws)) for curve, residual, laws in searched)
-    return {names: law.simplified() for names, law in found if law}
+    return {names: law.simplified() for names, law in found if law}, asked.union(curves)
 
 
 def _accepted(choice: Choice, last: Together) -> Additive:

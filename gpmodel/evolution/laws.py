@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.hill_climb import climbed
@@ -153,12 +154,15 @@ def _sums(problem: SlotProblem) -> _Form:
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
-    """Laws of each input of a problem on targets of its own, the shortest descriptions."""
-    fronts = []
-    for name, seen in zip(problem.inputs.names, targets, strict=True):
-        one = SlotProblem(problem.inputs.select([name]), seen, parsimony=problem.parsimony)
-        fronts.append(_best(filter(_sound, _of_one(one)), one, FACTORS))
-    return fronts
+    """Laws of each input of a problem on targets of its own."""
+    inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
+    return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
+
+
+def _of_column(name: str, column: Array, targets: Targets, parsimony: float) -> list[Program]:
+    """Laws of a column (N,) of a name, the shortest descriptions."""
+    problem = SlotProblem(Inputs((name,), column[None]), targets, parsimony=parsimony)
+    return _best(filter(_sound, _of_one(problem)), problem, FACTORS)
 
 
 def _of_weighted_sum(problem: SlotProblem) -> _Form:
@@ -180,11 +184,10 @@ def _of_distance(problem: SlotProblem) -> _Form:
 
 def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> _Form:
     """Laws of what two inputs are joined to, searched for the first way and offered for all."""
-    values = joined[0].evaluate(problem.inputs.mapping())
-    one = SlotProblem(Inputs(("joined",), values), problem.targets, parsimony=problem.parsimony)
+    column, targets = joined[0].evaluate(problem.inputs.mapping())[0], problem.targets
 
     def laws() -> list[Program]:
-        found = _best(filter(_sound, _of_one(one)), one, FACTORS)
+        found = _of_column("joined", column, targets, problem.parsimony)
         return [law.with_inputs({"joined": both}) for law in found for both in joined]
 
-    return _Form(noise_left(problem.targets, values[0]), laws)
+    return _Form(noise_left(targets, column), laws)

@@ -144,7 +144,7 @@ def test_what_is_chosen_beside_a_law_is_asked_for_its_own(monkeypatch: pytest.Mo
     choice = SimpleNamespace(
         fresh=frozenset({"sin(J4)", "sin(J5)"}), late=lambda: False, search=None, criteria=Criteria()
     )
-    said = together._with_laws(choice, steps[0], set())
+    said = together._with_laws(choice, steps[0], frozenset())
     assert said.last is steps[-1]
     assert [c.name for c in said.every] == ["J4", "J5"]
     assert searched.count("sin(J4)") == searched.count("sin(J5)") == 1
