@@ -147,7 +147,8 @@ def _laws(
     names = {curve.name: names for names, curve in curves.items()}
     searched = () if choice.late() else compact_laws(first.left, list(curves.values()), choice.search)
     found = ((names[curve.name], replacement(curve, residual, laws)) for curve, residual, laws in searched)
-    return {names: law.simplified() for names, law in found if law}, asked.union(curves)
+    laws = {names: law.simplified() if choice.simplified else law.candidate for names, law in found if law}
+    return laws, asked.union(curves)
 
 
 def _accepted(choice: Choice, last: Together) -> Additive:

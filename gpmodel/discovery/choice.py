@@ -38,7 +38,8 @@ class Choice:
     fit: calibrates the training poses with candidates, from a fit to go on from. offers: what the catalogue and its
     user name. pointed: inputs that stand out of the histograms, None where there is none. late: whether the time is up.
     fresh: names of what was evolved since the last choice. timed: laws of the rows or of the time that alone may be
-    offered, None for all. outdone: what is not offered, since something else predicts better in its place.
+    offered, None for all. outdone: what is not offered, since something else predicts better in its place. simplified:
+    whether laws are written as computer algebra does; their values are the same.
     """
 
     standard: Calibration
@@ -52,6 +53,7 @@ class Choice:
     fresh: frozenset[str] = frozenset()
     timed: frozenset[str] | None = None
     outdone: frozenset[str] = frozenset()
+    simplified: bool = True
 
     def asks_for(self, group: Group) -> bool:
         """Whether a group may be offered: what follows an input by no mechanism only where a histogram points at it."""

@@ -54,9 +54,9 @@ def discover(
     of `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard:
     the effects of the standard model, None for the complete geometric set. known: effects enabled from the start
     beside it. condition_limit: of the standard model, None for cross-validated. errors_alone: those of each step are
-    asked for, and nothing is fitted to all poses. progress: called with one line on what is being tried. journal:
-    keeps what is finished, None for nothing; where an interrupted search was asked the same it goes on to the same
-    numbers. Raises InputError where no held-out pose is of a set-up and tool
+    asked for: nothing is fitted to all poses, and laws are not simplified. progress: called with one line on what is
+    being tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked the same it
+    goes on to the same numbers. Raises InputError where no held-out pose is of a set-up and tool
     trained on, and for two different candidates of one name.
     """
     started = time.monotonic()
@@ -68,7 +68,7 @@ def discover(
     state = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
         offers, search, criteria or Criteria(), condition_limit, seed, say, journal,
-        math.inf if search.stop_after is None else started + search.stop_after, findings, rounds,
+        math.inf if search.stop_after is None else started + search.stop_after, errors_alone, findings, rounds,
     )  # fmt: skip
     state.say("standard model")
     base = state.fit(ErrorModel(mechanism, ()))

@@ -40,6 +40,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     choice = Choice(
         standard_fit, lambda found, start: state.fit_sample(state.model(found), start) if found else standard_fit,
         poses, state.offers, state.search, state.criteria, pointed, lambda: state.late, frozenset(c.name for c in new),
+        simplified=not state.errors_alone,
     )  # fmt: skip
     found = additive(choice, (*state.evolved, *new))
     searched = [*judged, *(h for r in state.rounds for h in r.hypotheses)]

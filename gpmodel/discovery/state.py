@@ -42,7 +42,7 @@ class Journal(KeptRuns):
 class State:
     """The loop's running state: what is accepted so far and the ladder it has climbed.
 
-    seed: of what is evolved. ends: when the time is up, on the clock of time.monotonic.
+    seed: of what is evolved. ends: when the time is up, on the clock of time.monotonic. errors_alone: as of the loop.
     """
 
     mechanism: Mechanism
@@ -59,6 +59,7 @@ class State:
     say: Teller
     journal: Journal
     ends: float = math.inf
+    errors_alone: bool = False
     findings: list[Finding] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)

@@ -142,7 +142,7 @@ def test_what_is_chosen_beside_a_law_is_asked_for_its_own(monkeypatch: pytest.Mo
     monkeypatch.setattr(together, "replacement", law_of)
     monkeypatch.setattr(together, "chosen_again", lambda choice, before, laws: steps[steps.index(before) + 1])
     choice = SimpleNamespace(
-        fresh=frozenset({"sin(J4)", "sin(J5)"}), late=lambda: False, search=None, criteria=Criteria()
+        fresh=frozenset({"sin(J4)", "sin(J5)"}), late=lambda: False, search=None, criteria=Criteria(), simplified=True
     )
     said = together._with_laws(choice, steps[0], frozenset())
     assert said.last is steps[-1]
