@@ -10,7 +10,7 @@ Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import combinations, product
 
 import numpy as np
@@ -191,8 +191,12 @@ def shapes(name: str, column: Array, targets: Targets, most: int) -> list[Progra
     def multiplied(first: Element, second: Element) -> str:
         return f"{plain(first)}*{plain(second)}"
 
+    @cache
+    def values_of(text: str) -> Array:
+        return np.asarray(parse(text).evaluate({name: column})[0])
+
     def composed(inner: Element, outer: Element) -> str:
-        return outer.written(plain(inner), parse(plain(inner)).evaluate({name: column})[0])
+        return outer.written(plain(inner), values_of(plain(inner)))
 
     for elements in (FINE, edges(column)):
         if elements.every:
