@@ -151,9 +151,8 @@ class Targets:
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
         """Gains (P,) of many sets of bases, each set solved together at one site, as ``set_gain`` does.
 
-        values: the m bases of every set (P, N), or (1, N) where all sets share one. By the eigenvalues of the
-        correlations within a set rather than by forward selection: where rows of a set are nearly alike the two differ
-        a little.
+        values: the m bases of every set (P, N), or (1, N) where all sets share one. In the order of the set rather than
+        by forward selection: where rows of a set are nearly alike the two differ a little.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]
@@ -171,11 +170,16 @@ class Targets:
         usable = (total > 0) & (unique > self.unique_share * total)
         scale = np.where(usable, np.sqrt(np.where(usable, unique, 1.0)), np.inf)
         correlation = gram / scale[:, :, None] / scale[:, None, :] + np.eye(count) * ~usable[:, None, :]
-        share, turn = np.linalg.eigh(correlation)
-        pull = np.einsum("pij,pi->pj", turn, pull / scale)
-        present = share > self.unique_share
-        removed = np.where(present, pull**2 / np.where(present, share, 1.0), 0.0)
-        return np.asarray(np.sum(removed, axis=1)) / self.energy
+        pull, gains = pull / scale, np.zeros(programs)
+        for i in range(count):
+            share = correlation[:, i, i]
+            present = share > self.unique_share
+            inverse = np.where(present, 1.0 / np.where(present, share, 1.0), 0.0)
+            gains += pull[:, i] ** 2 * inverse
+            along = correlation[:, i + 1 :, i] * inverse[:, None]
+            pull[:, i + 1 :] -= along * pull[:, i, None]
+            correlation[:, i + 1 :, i + 1 :] -= along[:, :, None] * correlation[:, i, None, i + 1 :]
+        return gains / self.energy
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
         """Share of the residual energy removed by fixed coefficients, for instance on validation poses.
