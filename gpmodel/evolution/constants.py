@@ -158,7 +158,7 @@ def own_constants_polished(
 def _step(
     program: Program, place: Targets, values: list[Array], coefficients: Array, free: Mask
 ) -> tuple[Array, Array] | None:
-    """Normal equations of one Gauss-Newton step in coefficients and free constants, scaled; None if singular."""
+    """Normal equations of one Gauss-Newton step in coefficients and free constants, None where they are no numbers."""
     rows, tangents = _rows(program, values), _tangents(program, values)
     with np.errstate(all="ignore"):
         columns = np.vstack([rows, np.tensordot(coefficients, tangents[free], axes=(0, 1))])

@@ -70,8 +70,7 @@ def _best(found: Iterable[Solution], problem: SlotProblem, most: int) -> list[Pr
 
 
 def _of_one(problem: SlotProblem) -> list[Solution]:
-    """One input and shapes of it, what climbing makes of the best, and these without one of their nodes, all
-    fitted."""
+    """One input and shapes of it, what climbing makes of the best, and the best less a node each, all fitted."""
     ((name, column),) = problem.inputs.mapping().items()
     found = _fitted(problem, [parse(repr(name)), *shapes(name, column, problem.targets, STARTED)])
     words = Vocabulary(problem.inputs, operator_set("slot"))

@@ -61,7 +61,7 @@ def _normal_equations(
 ) -> bool:
     """Fill those of one Gauss-Newton step, the first of the columns (m, N) being the basis; whether they are usable."""
     size = len(columns)
-    seen = np.empty((size, len(cross)))
+    seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
     for i in range(size):
         for k in range(len(cross)):
             seen[i, k] = _product(cross[k], columns[i])
@@ -74,8 +74,10 @@ def _normal_equations(
         slope[i] = _product(pull, columns[i]) - coefficient * normal[i, 0]
         if not (_limited(normal[i, : i + 1], np.inf) and abs(slope[i]) < np.inf):
             return False
-        if normal[i, i] <= idle * total:
-            normal[i, :i], normal[:i, i], normal[i, i], slope[i] = 0.0, 0.0, 1.0, 0.0
+        stays[i] = normal[i, i] <= idle * total
+    for i in np.flatnonzero(stays):
+        normal[i], normal[:, i], slope[i] = 0.0, 0.0, 0.0
+        normal[i, i] = 1.0
     return True
 
 
