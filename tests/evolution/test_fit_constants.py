@@ -6,8 +6,8 @@ import pytest
 from gpmodel.arrays import Array
 from gpmodel.evolution import constants
 from gpmodel.evolution.constants import derivatives, polish
-from gpmodel.evolution.kernels.constants import solved
 from gpmodel.evolution.kernels.differentiation import carry_tangents, differentiated
+from gpmodel.evolution.kernels.quotients import solve
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.operators import LANGUAGE, Operator
 from gpmodel.formula.parse import parse
@@ -95,10 +95,11 @@ def test_a_constant_that_the_enabled_columns_say_stays() -> None:
     assert found.constants == pytest.approx((2.0, 0.4, 0.77))
 
 
-def test_small_systems_are_solved_in_place() -> None:
+def test_small_normal_equations_are_solved_in_place() -> None:
     for size in range(1, 6):
-        matrix, right = RNG.normal(size=(size, size)), RNG.normal(size=size)
-        expected = np.linalg.solve(matrix, right)
-        assert solved(matrix.copy(), right)
-        np.testing.assert_allclose(right, expected, rtol=1e-9)
-    assert not solved(np.zeros((2, 2)), np.ones(2))
+        columns, right = RNG.normal(size=(size, 9)), RNG.normal(size=size)
+        matrix = columns @ columns.T
+        equations = np.column_stack([matrix, right])
+        assert solve(equations, np.empty(size), size)
+        np.testing.assert_allclose(equations[:, -1], np.linalg.solve(matrix, right), rtol=1e-9)
+    assert not solve(np.column_stack([np.zeros((2, 2)), np.ones(2)]), np.empty(2), 2)

@@ -5,6 +5,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 from gpmodel.evolution.kernels.differentiation import carry_tangents
+from gpmodel.evolution.kernels.quotients import solve
 
 TRIALS = 4
 """Dampings tried a step, each ten times the one before."""
@@ -57,9 +58,9 @@ def _normal_equations(
     pull: Array,
     idle: float,
     normal: Array,
-    slope: Array,
 ) -> bool:
-    """Fill those of one Gauss-Newton step, the first of the columns (m, N) being the basis; whether they are usable."""
+    """Fill those (m, m + 1) of one Gauss-Newton step, the first of the columns (m, N) being the basis, the right side
+    the last; whether they are usable."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
     for i in range(size):
@@ -71,36 +72,13 @@ def _normal_equations(
             normal[i, j] = normal[j, i] = _product(weighted, columns[j]) - _product(seen[i], seen[j])
         total = _product(weighted, columns[i])
         normal[i, i] = total - _product(seen[i], seen[i])
-        slope[i] = _product(pull, columns[i]) - coefficient * normal[i, 0]
-        if not (_limited(normal[i, : i + 1], np.inf) and abs(slope[i]) < np.inf):
+        normal[i, size] = _product(pull, columns[i]) - coefficient * normal[i, 0]
+        if not (_limited(normal[i, : i + 1], np.inf) and abs(normal[i, size]) < np.inf):
             return False
         stays[i] = normal[i, i] <= idle * total
     for i in np.flatnonzero(stays):
-        normal[i], normal[:, i], slope[i] = 0.0, 0.0, 0.0
+        normal[i], normal[:, i] = 0.0, 0.0
         normal[i, i] = 1.0
-    return True
-
-
-@compiled
-def solved(matrix: Array, right: Array) -> bool:
-    """Solve a small system in place, the solution where the right side was; False where it is singular."""
-    size = len(right)
-    for i in range(size):
-        pivot = i + np.argmax(np.abs(matrix[i:, i]))
-        if not abs(matrix[pivot, i]) > 0.0:
-            return False
-        for j in range(i, size):
-            matrix[i, j], matrix[pivot, j] = matrix[pivot, j], matrix[i, j]
-        right[i], right[pivot] = right[pivot], right[i]
-        for k in range(i + 1, size):
-            factor = matrix[k, i] / matrix[i, i]
-            for j in range(i, size):
-                matrix[k, j] -= factor * matrix[i, j]
-            right[k] -= factor * right[i]
-    for i in range(size - 1, -1, -1):
-        for j in range(i + 1, size):
-            right[i] -= matrix[i, j] * right[j]
-        right[i] /= matrix[i, i]
     return True
 
 
@@ -142,7 +120,7 @@ def fit_constants(
     carry_tangents(nodes, inputs, constants, values, tangents)
     gain, coefficient = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
     columns = np.empty((len(moving) + 1, poses))
-    normal, slope = np.empty((len(columns), len(columns))), np.empty(len(columns))
+    normal, sizes = np.empty((len(columns), len(columns) + 1)), np.empty(len(columns))
     damping = 1e-3
     for _ in range(steps if coefficient != 0.0 else 0):
         columns[0] = values[-1]
@@ -151,15 +129,15 @@ def fit_constants(
         for column in columns:
             if not _limited(column, largest):
                 return gain
-        if not _normal_equations(columns, coefficient, weight, cross, pull, idle, normal, slope):
+        if not _normal_equations(columns, coefficient, weight, cross, pull, idle, normal):
             return gain
         before = gain
         for _ in range(TRIALS):
-            damped, change, trial = normal.copy(), slope.copy(), constants.copy()
+            damped, trial = normal.copy(), constants.copy()
             for i in range(len(damped)):
                 damped[i, i] *= 1.0 + damping
-            if solved(damped, change):
-                trial[moving] += change[1:]
+            if solve(damped, sizes, len(damped)):
+                trial[moving] += damped[1:, -1]
                 if _distinct(trial):
                     carry_tangents(nodes, inputs, trial, values, tangents)
                     found, scale = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
