@@ -101,7 +101,7 @@ def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
     run = partial(discover, JOINT, search=Search(runs=0, workers=1), seed=1)
     found = run(poses, np.arange(POSES), np.zeros(0, dtype=np.int64))
     if found.findings:
-        found = discover_by_folds(run, run, poses, FOLDS, Criteria(), Forks())
+        found = discover_by_folds(run, [run], poses, FOLDS, Criteria(), Forks())
     standard = found.steps[1].calibration
     chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)), seed=1)
     reads, name = KINDS[kind].reads, KINDS[kind].name

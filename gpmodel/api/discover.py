@@ -123,11 +123,11 @@ def discover(
     report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
-    _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
+    search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
-    if search is not None and not search.runs and not offers:
+    if not search.runs and not offers:
         raise InputError("no runs and no candidates leave nothing to look for, expected one of them", "search")
     called(progress, "progress")
     arm = mechanism_of(mechanism)
@@ -143,8 +143,8 @@ def discover(
     whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
     fraction, parts = _split(holdout, folds, poses.dataset)
     if parts:
-        again = partial(run, search=replace(search or Search(), runs=0) if offers else search, errors_alone=True)
-        found = discover_by_folds(whole_run, again, poses, parts, criteria or Criteria(), (search or Search()).here)
+        repeats = [partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers))]
+        found = discover_by_folds(whole_run, repeats, poses, parts, criteria, search.here)
     else:
         found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
@@ -202,6 +202,11 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
     return USUAL, FOLDS if USUAL * different_poses(dataset) < ENOUGH_HELD and units >= FOLDS else 0
 
 
+def _repeating(search: Search, named: bool) -> list[Search]:
+    """What a choice is repeated by, the quickest first: where something has a name, without evolution, then with it."""
+    return [replace(search, runs=0), search] if named and search.runs else [search]
+
+
 def check_split(holdout: object, folds: object) -> None:
     """Raises InputError where both are asked for, or one is out of range."""
     if holdout is not None and folds is not None:
@@ -214,8 +219,8 @@ LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "bl
 """Of the numbers with less of which nothing could be looked for, or nothing judged; all others may be zero."""
 
 
-def _sensible(search: Search, criteria: Criteria) -> None:
-    """Raises InputError that names the argument of another type, or the first field that is no such number."""
+def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:
+    """The same. Raises InputError that names the argument of another type, or the first field of no such number."""
     if not isinstance(search, Search):
         raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
     if not isinstance(criteria, Criteria):
@@ -228,3 +233,4 @@ def _sensible(search: Search, criteria: Criteria) -> None:
             whole(value, field.name, LEAST.get(field.name, 0))
         elif isinstance(field.default, float):
             number(value, field.name, 0.0)
+    return search, criteria

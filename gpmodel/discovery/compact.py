@@ -31,8 +31,8 @@ from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.programs import as_candidate, without_poles
 
-MOST_INPUTS = 3
-"""Inputs of what was evolved, of which a law in two may say as much: its third may be there by chance."""
+MOST_INPUTS = 6
+"""Inputs of what was evolved, of which a law in three may say as much: the others may be there by chance."""
 
 CLEARLY = 2.0
 """Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
@@ -142,8 +142,8 @@ def _margin(curve: Candidate, criteria: Criteria) -> float:
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more; of
-    two each where it has three and no name; nothing where it has several places or more inputs, nor of one column
-    remembered in two ways: of these the constant is to be found.
+    two each where it has three and no name, and of all, of which a law takes three; nothing where it has several places
+    or more inputs, nor of one column remembered in two ways: of these the constant is to be found.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -153,7 +153,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     most = TOGETHER if curve.family else MOST_INPUTS
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
-    some = combinations(curve.inputs, min(len(curve.inputs), TOGETHER))
+    some = [curve.inputs, *(combinations(curve.inputs, TOGETHER) if len(curve.inputs) == TOGETHER + 1 else ())]
     asked = [read for read in some if len(read) == len(_columns(read))]
     own = Site(next(iter(sites)))
     found = []

@@ -18,6 +18,7 @@ from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.executor import called
 from gpmodel.forks import Forks, called_beside
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
@@ -29,14 +30,16 @@ Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 
 
 def discover_by_folds(
-    whole: Loop, again: Loop, poses: Poses, count: int, criteria: Criteria, workers: Forks
+    whole: Loop, repeats: Sequence[Loop], poses: Poses, count: int, criteria: Criteria, workers: Forks
 ) -> Discovery:
-    """Run the whole loop on all poses, then once `again` without each of `count` folds of them, whole bundles.
+    """Run the whole loop on all poses, then repeat it without each of `count` folds of them, whole bundles.
 
     The errors of each step are those of the poses held out, as the choice without them predicts them: of a fold that
-    found less, its last model stands for further steps. again: may leave the evolution out, which makes the errors
-    larger than those of such a choice, not smaller. workers: of the repetitions, made while the whole choice is.
-    Raises InputError for fewer than two folds, or more than there are bundles of poses.
+    found less, its last model stands for further steps. repeats: ways to repeat the loop, the quickest first, which may
+    leave the evolution out and then make larger errors, not smaller. Where these do not confirm a finding that was
+    evolved, the next way is asked, at half the chance of confirming what is not there. workers: of the repetitions, the
+    first made while the whole choice is. Raises InputError for fewer than two folds, or more than there are bundles of
+    poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
@@ -46,21 +49,35 @@ def discover_by_folds(
         raise InputError(f"{count}, expected 2 to {units}, the groups of poses there are", "folds")
     fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))
 
-    def without(k: int) -> Discovery:
+    def without(again: Loop, k: int) -> Discovery:
         return again(poses, np.flatnonzero(fold != k), np.flatnonzero(fold == k))
 
-    alone = partial(whole, poses, everything, nothing)
-    found, choices = called_beside(workers, alone, [partial(without, k) for k in range(count)])
+    first, *others = ([partial(without, again, k) for k in range(count)] for again in repeats)
+    found, choices = called_beside(workers, partial(whole, poses, everything, nothing), first)
+    answer = _repeated(found, choices, criteria)
+    for number, tasks in enumerate(others, start=1):
+        if answer.confirmed or not _evolved(found):
+            break
+        stricter = replace(criteria, confirmation=0.5**number * criteria.confirmation)
+        answer = _repeated(found, called(workers, tasks), stricter)
+    return replace(answer, seconds=time.monotonic() - started)
+
+
+def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria) -> Discovery:
+    """A choice on all poses with the errors that its repetitions make, and whether these confirm it."""
     steps = tuple(
-        replace(step, heldout_error=_errors(poses, choices, number)) for number, step in enumerate(found.steps)
+        replace(step, heldout_error=_errors(found.poses, choices, number)) for number, step in enumerate(found.steps)
     )
     standard, last = steps[1].heldout_error, steps[-1].heldout_error
-    doubt = paired(standard, last, poses.dataset, criteria) if found.findings else None
+    doubt = paired(standard, last, found.poses.dataset, criteria) if found.findings else None
     final = found.final if doubt is None or doubt.passed else steps[1].calibration
-    seconds = time.monotonic() - started
-    return replace(
-        found, heldout=everything, steps=steps, confirmation=doubt, final=final, parts=tuple(choices), seconds=seconds
-    )
+    return replace(found, heldout=found.train, steps=steps, confirmation=doubt, final=final, parts=tuple(choices))
+
+
+def _evolved(found: Discovery) -> bool:
+    """Whether a finding has no name, and something that was evolved passed, of which it may be made."""
+    passed = any(h.offered and h.accepted for one in found.rounds for h in one.hypotheses)
+    return passed and any(not finding.candidate.family for finding in found.findings)
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:

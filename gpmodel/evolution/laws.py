@@ -1,9 +1,10 @@
-"""The law of a response at a known place in one or two known inputs.
+"""The law of a response at a known place in one, two or three known inputs.
 
 Of one input every short shape is looked at (``gpmodel.evolution.shapes``); the best are fitted and climbed from by
 single edits. Of two inputs a law is a product or a sum of a law of each, or a law of a weighted sum or of a distance:
 factors, summands, weights or the point are found without a shape, which tells the form; then each is a search in one
-input. Constants are fitted to the residual of the whole model, seen from the place.
+input. Of three inputs it is the product of a law of each. Constants are fitted to the residual of the whole model, seen
+from the place.
 """
 
 import itertools
@@ -21,7 +22,16 @@ from gpmodel.evolution.pareto import Solution, description_length, pareto, score
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
 from gpmodel.evolution.shapes import shapes
-from gpmodel.evolution.smooth import distance, factors, noise_left, summands, through, weighted_sum, without
+from gpmodel.evolution.smooth import (
+    distance,
+    factors,
+    noise_left,
+    others,
+    summands,
+    through,
+    weighted_sum,
+    without,
+)
 from gpmodel.formula.length import length
 from gpmodel.formula.operators import BY_NAME, WRITTEN, operator_set
 from gpmodel.formula.parse import parse
@@ -35,8 +45,8 @@ CLIMBED = 3
 """Laws of one input, and pairs of elements, that are climbed from by single edits, the best."""
 SHORTENED = 3
 """Laws of one input of which those of a node less are looked at, the best."""
-FACTORS = 8
-"""Laws of each factor, summand, weighted sum or distance, the shortest descriptions."""
+FACTORS, PRODUCTS = 8, 64
+"""Laws of each factor, summand, weighted sum or distance, the shortest descriptions, and products of them at most."""
 BEHIND = 40.0
 """Nats by which a form of two inputs may fit worse than the best without a shape, and is still searched for its law."""
 EVEN = 0.05
@@ -44,15 +54,15 @@ EVEN = 0.05
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
-    """Laws of one term at one site in one or two inputs, shortest first: those that none of as few nodes equals in
-    gain, unless they are shorter to read.
+    """Laws of one term at one site in one or two inputs, or in the three of several whose product leaves least noise,
+    shortest first: those that none of as few nodes equals in gain, unless they are shorter to read.
 
     ``problem.nats(law.gain, law.complexity + 1)`` says what each saves; its coefficient is solved. Depends on the
     arguments only. Raises InputError for an unknown input.
     """
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
-    found = _of_one(there) if len(names) == 1 else _of_two(there)
+    found = (_of_one, _of_two, _of_three)[min(len(names), 3) - 1](there)
     return pareto(filter(_sound, found), lambda law: (law.complexity, length(law.program)))
 
 
@@ -123,17 +133,32 @@ def _of_two(problem: SlotProblem) -> list[Solution]:
     return _fitted(problem, [program for form in likely for program in form.laws()])
 
 
+def _of_three(problem: SlotProblem) -> list[Solution]:
+    """Products of a law of each of three inputs, fitted."""
+    some = (replace(problem, inputs=only) for only in _triples(problem.inputs))
+    return _fitted(problem, min(map(_products, some), key=lambda form: form.noise).laws())
+
+
+def _triples(inputs: Inputs) -> Iterator[Inputs]:
+    """Every three of some inputs."""
+    for some in itertools.combinations(range(len(inputs.names)), 3):
+        yield Inputs(tuple(inputs.names[k] for k in some), inputs.values[list(some)])
+
+
 def _products(problem: SlotProblem) -> _Form:
-    """Products of a law of each of two inputs, each searched as the problem is seen through the other factor."""
-    first, second = factors(problem.targets, problem.inputs.values)
-    seen = through(problem.targets, second), through(problem.targets, first)
+    """Products of a law of each input, each searched as the problem is seen through the other factors."""
+    noise, values = factors(problem.targets, problem.inputs.values)
 
     def laws() -> list[Program]:
-        product = parse("first*second")
+        seen = (through(problem.targets, others(values, k)) for k in range(len(values)))
         fronts = _of_each(problem, *seen)
-        return [product.with_inputs({"first": f, "second": s}) for f, s in itertools.product(*fronts)]
+        most = round(PRODUCTS ** (1 / len(fronts)))
+        names = [f"factor_{k}" for k in range(len(fronts))]
+        product = parse("*".join(names))
+        chosen = itertools.product(*(front[:most] for front in fronts))
+        return [product.with_inputs(dict(zip(names, some, strict=True))) for some in chosen]
 
-    return _Form(noise_left(seen[0], problem.inputs.values[0]), laws)
+    return _Form(noise, laws)
 
 
 def _sums(problem: SlotProblem) -> _Form:

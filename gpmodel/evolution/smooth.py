@@ -1,5 +1,5 @@
-"""Smooth functions at a place without a shape: of one input, and of two as factors, as summands, of their weighted sum
-and of a distance.
+"""Smooth functions at a place without a shape: of one input, of several as factors, and of two as summands, of their
+weighted sum and of a distance.
 
 A function φ is a sum of ``Sines`` of the most likely variance. With D, B, g of
 ``projection.Targets`` at their first site, Φ (N, m) the sines, σ² the noise:
@@ -9,7 +9,9 @@ A function φ is a sum of ``Sines`` of the most likely variance. With D, B, g of
 Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (1981) for functions of weighted sums.
 """
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,7 +52,7 @@ LENGTH = 0.35
 LIKELIEST = 20
 """Steps of expectation and maximisation to the most likely variance."""
 TURNS, STARTS = 15, 3
-"""Turns of each factor; first guesses at the second, its slowest sines."""
+"""Turns of each factor; first guesses at each but the first, its slowest sines."""
 DIRECTIONS, ANGLE = 24, 0.01
 """Directions of a weighted sum that are tried, evenly over half a turn, and how near the best is found, rad."""
 POINTS = (-1.2, -0.6, 0.0, 0.6, 1.2)
@@ -85,20 +87,28 @@ def smooth(targets: Targets, basis: Array, noise: float) -> Smooth:
     return Smooth(turn @ mean, nats, max(left, LEAST) / max(targets.components - determined, 1.0))
 
 
-def factors(targets: Targets, columns: Array) -> tuple[Array, Array]:
-    """Functions (N,) of each of two columns (2, N), of mean square 1, whose product leaves least noise, by turns."""
+def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
+    """The noise variance that a product leaves, and its factors: functions (K, N) of each of K columns (K, N), of mean
+    square 1, whose product leaves least noise, by turns."""
     bases = [Sines.of("", column, LENGTH).values for column in columns]
-    return min((_in_turn(targets, bases, start) for start in bases[1].T[:STARTS]), key=lambda found: found[0])[1]
+    starts = itertools.product(*(basis.T[:STARTS] for basis in bases[1:]))
+    return min((_in_turn(targets, bases, start) for start in starts), key=lambda found: found[0])
 
 
-def _in_turn(targets: Targets, bases: list[Array], second: Array) -> tuple[float, tuple[Array, Array]]:
-    """The noise variance that a product leaves, and its factors, from a first guess (N,) at the second."""
-    noise, first = targets.energy / targets.components, second
+def _in_turn(targets: Targets, bases: Sequence[Array], start: Sequence[Array]) -> tuple[float, Array]:
+    """The noise variance that a product leaves, and its factors, from a first guess at all (N,) but the first."""
+    noise, values = targets.energy / targets.components, np.array([np.ones(len(start[0])), *start])
     for _ in range(TURNS):
-        first = _unit(bases[0] @ smooth(targets, bases[0] * second[:, None], noise).coefficients)
-        found = smooth(targets, bases[1] * first[:, None], noise)
-        second, noise = _unit(bases[1] @ found.coefficients), found.noise
-    return noise, (first, second)
+        for k, basis in enumerate(bases):
+            found = smooth(targets, basis * others(values, k)[:, None], noise)
+            values[k] = _unit(basis @ found.coefficients)
+        noise = found.noise
+    return noise, values
+
+
+def others(values: Array, k: int) -> Array:
+    """The product (N,) of factors (K, N) but number k."""
+    return np.asarray(np.prod(np.delete(values, k, axis=0), axis=0))
 
 
 def _unit(values: Array) -> Array:
@@ -107,7 +117,7 @@ def _unit(values: Array) -> Array:
 
 
 def through(targets: Targets, factor: Array) -> Targets:
-    """The targets of the other factor of a product (N,): what one pose says of it grows with this one."""
+    """The targets of what a factor (N,) is multiplied with: what one pose says of it grows with this one."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 

@@ -1,19 +1,24 @@
 """Every pose held out once: its error is that of a choice without it, and all poses choose."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from instrument_cases import simulated
+from loop_cases import found
 
 import gpmodel as gp
 from gpmodel.api.discover import DiscoveryResult
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
+from gpmodel.discovery.folds import discover_by_folds
+from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import ErrorModel
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.observation import observations
 from gpmodel.report.build import OWN_UNIT
 from gpmodel.table.split import JUDGED, folds
@@ -109,3 +114,47 @@ def test_repeats_are_no_further_poses() -> None:
     rng = np.random.default_rng(0)
     thrice = replace(thrice, position=thrice.position + 1e-5 * rng.normal(size=(180, 3)), row=np.arange(1, 181))
     assert gp.discover("irb6400r", thrice, search=NOTHING).record.data.folds == 5
+
+
+@dataclass(frozen=True)
+class Told:
+    """A loop that makes the same of any poses, with the error that its last step has on those held out."""
+
+    like: Discovery
+    error: float
+    asked: list[int] = field(default_factory=list)
+
+    def __call__(self, poses: Poses, train: IntArray, heldout: IntArray) -> Discovery:
+        self.asked.append(len(heldout))
+        rng = np.random.default_rng(int(heldout.sum()))
+        noise = np.abs(rng.normal(size=len(heldout)))
+        errors = (1.0, 1.0, self.error)
+        steps = tuple(replace(s, heldout_error=e * noise) for s, e in zip(self.like.steps, errors, strict=True))
+        return replace(self.like, poses=poses, train=train, heldout=heldout, steps=steps)
+
+
+@pytest.mark.parametrize(
+    ("evolved", "first", "second", "limit", "confirmed", "times"),
+    [
+        (True, 0.5, 9.0, 0.1, True, 0), (True, 1.1, 0.5, 0.05, True, 5), (True, 1.1, 1.1, 0.05, False, 5),
+        (False, 1.1, 0.5, 0.1, False, 0),
+    ],
+)  # fmt: skip
+def test_what_was_evolved_is_asked_of_repetitions_that_evolve_where_others_do_not_confirm_it(
+    evolved: bool, first: float, second: float, limit: float, confirmed: bool, times: int
+) -> None:
+    like = found("windup", 0)
+    finding = like.findings[0]
+    law = replace(finding.hypothesis, candidate=replace(finding.candidate, family="" if evolved else "windup"))
+    tried = replace(finding.hypothesis, offered=True)
+    rounds = (replace(like.rounds[0], hypotheses=(tried,)),)
+    like = replace(like, findings=(replace(finding, hypothesis=law),), rounds=rounds, steps=like.steps[:3])
+    ways = Told(like, first), Told(like, second)
+    answer = discover_by_folds(Told(like, 1.0), ways, like.poses, 5, Criteria(), ALONE.here)
+    assert len(ways[1].asked) == times
+    assert answer.confirmation is not None
+    assert (answer.confirmation.limit, answer.confirmed) == (limit, confirmed)
+    assert (answer.final is like.final) == confirmed
+    error = answer.steps[-1].heldout_error
+    assert np.isfinite(error).all()
+    assert len(answer.parts) == 5

@@ -36,7 +36,8 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
 
 
 BRIEF = [
-    ("sin(2*J2 + 0.7)", 6), ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4), ("J5 - max(min(J5, 0.9), -0.5)", 6),
+    ("sin(2*J2 + 0.7)", 6), ("tanh(2*J2)*'torque J2'*(J5 - 0.6)", 12),
+    ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4), ("J5 - max(min(J5, 0.9), -0.5)", 6),
 ]  # fmt: skip
 LAWS = [
     ("J2*cos(J5)", 4),
@@ -61,6 +62,13 @@ def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     assert set(best.program.inputs) == set(wanted.inputs)
     shapes = [p.evaluate(INPUTS.mapping())[0] for p in (best.program, wanted)]
     assert abs(np.corrcoef(shapes)[0, 1]) > 0.99
+
+
+def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
+    problem = curve("abs(J2 + 0.4)*'torque J2'*row", 0.05)
+    best = max(laws_of(problem, NAMES), key=lambda one: one.gain)
+    assert set(best.program.inputs) == {"J2", "torque J2", "row"}
+    assert best.gain > 0.99
 
 
 @pytest.mark.long

@@ -6,7 +6,18 @@ import pytest
 from numpy.typing import NDArray
 
 from gpmodel.evolution.projection import Targets
-from gpmodel.evolution.smooth import LENGTH, Sines, distance, factors, smooth, summands, through, weighted_sum, without
+from gpmodel.evolution.smooth import (
+    LENGTH,
+    Sines,
+    distance,
+    factors,
+    others,
+    smooth,
+    summands,
+    through,
+    weighted_sum,
+    without,
+)
 
 Array = NDArray[np.float64]
 POSES, NOISE = 150, 0.05
@@ -31,14 +42,19 @@ def alike(first: Array, second: Array) -> float:
     return abs(float(first @ second) / float(np.linalg.norm(first) * np.linalg.norm(second)))
 
 
+@pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_factors_of_a_product_are_found(seed: int) -> None:
-    u, v = np.random.default_rng(100 + seed).uniform(-2.0, 2.0, (2, POSES))
-    wanted = np.tanh(3.0 * u) + 0.4, np.sqrt(2.2 + v) * np.sin(v)
-    found = factors(planted(wanted[0] * wanted[1], NOISE, seed)[0], np.array([u, v]))
-    for one, other in zip(found, wanted, strict=True):
+def test_the_factors_of_a_product_are_found(seed: int, count: int) -> None:
+    columns = np.random.default_rng(100 + seed).uniform(-2.0, 2.0, (3, POSES))[:count]
+    shapes = (lambda u: np.tanh(3.0 * u) + 0.4, lambda v: np.sqrt(2.2 + v) * np.sin(v), lambda w: w - 0.5)
+    wanted = np.array([shape(column) for shape, column in zip(shapes, columns, strict=False)])
+    product = np.prod(wanted, axis=0)
+    noise, found = factors(planted(product, NOISE, seed)[0], columns)
+    assert 0.5 < noise / (NOISE * product.std()) ** 2 < 2.0
+    for k, (one, other) in enumerate(zip(found, wanted, strict=True)):
         assert alike(one, other) > 0.99
         assert np.mean(one**2) == pytest.approx(1.0)
+        np.testing.assert_allclose(others(found, k) * one, np.prod(found, axis=0))
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.3), (0.2, -1.0), (1.0, 1.0)])
@@ -114,4 +130,4 @@ def test_of_noise_a_function_is_nothing() -> None:
     targets, _, _ = planted(rng.normal(size=POSES), 10.0, 5)
     basis = Sines.of("", u, LENGTH).values
     assert smooth(targets, basis, targets.energy / targets.components).nats < 3.0
-    assert all(np.isfinite(one).all() for one in factors(targets, np.array([u, v])))
+    assert np.isfinite(factors(targets, np.array([u, v]))[1]).all()
