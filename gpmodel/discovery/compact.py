@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations, count
+from itertools import chain, count
 
 import numpy as np
 
@@ -141,9 +141,9 @@ def _margin(curve: Candidate, criteria: Criteria) -> float:
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more; of
-    two each where it has three and no name, and of all, of which a law takes three; nothing where it has several places
-    or more inputs, nor of one column remembered in two ways: of these the constant is to be found.
+    """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more;
+    nothing where it has several places or more inputs, nor of one column remembered in two ways: of these the constant
+    is to be found.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -151,15 +151,14 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
-    if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
+    read = curve.inputs
+    if len(sites) > 1 or len(read) > most or not set(read) <= set(inputs.names) or len(read) > len(_columns(read)):
         return []
-    some = [curve.inputs, *(combinations(curve.inputs, TOGETHER) if len(curve.inputs) == TOGETHER + 1 else ())]
-    asked = [read for read in some if len(read) == len(_columns(read))]
     own = Site(next(iter(sites)))
     found = []
     for site in dict.fromkeys((own, own if curve.family in names() else _likeliest(residual, curve, own))):
         problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-        found += [LawTask(problem, read, site, written) for read in asked]
+        found.append(LawTask(problem, read, site, written))
     return found
 
 

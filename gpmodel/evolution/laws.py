@@ -3,8 +3,8 @@
 Of one input every short shape is looked at (``gpmodel.evolution.shapes``); the best are fitted and climbed from by
 single edits. Of two inputs a law is a product or a sum of a law of each, or a law of a weighted sum or of a distance:
 factors, summands, weights or the point are found without a shape, which tells the form; then each is a search in one
-input. Of three inputs it is the product of a law of each. Constants are fitted to the residual of the whole model, seen
-from the place.
+input. Of three inputs it is the product of a law of each, or a law of two. Constants are fitted to the residual of the
+whole model, seen from the place.
 """
 
 import itertools
@@ -48,13 +48,13 @@ SHORTENED = 3
 FACTORS, PRODUCTS = 8, 64
 """Laws of each factor, summand, weighted sum or distance, the shortest descriptions, and products of them at most."""
 BEHIND = 40.0
-"""Nats by which a form of two inputs may fit worse than the best without a shape, and is still searched for its law."""
+"""Nats by which a form of several inputs may fit worse than the best without a shape, and its law is still searched."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
-    """Laws of one term at one site in one or two inputs, or in the three of several whose product leaves least noise,
+    """Laws of one term at one site in one or two inputs, or of more in the three whose product leaves least noise,
     shortest first: those that none of as few nodes equals in gain, unless they are shorter to read.
 
     ``problem.nats(law.gain, law.complexity + 1)`` says what each saves; its coefficient is solved. Depends on the
@@ -62,7 +62,7 @@ def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solu
     """
     there = problem.only(site, names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
-    found = (_of_one, _of_two, _of_three)[min(len(names), 3) - 1](there)
+    found = (_of_one, _of_two, _of_more)[min(len(names), 3) - 1](there)
     return pareto(filter(_sound, found), lambda law: (law.complexity, length(law.program)))
 
 
@@ -119,30 +119,34 @@ def _fitted(problem: SlotProblem, programs: Iterable[Program]) -> list[Solution]
 
 @dataclass(frozen=True)
 class _Form:
-    """How a law is made of two inputs. noise: the variance that it leaves without a shape. laws: the search for one."""
+    """How a law is made of its inputs. noise: the variance that it leaves without a shape. laws: the search for one."""
 
     noise: float
     laws: Callable[[], list[Program]]
 
 
 def _of_two(problem: SlotProblem) -> list[Solution]:
-    """Laws of two inputs of every form that is nearly as likely as any, fitted."""
-    forms = [form(problem) for form in (_products, _sums, _of_weighted_sum, _of_distance)]
+    """Laws of two inputs, fitted."""
+    return _of_likely(problem, _forms_of_two(problem))
+
+
+def _of_more(problem: SlotProblem) -> list[Solution]:
+    """Laws of the three inputs whose product leaves least noise, or of two of these, fitted."""
+    some = (problem.only(0, names) for names in itertools.combinations(problem.inputs.names, 3))
+    product, three = min(((_products(only), only) for only in some), key=lambda found: found[0].noise)
+    pairs = (three.only(0, names) for names in itertools.combinations(three.inputs.names, 2))
+    return _of_likely(problem, [product, *itertools.chain.from_iterable(map(_forms_of_two, pairs))])
+
+
+def _forms_of_two(problem: SlotProblem) -> list[_Form]:
+    return [form(problem) for form in (_products, _sums, _of_weighted_sum, _of_distance)]
+
+
+def _of_likely(problem: SlotProblem, forms: Sequence[_Form]) -> list[Solution]:
+    """Laws of every form that is nearly as likely as any, fitted."""
     least, components = min(form.noise for form in forms), problem.targets.components
     likely = [form for form in forms if 0.5 * components * np.log(form.noise / least) <= BEHIND]
     return _fitted(problem, [program for form in likely for program in form.laws()])
-
-
-def _of_three(problem: SlotProblem) -> list[Solution]:
-    """Products of a law of each of three inputs, fitted."""
-    some = (replace(problem, inputs=only) for only in _triples(problem.inputs))
-    return _fitted(problem, min(map(_products, some), key=lambda form: form.noise).laws())
-
-
-def _triples(inputs: Inputs) -> Iterator[Inputs]:
-    """Every three of some inputs."""
-    for some in itertools.combinations(range(len(inputs.names)), 3):
-        yield Inputs(tuple(inputs.names[k] for k in some), inputs.values[list(some)])
 
 
 def _products(problem: SlotProblem) -> _Form:
