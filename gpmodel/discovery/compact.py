@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, count
+from itertools import chain, combinations, count
 
 import numpy as np
 
@@ -142,8 +142,8 @@ def _margin(curve: Candidate, criteria: Criteria) -> float:
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more;
-    nothing where it has several places or more inputs, nor of one column remembered in two ways: of these the constant
-    is to be found.
+    nothing where it has several places or more inputs. Of one column remembered in two ways the constant is to be
+    found: beside other inputs each is asked by itself, alone neither.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -151,14 +151,16 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
-    read = curve.inputs
-    if len(sites) > 1 or len(read) > most or not set(read) <= set(inputs.names) or len(read) > len(_columns(read)):
+    columns = len(_columns(curve.inputs))
+    alone = columns == 1 < len(curve.inputs)
+    if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names) or alone:
         return []
+    asked = [read for read in combinations(curve.inputs, columns) if len(_columns(read)) == columns]
     own = Site(next(iter(sites)))
     found = []
     for site in dict.fromkeys((own, own if curve.family in names() else _likeliest(residual, curve, own))):
         problem = SlotProblem(inputs, targets(residual, (site,), rows), parsimony=search.nats_per_node)
-        found.append(LawTask(problem, read, site, written))
+        found += [LawTask(problem, read, site, written) for read in asked]
     return found
 
 
