@@ -21,7 +21,7 @@ _FUNCTIONS = {
 
 @dataclass(frozen=True)
 class Law:
-    """text: in u, and v where there are two inputs; u = (first input - middle) / half, which runs over [-1, 1]."""
+    """text: in u, with more inputs in v and w; u = (first input - middle) / half, which runs over [-1, 1]."""
 
     text: str
     inputs: tuple[str, ...]
@@ -29,17 +29,17 @@ class Law:
     half: tuple[float, ...]
 
     def scaled(self, columns: Any) -> list[Array]:
-        """u and v (N,) from the columns of the inputs; beyond the ranges they were drawn with they stay at the edge."""
+        """u, v and w (N,) from the columns of the inputs; beyond the ranges they were drawn with stay at the edge."""
         scales = zip(self.inputs, self.middle, self.half, strict=True)
         return [np.clip((columns[name] - middle) / half, -1.0, 1.0) for name, middle, half in scales]
 
     def __call__(self, columns: Any) -> Array:
         """(N,) values from the columns of the inputs."""
-        values = dict(zip("uv", self.scaled(columns), strict=False))
+        values = dict(zip("uvw", self.scaled(columns), strict=False))
         return np.asarray(eval(self.text, {"__builtins__": {}}, {**_FUNCTIONS, **values}))
 
     def __str__(self) -> str:
-        parts = zip("uv", self.inputs, self.middle, self.half, strict=False)
+        parts = zip("uvw", self.inputs, self.middle, self.half, strict=False)
         return f"{self.text} with " + ", ".join(f"{x} = ({n} - {m:.6g})/{h:.6g}" for x, n, m, h in parts)
 
 

@@ -18,7 +18,7 @@ from experiments.blind.shapes import Motion, Shape, World
 from experiments.blind.simulator import Array
 from experiments.random_laws.law import Law, Place, drawn_law, places
 from experiments.random_laws.readings import RANGES, readings
-from experiments.random_laws.shapes import one_variable, two_variables
+from experiments.random_laws.shapes import LAWS
 
 FRESH, PROBE = 400, 300
 MINIMUM_LEFT = 0.3
@@ -67,7 +67,7 @@ def is_aside(seed: int) -> bool:
 
 
 def make(seed: int, factors: int, index: int, size_mm: float | None = None) -> Robot:
-    """The robot of a seed, a number of factors (0, 1, 2) and an index; always the same one.
+    """The robot of a seed, a number of inputs of its law (0 to 3) and an index; always the same one.
 
     size_mm: that its law leaves after a geometric fit, None for what was drawn.
     """
@@ -110,7 +110,7 @@ def _findable(
         pool = drives if rng.random() < DRIVES else places(machine.arm)
         place = pool[rng.integers(len(pool))]
         inputs = _inputs(ranges, factors, rng)
-        kind, text = (one_variable if factors == 1 else two_variables)(rng)
+        kind, text = LAWS[factors](rng)
         law = drawn_law(text, inputs, ranges)
         motion = _shape(law, place).true(world)
         largest = float(np.abs(law(columns_of(world))).max())

@@ -31,7 +31,7 @@ TELLING = ("law", "inputs", "place", "arm", "kind")
 def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", default="discover", help=f"{', '.join(METHODS)}, or package.module:function")
-    parser.add_argument("--factors", default="1,2", help="with commas; 0: innocent robots")
+    parser.add_argument("--factors", default="1,2", help="inputs of a law, with commas; 0: innocent robots")
     parser.add_argument("--seeds", default="0", help="with commas; odd ones are for a last look")
     parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
     parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
@@ -52,7 +52,7 @@ def shown(row: Row, show: bool) -> Row:
 
 def group(row: Row) -> str:
     """The board on which a robot counts."""
-    return ("No law", "Laws of one input", "Laws of two inputs")[row["factors"]]
+    return ("No law", "Laws of one input", "Laws of two inputs", "Laws of three inputs")[row["factors"]]
 
 
 def main() -> None:

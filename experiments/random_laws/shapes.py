@@ -1,7 +1,8 @@
-"""A grammar of laws in one or two variables that run over [-1, 1], written as numpy would evaluate them.
+"""A grammar of laws in one to three variables that run over [-1, 1], written as numpy would evaluate them.
 
 Nineteen shapes f(x; constants drawn); a law of two variables is a product of two shapes, a shape of a sum or of a
-distance, a shape that grows with the other variable, or a sum of two shapes.
+distance, a shape that grows with the other variable, or a sum of two shapes; a law of three is one or two shapes that
+grow with the other variables, or a shape that grows with another, and a shape of the third.
 """
 
 from __future__ import annotations
@@ -81,3 +82,20 @@ def two_variables(rng: np.random.Generator) -> tuple[str, str]:
     return f"{first} {'*' if form == 'product' else '+'} {second}", (
         f"({text})*({other})" if form == "product" else f"({text}) + ({other})"
     )
+
+
+def three_variables(rng: np.random.Generator) -> tuple[str, str]:
+    """What the law is made of, and a law in u, v and w."""
+    form = str(rng.choice(["two growing", "one growing", "sum"], p=[0.5, 0.25, 0.25]))
+    first, text = _shape("u", rng)
+    if form == "one growing":
+        return f"{first} growing twice", f"({text})*{_from('v', rng)}*{_from('w', rng)}"
+    if form == "two growing":
+        second, other = _shape("v", rng)
+        return f"{first} * {second} growing", f"({text})*({other})*{_from('w', rng)}"
+    third, other = _shape("w", rng)
+    return f"{first} growing + {third}", f"({text})*{_from('v', rng)} + ({other})"
+
+
+LAWS = {1: one_variable, 2: two_variables, 3: three_variables}
+"""By the number of variables."""

@@ -16,12 +16,12 @@ from experiments.random_laws.judge import judge, oracle, write
 from experiments.random_laws.law import Law, Place, places
 from experiments.random_laws.robot import INNOCENT, columns_of, make
 from experiments.random_laws.run import shown
-from experiments.random_laws.shapes import SHAPES, one_variable, two_variables
+from experiments.random_laws.shapes import LAWS, SHAPES
 from experiments.random_laws.surface import problem_of, rows_of, surface
 from gpmodel.report.schema_search import EffectRecord
 
 
-@pytest.mark.parametrize("factors", [0, 1, 2])
+@pytest.mark.parametrize("factors", [0, 1, 2, 3])
 def test_the_same_numbers_draw_the_same_robot_and_others_another(factors):
     first, again, other = make(4, factors, 3), make(4, factors, 3), make(6, factors, 3)
     assert (str(first.law), first.place, first.amount) == (str(again.law), again.place, again.amount)
@@ -38,9 +38,11 @@ def test_every_shape_is_finite_and_varies():
             values = Law(shape("u", rng), ("J1",), (0.0,), (1.0,))({"J1": line})
             assert np.isfinite(values).all()
             assert np.ptp(values) > 0.01
-    for draw, names in ((one_variable, ("J1",)), (two_variables, ("J1", "J2"))):
-        law = Law(draw(rng)[1], names, (0.0,) * len(names), (1.0,) * len(names))
-        assert np.isfinite(law({"J1": line, "J2": line[::-1]})).all()
+    for count, draw in LAWS.items():
+        names = ("J1", "J2", "J3")[:count]
+        law = Law(draw(rng)[1], names, (0.0,) * count, (1.0,) * count)
+        assert np.isfinite(law({"J1": line, "J2": line[::-1], "J3": line**2})).all()
+        assert all(name in str(law) for name in names)
 
 
 def test_beyond_its_range_a_law_stays_at_the_edge():
