@@ -142,8 +142,7 @@ def _margin(curve: Candidate, criteria: Criteria) -> float:
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more;
-    nothing where it has several places or more inputs. Of one column remembered in two ways the constant is to be
-    found: beside other inputs each is asked by itself, alone neither.
+    nothing where it has several places or more inputs. Of one column remembered in two ways each is asked by itself.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -152,8 +151,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
     columns = len(_columns(curve.inputs))
-    alone = columns == 1 < len(curve.inputs)
-    if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names) or alone:
+    if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
     asked = [read for read in combinations(curve.inputs, columns) if len(_columns(read)) == columns]
     own = Site(next(iter(sites)))

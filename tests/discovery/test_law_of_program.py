@@ -203,12 +203,12 @@ def test_the_law_of_a_curve_is_looked_for_where_the_curve_saves_most() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "pairs"),
-    [("J4*last_move_J4*J1", {("J1", "J4"), ("J1", "last_move_J4")}), ("J4*last_move_J4", set()),
+    ("text", "inputs"),
+    [("J4*last_move_J4*J1", {("J1", "J4"), ("J1", "last_move_J4")}), ("J4*last_move_J4", {("J4",), ("last_move_J4",)}),
      ("J1*J4", {("J1", "J4")})],
 )  # fmt: skip
-def test_of_one_column_read_in_two_ways_no_law_is_searched(
-    text: str, pairs: set[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+def test_of_one_column_read_in_two_ways_each_is_asked_by_itself(
+    text: str, inputs: set[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arm, asked = mechanism(ARM), set[tuple[str, ...]]()
     truth = measure(ARM, [], [], 3, dataset=bare(ARM, COUNT, 3, in_order=True))
@@ -222,4 +222,4 @@ def test_of_one_column_read_in_two_ways_no_law_is_searched(
 
     monkeypatch.setattr(compact, "laws_at", none)
     assert not list(compact_laws(left, [curve], Search(workers=1)))
-    assert asked == pairs
+    assert asked == inputs
