@@ -44,6 +44,11 @@ class Round:
     null_nats: Array
     dropped: tuple[str, ...] = ()
 
+    @property
+    def stands_out(self) -> bool:
+        """Whether anything in it is beyond chance, whatever the other tests say."""
+        return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
+
 
 @dataclass(frozen=True)
 class FinalFit:

@@ -90,7 +90,7 @@ def _explored(
     number = len(state.rounds) + 1
     residual = residual_of(calibration, poses, state.criteria, JUDGED)
     state.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
-    opening = bool(state.offers) and number == 1
+    opening = state.opening(number)
     earlier = [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
     pooled = sum(len(nats) for nats in earlier) > 0
     tell = Teller(state.say.say, f"round {number}: ")

@@ -94,9 +94,16 @@ class State:
     @property
     def repeating(self) -> bool:
         """Whether another round would see what the last one saw: that neither found nor dropped anything, whatever was
-        evolved in it."""
+        evolved in it. Where an opening round's small search sees more than chance and finds nothing, a whole one may.
+        """
         last = self.rounds[-1] if self.rounds else None
-        return last is not None and not last.dropped and all(f.round < last.number for f in self.findings)
+        if last is None or last.dropped or any(f.round == last.number for f in self.findings):
+            return False
+        return not (self.opening(last.number) and self.search.runs and last.stands_out)
+
+    def opening(self, number: int) -> bool:
+        """Whether a round has the small search of a first one beside what the catalogue offers."""
+        return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate]) -> ErrorModel:
         """The standard model with what is known and what was found."""

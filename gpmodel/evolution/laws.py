@@ -49,20 +49,25 @@ FACTORS, PRODUCTS = 8, 64
 """Laws of each factor, summand, weighted sum or distance, the shortest descriptions, and products of them at most."""
 BEHIND = 40.0
 """Nats by which a form of several inputs may fit worse than the best without a shape, and its law is still searched."""
+THIRDS, FURTHER = 4, 20.0
+"""Third inputs that are looked at in a product with two others, and nats that one has to say beyond these: of thirty
+that say nothing the best reaches twelve."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
-    """Laws of one term at one site in one or two inputs, or of more in the three whose product leaves least noise,
-    shortest first: those that none of as few nodes equals in gain, unless they are shorter to read.
+    """Laws of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
+    shorter to read. In one input or two, in two and a third of the problem that says much more, or of more in the three
+    whose product leaves least noise.
 
     ``problem.nats(law.gain, law.complexity + 1)`` says what each saves; its coefficient is solved. Depends on the
     arguments only. Raises InputError for an unknown input.
     """
-    there = problem.only(site, names)
+    there = problem.only(site, problem.inputs.names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
-    found = (_of_one, _of_two, _of_more)[min(len(names), 3) - 1](there)
+    asked = there.only(0, names)
+    found = _of_one(asked) if len(names) == 1 else _of_two(asked, there) if len(names) == 2 else _of_more(asked)
     return pareto(filter(_sound, found), lambda law: (law.complexity, length(law.program)))
 
 
@@ -125,9 +130,27 @@ class _Form:
     laws: Callable[[], list[Program]]
 
 
-def _of_two(problem: SlotProblem) -> list[Solution]:
-    """Laws of two inputs, fitted."""
-    return _of_likely(problem, _forms_of_two(problem))
+def _of_two(problem: SlotProblem, every: SlotProblem) -> list[Solution]:
+    """Laws of two inputs, and of a third of every one that says much more with them, fitted."""
+    forms, further = _forms_of_two(problem), _with_a_third(problem, every)
+    least = min(form.noise for form in forms)
+    forms += [form for form in further if _nats(problem, least, form.noise) > FURTHER]
+    return _of_likely(every, forms)
+
+
+def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Form]:
+    """The product of a law of each of two inputs and of the third that leaves least noise, of those that say most
+    beside the two as they are without it."""
+    pair, columns = problem.inputs.names, every.inputs.mapping()
+    seen = through(problem.targets, np.prod(factors(problem.targets, problem.inputs.values)[1], axis=0))
+    likely = sorted(set(columns).difference(pair), key=lambda name: (noise_left(seen, columns[name]), name))[:THIRDS]
+    products = (_products(every.only(0, (*pair, name))) for name in likely)
+    return sorted(products, key=lambda form: form.noise)[:1]
+
+
+def _nats(problem: SlotProblem, noise: float, less: float) -> float:
+    """Nats by which what leaves less noise is likelier."""
+    return 0.5 * problem.targets.components * float(np.log(noise / less))
 
 
 def _of_more(problem: SlotProblem) -> list[Solution]:
@@ -144,8 +167,8 @@ def _forms_of_two(problem: SlotProblem) -> list[_Form]:
 
 def _of_likely(problem: SlotProblem, forms: Sequence[_Form]) -> list[Solution]:
     """Laws of every form that is nearly as likely as any, fitted."""
-    least, components = min(form.noise for form in forms), problem.targets.components
-    likely = [form for form in forms if 0.5 * components * np.log(form.noise / least) <= BEHIND]
+    least = min(form.noise for form in forms)
+    likely = [form for form in forms if _nats(problem, form.noise, least) <= BEHIND]
     return _fitted(problem, [program for form in likely for program in form.laws()])
 
 

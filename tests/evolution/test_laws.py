@@ -64,6 +64,15 @@ def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     assert abs(np.corrcoef(shapes)[0, 1]) > 0.99
 
 
+def test_two_inputs_that_a_third_is_multiplied_with_get_the_law_of_all() -> None:
+    problem = curve("sin(2*J2)*'torque J2'*(row + 0.2)", 0.05)
+    best = max(laws_of(problem, ("J2", "torque J2")), key=lambda one: one.gain)
+    assert set(best.program.inputs) == {"J2", "torque J2", "row"}
+    assert best.gain > 0.99
+    alone = laws_of(curve("sin(2*J2)*'torque J2'", 0.3), ("J2", "torque J2"))
+    assert all(set(law.program.inputs) <= {"J2", "torque J2"} for law in alone)
+
+
 def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
     problem = curve("abs(J2 + 0.4)*'torque J2'*row", 0.05)
     best = max(laws_of(problem, NAMES), key=lambda one: one.gain)
