@@ -26,8 +26,9 @@ INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
 """Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
 STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
 """Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
-ROOTS = (0.1, 0.2, 0.4, 0.8)
-"""Distances of the outer roots of a cubic from the middle one."""
+ROOTS = 0.1, 1.0, 8
+"""Distances of the outer roots of a cubic from the middle one, from one to another in so many steps: of four steps a
+plain cubic began so far off that two hundred other shapes were before it."""
 EXPONENTS = (0.75, 1.25, 2.0)
 """Of the size of x in odd powers x |x|^p, in even ones one more, where they start."""
 ALONE = 3
@@ -101,7 +102,8 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 def _cubics() -> Iterator[Element]:
     """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
-    for c, root in product(_inside(ALONE), ROOTS):
+    nearest, farthest, steps = ROOTS
+    for c, root in product(_inside(ALONE), np.geomspace(nearest, farthest, steps + 1).tolist()):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
