@@ -49,17 +49,16 @@ FACTORS, PRODUCTS = 8, 64
 """Laws of each factor, summand, weighted sum or distance, the shortest descriptions, and products of them at most."""
 BEHIND = 40.0
 """Nats by which a form of several inputs may fit worse than the best without a shape, and its law is still searched."""
-THIRDS, FURTHER = 4, 20.0
-"""Third inputs that are looked at in a product with two others, and nats that one has to say beyond these: of thirty
-that say nothing the best reaches twelve."""
+THIRDS = 4
+"""Third inputs that are looked at in a product with two others."""
 EVEN = 0.05
 """Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
 def laws_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
     """Laws of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
-    shorter to read. In one input or two, in two and a third of the problem that says much more, or of more in the three
-    whose product leaves least noise.
+    shorter to read. In one input or two, in two and a third of the problem where it says much more, or of more in the
+    three whose product leaves least noise.
 
     ``problem.nats(law.gain, law.complexity + 1)`` says what each saves; its coefficient is solved. Depends on the
     arguments only. Raises InputError for an unknown input.
@@ -131,11 +130,10 @@ class _Form:
 
 
 def _of_two(problem: SlotProblem, every: SlotProblem) -> list[Solution]:
-    """Laws of two inputs, and of a third of every one that says much more with them, fitted."""
+    """Laws of two inputs, or of these and a third of every one beside which no form of two is likely, fitted."""
     forms, further = _forms_of_two(problem), _with_a_third(problem, every)
     least = min(form.noise for form in forms)
-    forms += [form for form in further if _nats(problem, least, form.noise) > FURTHER]
-    return _of_likely(every, forms)
+    return _of_likely(every, [f for f in further if _nats(problem, least, f.noise) > BEHIND] or forms)
 
 
 def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Form]:
