@@ -20,6 +20,7 @@ from experiments.methods.plug import METHODS, folder_name, method_named
 from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.judge import judge
 from experiments.random_laws.robot import is_aside
+from experiments.random_laws.shapes import LAWS
 
 SHORT = (
     "method", "seed", "factors", "index", "arm", "poses", "law", "place", "geometry_mm", "oracle_mm", "error_mm",
@@ -62,6 +63,8 @@ def main() -> None:
     until = time.monotonic() + 60 * settings.minutes
     indices = range(settings.first, settings.first + settings.robots)
     seeds, factors = ([int(word) for word in text.split(",")] for text in (settings.seeds, settings.factors))
+    if not set(factors) <= {0, *LAWS}:
+        raise SystemExit(f"--factors: {settings.factors}, expected numbers from 0 to {max(LAWS)}, with commas")
     for index, seed, factor in product(indices, seeds, factors):
         if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
             continue
