@@ -23,7 +23,7 @@ import gpmodel as gp
 from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.findings import graded
 from experiments.random_laws.judge import write
-from experiments.random_laws.robot import Robot, make
+from experiments.random_laws.robot import Robot, factors_of, make
 from gpmodel.api.table import read_table
 from gpmodel.model.error_model import prepare
 
@@ -73,15 +73,15 @@ def table(rows: list[Row]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--factors", default="1,2", help="with commas")
+    parser.add_argument("--factors", type=factors_of, default="1,2", help="with commas")
     parser.add_argument("--seeds", default="4", help="with commas")
     parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
     parser.add_argument("--runs", type=int, default=0, help="of genetic programming; 0: free functions and their laws")
     parser.add_argument("--results", type=Path, required=True, help="JSON lines; the table goes beside it")
     settings = parser.parse_args()
     rows = saved(settings.results)
-    seeds, factors = ([int(word) for word in text.split(",")] for text in (settings.seeds, settings.factors))
-    for index, seed, factor, size in product(range(settings.robots), seeds, factors, SIZES):
+    seeds = [int(word) for word in settings.seeds.split(",")]
+    for index, seed, factor, size in product(range(settings.robots), seeds, settings.factors, SIZES):
         identity = (f"{settings.runs} runs", seed, factor, f"{index} at {size:g}")
         if identity in rows:
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from argparse import ArgumentTypeError
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -64,6 +65,14 @@ class Robot:
 def is_aside(seed: int) -> bool:
     """Odd seeds are for a last look."""
     return seed % 2 == 1
+
+
+def factors_of(text: str) -> list[int]:
+    """Numbers of inputs of laws, written with commas. Raises ArgumentTypeError for one that no law has."""
+    known = {"0", *map(str, LAWS)}
+    if not known.issuperset(text.split(",")):
+        raise ArgumentTypeError(f"{text}, expected numbers from 0 to {max(LAWS)}, with commas")
+    return [int(word) for word in text.split(",")]
 
 
 def make(seed: int, factors: int, index: int, size_mm: float | None = None) -> Robot:

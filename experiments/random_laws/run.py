@@ -19,8 +19,7 @@ from experiments.methods.leaderboard import leaderboard, write
 from experiments.methods.plug import METHODS, folder_name, method_named
 from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.judge import judge
-from experiments.random_laws.robot import is_aside
-from experiments.random_laws.shapes import LAWS
+from experiments.random_laws.robot import factors_of, is_aside
 
 SHORT = (
     "method", "seed", "factors", "index", "arm", "poses", "law", "place", "geometry_mm", "oracle_mm", "error_mm",
@@ -32,7 +31,7 @@ TELLING = ("law", "inputs", "place", "arm", "kind")
 def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", default="discover", help=f"{', '.join(METHODS)}, or package.module:function")
-    parser.add_argument("--factors", default="1,2", help="inputs of a law, with commas; 0: innocent robots")
+    parser.add_argument("--factors", type=factors_of, default="1,2", help="inputs of a law, with commas; 0: none")
     parser.add_argument("--seeds", default="0", help="with commas; odd ones are for a last look")
     parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
     parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
@@ -62,10 +61,8 @@ def main() -> None:
     rows = saved(settings.results)
     until = time.monotonic() + 60 * settings.minutes
     indices = range(settings.first, settings.first + settings.robots)
-    seeds, factors = ([int(word) for word in text.split(",")] for text in (settings.seeds, settings.factors))
-    if not set(factors) <= {0, *LAWS}:
-        raise SystemExit(f"--factors: {settings.factors}, expected numbers from 0 to {max(LAWS)}, with commas")
-    for index, seed, factor in product(indices, seeds, factors):
+    seeds = [int(word) for word in settings.seeds.split(",")]
+    for index, seed, factor in product(indices, seeds, settings.factors):
         if (identity := (settings.method, seed, factor, index)) in rows or time.monotonic() > until:
             continue
         folder = settings.work / "_".join(map(str, (folder_name(settings.method), seed, factor, index)))

@@ -70,13 +70,17 @@ def _inside(finer: int) -> list[float]:
     return list(np.linspace(first, last, steps * finer + 1).tolist())
 
 
+def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[float]:
+    """Numbers from one to another, each so many times the one before."""
+    first, last, steps = numbers
+    return list(np.geomspace(first, last, steps * finer + 1).tolist())
+
+
 def _elements(finer: int = 1) -> Iterator[Element]:
     """Line, parabolas, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
     inside = _inside(finer)
-    steep, turns, growth, widths = (
-        np.geomspace(low, high, steps * finer + 1).tolist() for low, high, steps in (STEEP, TURNS, GROWTH, WIDTHS)
-    )
+    steep, turns, growth, widths = (_in_proportion(numbers, finer) for numbers in (STEEP, TURNS, GROWTH, WIDTHS))
     for c in inside:
         yield Element(LINE, lambda x: x, c=c)
         yield Element("square({q} - {a})", np.square, c=c)
@@ -102,8 +106,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 def _cubics() -> Iterator[Element]:
     """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
-    nearest, farthest, steps = ROOTS
-    for c, root in product(_inside(ALONE), np.geomspace(nearest, farthest, steps + 1).tolist()):
+    for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
