@@ -1,8 +1,7 @@
-"""The shape of the source: lengths, parameters, words on everything public, and where the tests lie."""
+"""The shape of the source: lengths, parameters, and where the tests lie."""
 
 import ast
 import inspect
-import itertools
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -17,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROOT / package).rglob("*.py"))]
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 KERNELS = ROOT / "gpmodel" / "evolution" / "kernels"
-LONGEST_FILE, LONGEST_FUNCTION, MOST_PARAMETERS = 250, 60, 6
+LONGEST_FILE, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 60, 6
 PASSED_THROUGH = {"discovery/loop.py discover", "planning/simulate.py simulate"}
 """What the public functions of these names hand their keyword arguments on to."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -76,32 +75,6 @@ def public_functions() -> dict[str, object]:
     return {name: value for name, value in values.items() if inspect.isfunction(value)}
 
 
-def undocumented(path: Path, inherited: set[str]) -> list[str]:
-    """Public names of a file without words; a method may have them from the interface it fulfils."""
-    out = []
-    tree = tree_of(path)
-    for node in tree.body:
-        if isinstance(node, Function | ast.ClassDef) and not node.name.startswith("_"):
-            out += [node.name] if not ast.get_docstring(node) else []
-            inside = node.body if isinstance(node, ast.ClassDef) else []
-            methods = [m for m in inside if isinstance(m, Function) and not m.name.startswith("_")]
-            out += [f"{node.name}.{m.name}" for m in methods if not ast.get_docstring(m) and m.name not in inherited]
-    return [f"{path.relative_to(ROOT)} {name}" for name in out]
-
-
-def promised() -> set[str]:
-    """Names of the methods that an interface says something about."""
-    classes = [n for p in PRODUCT for n in tree_of(p).body if isinstance(n, ast.ClassDef)]
-    interfaces = [c for c in classes if "Protocol" in {ast.unparse(b) for b in c.bases}]
-    return {m.name for c in interfaces for m in c.body if isinstance(m, Function) and ast.get_docstring(m)}
-
-
-def test_everything_public_has_its_words() -> None:
-    inherited = promised()
-    assert len(inherited) > 10
-    assert [name for path in PRODUCT for name in undocumented(path, inherited)] == []
-
-
 def test_the_command_line_is_the_last_layer() -> None:
     users = [p for p in PRODUCT if re.search(r"(from|import) gpmodel\.cli\b", p.read_text(encoding="utf-8"))]
     outside = [
@@ -152,31 +125,3 @@ def test_a_name_is_of_one_thing() -> None:
     bodies = [tree_of(p).body for p in (ROOT / "gpmodel").rglob("*.py")]
     classes = [node.name for body in bodies for node in body if isinstance(node, ast.ClassDef)]
     assert sorted({name for name in classes if classes.count(name) > 1}) == []
-
-
-def unexplained(path: Path) -> list[str]:
-    """Public constants of a file with numbers in them that no sentence follows, at once or after their like: a sentence
-    after several has a part of each, divided by semicolons; one after a constant of another kind is that one's."""
-    body = tree_of(path).body
-    out: list[str] = []
-    waiting: list[list[str]] = []
-    counted = False
-    for node, following in itertools.pairwise([*body, ast.Pass(lineno=0)]):
-        if isinstance(node, ast.Assign | ast.AnnAssign):
-            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-            names = [n.id for n in ast.walk(target) if isinstance(n, ast.Name) and re.fullmatch("[A-Z][A-Z_]+", n.id)]
-            numbers = [n for n in ast.walk(node) if isinstance(n, ast.Constant) and type(n.value) in (int, float)]
-            counted = bool(names and numbers)
-            waiting += [names] if counted else []
-        if not isinstance(node, ast.Assign | ast.AnnAssign) or following.lineno != node.end_lineno + 1:
-            said = node.value.value if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) else ""
-            parts = str(said).count(";") + 1 if said and counted else 0
-            out += [name for names in waiting[: len(waiting) - parts if parts else None] for name in names]
-            waiting = []
-    return [f"{name_of(path)} {name}" for name in out]
-
-
-def test_every_number_with_a_name_has_its_reason() -> None:
-    files = [p for p in (ROOT / "gpmodel").rglob("*.py") if KERNELS not in p.parents]
-    names = [name for path in files for name in unexplained(path)]
-    assert [name for name in names if name.split()[1] not in ("KIND", "NAME", "SCHEMA")] == []
