@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import re
 import stat
 import tomllib
 from collections.abc import Mapping
@@ -42,6 +43,24 @@ def read_text(path: Path, largest: int, expected: str) -> str:
         return read_limited(path, largest, expected).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is no text in UTF-8 ({error.reason}); expected {expected}") from None
+
+
+_FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
+"""What no text in generated source needs: quotes, backslashes, line ends, signs that begin or end a comment."""
+
+
+def harmless(text: str) -> str:
+    """Clean a text for source of any language: letters, digits, spaces and a few signs; the rest as underscores.
+
+    >>> harmless('torque_J2 [N*m] */ system("id")')
+    'torque_J2 [N·m] ·/ system(_id_)'
+    """
+    return _FOREIGN.sub("_", text.replace("*", "·"))
+
+
+def commented(note: str) -> list[str]:
+    """Write the lines of a note as comments of TOML, YAML and CSV, each of them harmless."""
+    return [f"# {harmless(line)}" for line in note.splitlines()]
 
 
 SEAL = "sha256"

@@ -118,6 +118,9 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], name: str, frame: str, path: 
             )
         )
         before = after
+    words = [link.name for link in links]
+    if twice := next((word for word in words if words.count(word) > 1), ""):
+        raise InputError(f"{path}: two joints of the chain are '{twice}' once other signs are underscores; rename one")
     return SerialChain(
         name=name,
         links=tuple(links),

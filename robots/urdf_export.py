@@ -13,6 +13,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
+from gpmodel.texts import harmless
 from robots.links import Chain, along
 from robots.urdf_file import parse_xml
 from robots.urdf_tree import origin_of
@@ -108,7 +109,7 @@ def _corrected(mechanism: Chain, robot: ET.Element, errors: Mapping[str, Array])
 
 
 def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
-    robot = ET.Element("robot", name=mechanism.name)
+    robot = ET.Element("robot", name=harmless(mechanism.name))
     parent, before = "base_link", errors["base"]
     ET.SubElement(robot, "link", name=parent)
     for row, link in enumerate(mechanism.links):

@@ -16,6 +16,7 @@ from gpmodel.model.observation import observations
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.touches import Touches
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import identifier
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,10 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
     count = len(record.row)
     if {len(row) for row in record.q} - {len(joints)}:
         raise InputError(f"measured.q: expected {len(joints)} values a row, those of the joints")
+    known = [{joint.name, f"J{i}"} for i, joint in enumerate(joints, 1)]
+    words = [identifier(column) for column in record.columns]
+    if record.columns and (len(words) != len(joints) or any(w not in of for w, of in zip(words, known, strict=True))):
+        raise InputError(f"measured.columns: expected the {len(joints)} joints, by their names or as J1, J2, ...")
     rotation, payload = record.rotation_rad, record.payload_kg
     dataset = Dataset(
         joints=tuple(joint.name for joint in joints),

@@ -25,7 +25,7 @@ from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.model.naming import table_names
 from gpmodel.table.dataset import Dataset
-from gpmodel.texts import SEAL, seal
+from gpmodel.texts import SEAL, harmless, seal
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "schema": SCHEMA,
         "version": __version__,
         "mechanism": {
-            "name": Path(choice.name).name,
+            "name": harmless(Path(choice.name).name),
             "frame": choice.frame,
             "payload_kg": choice.payload,
             "payload_com_m": choice.payload_com,

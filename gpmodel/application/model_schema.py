@@ -45,7 +45,9 @@ Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN
 Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
 """The name of a column, as expressions write it."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
-FileName = Annotated[str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00]+\Z")]
+FileName = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00-\x1f\x7f\x85\u2028\u2029]+\Z")
+]
 Point = tuple[Finite, Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]
 Transform = tuple[Row, Row, Row, Row]

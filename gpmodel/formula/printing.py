@@ -10,6 +10,7 @@ import sympy
 
 from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, hypot, in_pieces, logical_not
 from gpmodel.formula.program import Program
+from gpmodel.texts import harmless
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
 """Names that mathematics sets as they are; of longer ones each letter would be a factor."""
@@ -46,7 +47,12 @@ def latex_lines(
 def _symbol(name: str) -> str:
     if _ONE_LETTER.match(name):
         return str(sympy.latex(sympy.Symbol(name)))
-    return "\\mathrm{" + name.replace(" ", "\\ ").replace("_", "\\_") + "}"
+    return "\\mathrm{" + in_latex(name) + "}"
+
+
+def in_latex(name: str) -> str:
+    """Write a name in LaTeX: no command, no comment."""
+    return harmless(name).replace("%", "\\%").replace(" ", "\\ ").replace("_", "\\_")
 
 
 def as_in_latex(program: Program) -> Program:

@@ -15,7 +15,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.workspace import links
-from gpmodel.texts import read_text
+from gpmodel.texts import harmless, read_text
 
 PROVIDERS = "gpmodel.mechanisms"
 
@@ -119,7 +119,8 @@ class LoadedMechanism:
 
     @property
     def name(self) -> str:
-        return self.bare.name
+        """What the description calls it, harmless in source and on a terminal."""
+        return harmless(self.bare.name)
 
     @property
     def joints(self) -> tuple[Joint, ...]:

@@ -50,8 +50,8 @@ def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
 
 def identifier(name: str) -> str:
     """A name as expressions can write it: what is no letter or digit becomes an underscore."""
-    word = re.sub(r"\W", "_", name)
-    return word if not word[:1].isdigit() else f"_{word}"
+    word = "".join(c if f"_{c}".isidentifier() else "_" for c in re.sub(r"\W", "_", name))
+    return word if word.isidentifier() else f"_{word}"
 
 
 def _spelled(unit: str) -> str:

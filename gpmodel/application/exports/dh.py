@@ -18,6 +18,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.numerics import se3
+from gpmodel.texts import commented, harmless
 
 Convention = Literal["standard", "modified"]
 
@@ -71,8 +72,8 @@ def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], con
     base, between, tool = along_z(chain, twists)
     steps = [across(frame) for frame in between]
     before, after = [Across(), *steps], [*steps, Across()]
-    lines = [f"# {line}" for line in note.splitlines()]
-    lines += [f'name = "{mechanism.name}"', f'convention = "{convention}"', "", *_placed("base", base), ""]
+    lines = commented(note)
+    lines += [f'name = "{harmless(mechanism.name)}"', f'convention = "{convention}"', "", *_placed("base", base), ""]
     lines += [*_placed("tool", tool), ""]
     own, follows = _couplings(chain, joints)
     for i, joint in enumerate(joints):
@@ -146,7 +147,7 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
     that is added, in table coordinates. note: its first comment."""
     base, between, tool = along_z(chain, twists)
     steps = [across(frame, PARALLEL) for frame in between]
-    lines = [f"# {line}" for line in note.splitlines()]
+    lines = commented(note)
     lines += ["# H = base * rotx(rx) transl(tx, 0, tz) rotz(rz) of every row * tool; the motion is added to rz or tz"]
     lines += [_frame("base", base), _frame("tool", tool), "motion,rx [deg],tx [mm],tz [mm],rz [deg]"]
     for weights, before, after in zip(chain.motions, [Across(), *steps], [*steps, Across()], strict=True):

@@ -21,7 +21,7 @@ from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.rigid import Rigid, measured_link, note_of, refitted, urdf_text, written
 from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_link, offsets_text, ur_text
 from gpmodel.application.exports.sample import Place, fresh_poses
-from gpmodel.application.exports.sources import c_text, header_text, input_names, latex_text, numpy_text, to_the_digits
+from gpmodel.application.exports.sources import c_text, header_text, latex_text, nameless, numpy_text, to_the_digits
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import check_finite, usable
 from gpmodel.arrays import Array
@@ -190,28 +190,28 @@ def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
 
 def _numpy(file: str, check: Check) -> Export:
     text = numpy_text(check.forward, _note(check.forward))
-    rms, largest = check.errors(_executed(text, check))
+    rms, largest = check.errors(_executed(check.forward, check))
     return Export(file, "the whole model as NumPy source", text, rms, largest, missing=check.forward.missing)
 
 
 def _latex(file: str, check: Check) -> Export:
-    rms, largest = check.errors(_executed(numpy_text(to_the_digits(check.forward), ""), check))
+    rms, largest = check.errors(_executed(to_the_digits(check.forward), check))
     what = f"the terms as LaTeX, numbers to {DIGITS} digits, not held at the edges of their ranges"
     return Export(file, what, latex_text(check.forward), rms, largest, missing=check.forward.missing)
 
 
-def _executed(text: str, check: Check) -> Array:
-    """Points (N, 3) that a NumPy source of ours predicts."""
+def _executed(forward: Forward, check: Check) -> Array:
+    """Points (N, 3) that the NumPy source of a forward model predicts; without note and names of the table."""
     module = types.ModuleType("exported")
-    exec(compile(text, "model.py", "exec"), module.__dict__)
-    inputs = dict(zip(input_names(check.forward), check.inputs.T, strict=True))
+    exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)
+    inputs = dict(zip(forward.inputs, check.inputs.T, strict=True))
     return np.asarray(module.predict(check.dataset.q, **inputs))
 
 
 def _c(file: str, check: Check) -> Export:
     cases = np.hstack([check.dataset.q, check.inputs, check.points])[:CASES]
     text = c_text(check.forward, _note(check.forward), cases)
-    found = tested(text)
+    found = tested(c_text(nameless(check.forward), "", cases))
     what = f"the whole model as C99, and its inverse; its own test compares it at {CASES} poses"
     return Export(file, what, text, found["RMS"], found["largest"], missing=check.forward.missing)
 

@@ -19,6 +19,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.numerics import se3
 from gpmodel.table.units import factor, split_header
+from gpmodel.texts import harmless
 
 Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
@@ -41,7 +42,7 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
         raise InputError(f"none of the {len(q)} targets has corrected joint values; expected one at least")
     name = re.sub(r"\W", "_", name, flags=re.ASCII)[:NAME]
     name = name if name[:1].isalpha() else f"p_{name}"[:NAME]
-    notes = [f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status)]
+    notes = [harmless(line) for line in (f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status))]
     write = _rapid if language == "RAPID" else _krl
     frames = se3.chain(mechanism.transforms(q[there]))[-1]
     values = q[there] * [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in mechanism.joints]

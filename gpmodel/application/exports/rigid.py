@@ -20,6 +20,7 @@ from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.texts import harmless
 from gpmodel.wording import length
 
 
@@ -80,7 +81,7 @@ def urdf_text(rigid: Rigid, note: str) -> str:
     Raises InputError where the mechanism has no writer.
     """
     text, frame = written(rigid.fit.model.mechanism, rigid.twists)
-    comment = f"{note}\n{LINK}{frame}".replace("--", "- -")
+    comment = "\n".join([f"{LINK}{frame}", *map(harmless, note.splitlines())]).replace("--", "- -")
     return re.sub(r"(<\?xml[^>]*\?>\n?)?", lambda head: f"{head[0]}<!--\n{comment}\n-->\n", text, count=1)
 
 
@@ -106,17 +107,19 @@ def note_of(rigid: Rigid, link: str = "the measured link", at: Mapping[str, Arra
     of several arms those of all with commas between; at: the measured link there, (4, 4), m, by the name of that one,
     of which nothing is where it is itself."""
     fit = rigid.fit
-    lines = [f"Geometry of {fit.model.mechanism.name}, fitted without what a rigid description cannot hold."]
+    lines = [f"Geometry of {harmless(fit.model.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
         rms, most = (length(1e3 * v) for v in (root_mean_square(rigid.heldout), float(rigid.heldout.max())))
         lines.append(f"Error on held-out poses: {rms} RMS, {most} at most.")
     else:
         lines.append("No poses were held out: its error on other poses is not known.")
-    lines.append(f"Missing: {'; '.join(rigid.missing)}." if rigid.missing else "Nothing of the model is missing.")
+    lines.append(
+        f"Missing: {harmless('; '.join(rigid.missing))}." if rigid.missing else "Nothing of the model is missing."
+    )
     tree = branched(fit.model.mechanism)
     links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
     for name, tool in rigid.placement.tool.items():
         own = links.get(rigid.tips.get(name, ""), link)
         point = ", ".join(f"{1e3 * v:.4f}" for v in ((at or {}).get(own, np.eye(4)) @ tool)[:3, 3])
-        lines.append(f"Tool point{f' {name}' if name else ''} in {own}, mm: {point}.")
+        lines.append(f"Tool point{f' {harmless(name)}' if name else ''} in {own}, mm: {point}.")
     return "\n".join(lines)

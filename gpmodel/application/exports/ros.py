@@ -15,6 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 from gpmodel.table.robot_calibration import axis_of, origin_of
+from gpmodel.texts import commented
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Links of ur_description without their `_link`, each moved by the joint before it."""
@@ -41,7 +42,7 @@ def kinematics_text(calibrated: str, note: str) -> str:
     """YAML of the origin of every joint of a URDF text: x, y, z, m, and roll, pitch, yaw, rad, as xacro puts them into
     `<origin xyz rpy>`. note: its first comment."""
     use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
-    lines = [*_comment(f"{note}\nIn xacro: {use} and so on."), "kinematics:"]
+    lines = [*commented(note), f"# In xacro: {use} and so on.", "kinematics:"]
     return (
         "\n".join([*lines, *(line for o in origins(calibrated).values() for line in _row(json.dumps(o.name), o.frame))])
         + "\n"
@@ -51,12 +52,14 @@ def kinematics_text(calibrated: str, note: str) -> str:
 def offsets_text(nominal: str, calibrated: str, note: str) -> str:
     """robot_calibration's offsets, NAME_x .. NAME_z, m, and NAME_a .. NAME_c, a rotation vector, rad, of every joint of
     a nominal URDF text whose origin is another in the calibrated one: origin = nominal · offset."""
-    before, lines = origins(nominal), _comment(note)
+    before, lines = origins(nominal), commented(note)
     for name, after in origins(calibrated).items():
         if name in before and not np.array_equal(before[name].frame, after.frame):
             offset: Array = np.linalg.inv(before[name].frame) @ after.frame
             values = [*offset[:3, 3], *se3.rotation_vector(offset[None, :3, :3])[0]]
-            lines += [f"{name}_{axis}: {float(v)!r}" for axis, v in zip("xyzabc", values, strict=True)]
+            for axis, value in zip("xyzabc", values, strict=True):
+                key = f"{name}_{axis}" if name.isidentifier() else json.dumps(f"{name}_{axis}")
+                lines.append(f"{key}: {float(value)!r}")
     return "\n".join(lines) + "\n"
 
 
@@ -70,7 +73,7 @@ def ur_text(nominal: str, calibrated: str, note: str) -> str:
     fixed = np.linalg.solve(_placed(before, chain[0].parent), _placed(origins(calibrated), chain[0].parent))
     frames = [fixed @ chain[0].frame, *(o.frame for o in chain[1:])]
     hashed = "hash: gpmodel  # the driver expects that of the controller here, and says so when it connects"
-    lines = [*_comment(note), "kinematics:"]
+    lines = [*commented(note), "kinematics:"]
     rows = (line for name, frame in zip(UR_LINKS, frames, strict=True) for line in _row(name, frame))
     return "\n".join([*lines, *rows, f"  {hashed}"]) + "\n"
 
@@ -117,7 +120,3 @@ def _row(name: str, frame: Array) -> Iterator[str]:
     numbers = [*frame[:3, 3], *se3.roll_pitch_yaw(frame[:3, :3])]
     for word, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True):
         yield f"    {word}: {float(value)!r}"
-
-
-def _comment(note: str) -> list[str]:
-    return [f"# {line}" for line in note.splitlines()]

@@ -1,5 +1,6 @@
 """The forward model as NumPy source, as C99 and its terms as LaTeX."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -14,11 +15,12 @@ from gpmodel.application.kinematics import LENGTH
 from gpmodel.application.usable import Clamped
 from gpmodel.arrays import Array
 from gpmodel.formula.expression import Expression
-from gpmodel.formula.printing import as_in_latex, inline, latex_lines
+from gpmodel.formula.printing import as_in_latex, in_latex, inline, latex_lines
 from gpmodel.formula.program import Builder, Program
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.naming import translate
+from gpmodel.texts import harmless
 
 _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), {2!r})"}
 
@@ -27,12 +29,12 @@ def numpy_text(forward: Forward, note: str) -> str:
     """A module with predict(q, **inputs)."""
     weighs = [f"{name} = [{', '.join(of)}]" for name, of in _weights(forward, "np.ones(len(q))", "np.zeros(len(q))")]
     lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
-    lines += [f's_{n} = inputs["{called}"]' for n, called in zip(forward.inputs, input_names(forward), strict=True)]
+    lines += [f"s_{n} = inputs[{called!r}]" for n, called in zip(forward.inputs, input_names(forward), strict=True)]
     lines += weighs + [f"s_{n} = {text}" for n, text in forward.computed.items()]
     terms = [f"twists[{t.slot}, :, {t.axis}] += {_term(t, 'numpy')}" for t in forward.lines]
     registration, tool = _placed(forward)
     return _filled("model.py.txt", {
-        "NOTE": note, "JOINTS": list(forward.saved.columns), "INPUTS": _defaults(forward),
+        "NOTE": harmless(note), "JOINTS": list(forward.saved.columns), "INPUTS": _defaults(forward),
         "FIXED": forward.chain.fixed.tolist(), "MOVES": _moves(forward),
         "BODIES": [(b.slot, b.mass, b.centre.tolist()) for b in _bodies(forward)],
         "GRAVITY": forward.gravity.tolist(), "REGISTRATION": registration, "TOOL": tool,
@@ -72,9 +74,17 @@ def header_text(forward: Forward, note: str) -> str:
 
 def _said(forward: Forward, note: str) -> dict[str, object]:
     units = zip(input_names(forward), forward.inputs.values(), strict=True)
-    inputs = ", ".join(f"{name} [{unit}]" for name, unit in units)
-    joints = ", ".join(forward.saved.columns)
-    return {"NOTE": note.replace("*/", "* /"), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE}
+    inputs = ", ".join(harmless(f"{name} [{unit}]") for name, unit in units)
+    joints = ", ".join(map(harmless, forward.saved.columns))
+    return {"NOTE": harmless(note), "JOINTS": joints, "INPUTS": inputs, "MOST": MAX_MOVE}
+
+
+def nameless(forward: Forward) -> Forward:
+    """Replace the names of the measured table by those of the mechanism, which are words.
+
+    The source that a check runs is written from it with an empty note, so that no text of a file is run.
+    """
+    return replace(forward, saved=replace(forward.saved, measured=None))
 
 
 def latex_text(forward: Forward) -> str:
@@ -84,7 +94,7 @@ def latex_text(forward: Forward) -> str:
     parts, outputs = latex_lines(program, names)
     rows = [f"{name} &= {text}" for name, text in parts]
     for (slot, axis), text in zip(places, outputs, strict=True):
-        name = translate(forward.chain.slots[slot], names).replace("_", "\\_")
+        name = in_latex(translate(forward.chain.slots[slot], names))
         rows.append(f"\\xi_{{\\mathrm{{{name}}},\\,{AXES[axis]}}} &= {text}")
     return "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}\n"
 
@@ -173,7 +183,6 @@ def _indented(lines: list[str]) -> str:
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:
+    """Replace every @NAME@ of a template in one pass: a text that is filled in is no placeholder itself."""
     text = (files("gpmodel.application.exports") / "templates" / template).read_text(encoding="utf-8")
-    for name, value in values.items():
-        text = text.replace(f"@{name}@", str(value))
-    return text
+    return re.sub(r"@([A-Z]+)@", lambda match: str(values[match[1]]), text)
