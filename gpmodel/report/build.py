@@ -27,8 +27,9 @@ from gpmodel.report.schema_poses import ReadingRecord
 
 @dataclass(frozen=True)
 class Ladder:
-    """Fits to the rows `train` of `poses`, one after the other, and the model to ship, fitted to all of them.
+    """Fits to the rows `train` of `poses`, one after the other, and the model to ship.
 
+    final: fitted to all poses, or to the rows `final_rows`.
     named: effects beside the standard model that were asked for; they are no parameters of it.
     """
 
@@ -37,6 +38,18 @@ class Ladder:
     steps: Sequence[Step]
     final: Calibration
     named: tuple[Effect, ...] = ()
+    final_rows: IntArray | None = None
+
+    @property
+    def of_final(self) -> Poses:
+        """The poses that `final` was fitted to."""
+        return self.poses if self.final_rows is None else self.poses.subset(self.final_rows)
+
+    @property
+    def outliers(self) -> IntArray:
+        """Indices (K,) of the poses left out as outliers of the final fit or of the last fit to training poses."""
+        of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
+        return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
@@ -45,13 +58,13 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     data, names = poses.dataset, names_of(poses.dataset)
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
     floor, source = floor_mm(data, origin.noise, told)
-    rivals, kinds = hidden_rivals(final, poses), [joint.kind for joint in final.model.mechanism.joints]
+    rivals, kinds = hidden_rivals(final, ladder.of_final), [joint.kind for joint in final.model.mechanism.joints]
     return Report(
         kind=kind,
         command=origin.command,
         versions=versions(),
         seed=origin.seed,
-        data=data_record(poses, len(ladder.train), final),
+        data=data_record(poses, len(ladder.train), ladder.outliers),
         mechanism=mechanism_record(final.model.mechanism, names),
         ladder=tuple(_step(step) for step in ladder.steps),
         parameters=fitted.parameters(final, names, frozenset(e.name for e in ladder.named)),
@@ -67,7 +80,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         instrument=instrument_record(data),
         repeatability=repeatability(data),
         positioning=positioning(poses, ladder.train, ladder.steps),
-        further=further_poses(final, poses),
+        further=further_poses(final, ladder.of_final),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
         readings=reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),

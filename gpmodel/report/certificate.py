@@ -138,7 +138,7 @@ def _scope(report: Report) -> tuple[Line, ...]:
     if joints:
         lines.append(("joints covered", ", ".join(joints)))
     if report.data.outliers:
-        lines.append(("left out of the fit, by row", ", ".join(map(str, report.data.outliers))))
+        lines.append(("left out of a fit as outliers, by row", ", ".join(map(str, report.data.outliers))))
     return tuple(lines)
 
 

@@ -48,7 +48,7 @@ def from_evolution(
     unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     step = step_of(STANDARD, fit, poses.subset(train), unseen)
     report = replace(
-        build("evolve", Ladder(poses, train, (step,), fit), origin),
+        build("evolve", Ladder(poses, train, (step,), fit, final_rows=train), origin),
         histograms=(replace(histogram_record(counted, names), removed=real, shuffled_removed=null),),
         runs=tuple(_run(run, names) for run in runs),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpmodel.calibration.result import Calibration
+from gpmodel.arrays import IntArray
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.error_model import Poses
@@ -51,8 +51,8 @@ def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanis
     return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z))
 
 
-def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:
-    """The table, how it was split, the rows left out of the final fit, and the joints' ranges."""
+def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
+    """Describe the table: its file, its split, its joint ranges, and the `outliers` (K,) by index of the pose."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -61,7 +61,7 @@ def data_record(poses: Poses, train: int, final: Calibration) -> DataRecord:
         different=different_poses(data),
         train=train,
         heldout=len(data) - train,
-        outliers=tuple(int(r) for r in data.row[final.outliers]),
+        outliers=tuple(data.row[outliers].tolist()),
         ranges=ranges(poses.states, data.joints, names_of(data)),
         marks=marks(data),
     )

@@ -67,7 +67,8 @@ class StepRecord:
 @dataclass(frozen=True)
 class DataRecord:
     """The measured table. poses: its rows; different: the poses that these are of. folds: their number where every pose
-    was held out once. outliers: rows of the file left out of the fit. ranges: of every joint, as measured. marks: one a
+    was held out once. outliers: rows of the file left out of
+    the final fit or of the last fit to training poses. ranges: of every joint, as measured. marks: one a
     row, the same for the same joint values and readings in any table."""
 
     file: str = ""

@@ -35,16 +35,21 @@ def _ladder(report: Report) -> Iterator[str]:
     if not report.ladder:
         return
     sides = ("held out", "training") if report.held else ("training",)
-    yield " " * (NAME + 4) + "".join(f"{side:>20}" for side in sides)
-    yield " " * (NAME + 4) + "".join(f"{name:>7}" for _ in sides for name in ("mean", "RMS", "max")) + "  unknowns"
-    for rung in report.ladder:
-        errors = (rung.heldout, rung.train) if report.held else (rung.train,)
-        cells = "".join(f"{v:>7}" for side in errors for v in _cells(side))
+    rows = [
+        [v for e in ((r.heldout, r.train) if report.held else (r.train,)) for v in _cells(e)] for r in report.ladder
+    ]
+    width = max(7, 2 + max(len(cell) for row in rows for cell in row))
+    name = min(NAME, WIDTH - 4 - 10 - len(rows[0]) * width)
+    yield " " * (name + 4) + "".join(f"{side:>{3 * width - 1}} " for side in sides).rstrip()
+    heads = "".join(f"{head:>{width}}" for _ in sides for head in ("mean", "RMS", "max"))
+    yield f"{' ' * (name + 4)}{heads}  unknowns"
+    for rung, row in zip(report.ladder, rows, strict=True):
         title = report.title(rung)
-        if len(title) > NAME:
+        if len(title) > name:
             yield wrapped(title)
             title = ""
-        yield f"    {title:<{NAME}}{cells}{'' if rung.rank is None else rung.rank:>10}"
+        cells = "".join(f"{cell:>{width}}" for cell in row)
+        yield f"    {title:<{name}}{cells}{'' if rung.rank is None else rung.rank:>10}"
 
 
 def _cells(errors: ErrorsMm) -> tuple[str, ...]:
@@ -140,7 +145,7 @@ def _doubts(report: Report) -> Iterator[str]:
         yield wrapped(words.dropped(report))
     if report.data.outliers:
         rows = ", ".join(map(str, report.data.outliers))
-        yield wrapped(f"outliers, not fitted: rows {rows}")
+        yield wrapped(f"outliers, left out of a fit: rows {rows}")
     if report.data.heldout and report.ladder and not report.held:
         yield wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
     if report.unobservable:

@@ -15,6 +15,7 @@ from gpmodel.report.fitted import moves_alone
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.page import html
+from gpmodel.report.schema import ErrorsMm, Report, StepRecord
 from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord, SuspectRecord
 from gpmodel.report.text import summary
 from gpmodel.report.words import noise_floor, rivals
@@ -50,6 +51,17 @@ def test_held_out_errors_stand_before_those_of_training() -> None:
     line = next(line for line in summary(report).splitlines() if line.lstrip().startswith("standard model"))
     sides = [[wording.millimetres(v) for v in dataclasses.astuple(e)] for e in (rung.heldout, rung.train)]
     assert line.split()[2:] == [*sides[0], *sides[1], str(rung.rank)]
+
+
+@pytest.mark.parametrize("size", [0.00123, 1.234, 54321.0])
+def test_errors_of_any_size_stand_apart_in_80_columns(size: float) -> None:
+    """A ball joint leaves micrometres and a wrong column metres: `0.001630.00219` is neither."""
+    errors = ErrorsMm(size, 1.3 * size, 2.0 * size)
+    report = Report(ladder=(StepRecord("standard", errors, errors, rank=27),), verdict="Said.")
+    text = summary(report)
+    cells = [wording.millimetres(v) for v in dataclasses.astuple(errors)]
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.split("unknowns")[1].split("[[")[0].split() == ["standard", "model", *cells, *cells, "27"]
 
 
 def test_without_held_out_poses_nothing_is_called_held_out() -> None:
