@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: install demo test long conclusions lint types wheel docs pictures clean
+.PHONY: install demo test long conclusions bench lint types wheel docs pictures clean
 
 $(BIN)/gpmodel: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -28,6 +28,9 @@ conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py tests/experiments/test_hexapod_experiment.py
 	$(BIN)/pytest -m slow tests/discovery/test_measured_robots.py
 	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k 'slot_histogram_points_at or every_machine or both_models'
+
+bench: $(BIN)/pytest
+	$(BIN)/python -m experiments.bench.run --jobs 2
 
 wheel: $(BIN)/pytest
 	.ci/installed $(PYTHON)

@@ -1,0 +1,108 @@
+"""A bench for changes of the search: error over the oracle, names, false additions and seconds on seventy robots.
+
+From the root of the repository: python -m experiments.bench.run --jobs 2
+Prints the robots that differ from those of `--against` and one line of counts; ends with 1 where one became worse.
+--record keeps the robots in results.json and adds the line to history.md.
+Another version's code: PYTHONSAFEPATH=1 PYTHONPATH=<its folder>:. in front of the command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import gpmodel as gp
+from experiments.bench.judge import judge
+from experiments.bench.robots import ROBOTS, Robot
+from experiments.bench.table import changed, counted, line, worse
+from experiments.methods.rows import Row
+from gpmodel.executor import Processes, Threads
+
+HERE = Path(__file__).parent
+RESULTS, HISTORY = HERE / "results.json", HERE / "history.md"
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", help="names, with commas")
+    parser.add_argument("--quick", action="store_true", help="twelve robots of short time and most kinds")
+    parser.add_argument("--jobs", type=int, default=1, help="robots side by side")
+    parser.add_argument("--against", type=Path, default=RESULTS, help="results.json of another version")
+    parser.add_argument("--results", type=Path, help="JSON of this run; robots that it has are not run again")
+    parser.add_argument("--record", metavar="NOTE", help="keep the results and add a line with a note to history.md")
+    parser.add_argument("--list", action="store_true", help="names and what each robot is for")
+    return parser.parse_args()
+
+
+def chosen(settings: argparse.Namespace) -> list[Robot]:
+    """Robots that the options select. Raises SystemExit for an unknown name."""
+    every = [name for name, robot in ROBOTS.items() if robot.quick or not settings.quick]
+    names = settings.only.split(",") if settings.only else every
+    if unknown := [name for name in names if name not in ROBOTS]:
+        raise SystemExit(f"--only: unknown robot {', '.join(unknown)}, expected names of --list")
+    return [ROBOTS[name] for name in names]
+
+
+def read(file: Path | None) -> dict[str, Row]:
+    """Rows by the names of robots; none where there is no file."""
+    return {row["robot"]: row for row in json.loads(file.read_text())["robots"]} if file and file.exists() else {}
+
+
+def write(rows: dict[str, Row], file: Path) -> None:
+    """Rows in the order of the table of robots, one a line."""
+    lines = ",\n".join(json.dumps(rows[name]) for name in ROBOTS if name in rows)
+    file.write_text(f'{{"version": "{version()}", "robots": [\n{lines}\n]}}\n')
+
+
+def version() -> str:
+    """Version of the package that is measured, its last commit, and a plus where files of it differ from that."""
+
+    def git(*words: str) -> str:
+        said = subprocess.run(["git", *words, "--", "."], cwd=folder, capture_output=True, text=True)
+        return said.stdout.strip()
+
+    folder = Path(gp.__file__).resolve().parent
+    return f"{gp.__version__} {git('log', '-1', '--format=%h')}{'+' if git('status', '--porcelain') else ''}"
+
+
+def judged(robots: list[Robot], jobs: int) -> Iterator[Row]:
+    """Rows as they are done."""
+    work = Path(tempfile.mkdtemp(prefix="bench_"))
+    side_by_side = Threads(1) if jobs == 1 else Processes(jobs)
+    for _, row in side_by_side(_judged, [(robot, work / robot.name) for robot in robots]):
+        yield row
+
+
+def _judged(call: tuple[Robot, Path]) -> Row:
+    return judge(*call)
+
+
+def main() -> None:
+    settings = parse()
+    robots = chosen(settings)
+    if settings.list:
+        print("\n".join(f"{r.name:24} {r.kind:8} {'quick' if r.quick else '':6} {r.why}" for r in robots))
+        return
+    before, rows = read(settings.against), read(settings.results)
+    print(f"{version()} in {Path(gp.__file__).parent}", flush=True)
+    for row in judged([robot for robot in robots if robot.name not in rows], settings.jobs):
+        rows[row["robot"]] = row
+        print(changed(before.get(row["robot"]), row) or f"{row['robot']}: as before", flush=True)
+        if settings.results:
+            write(rows, settings.results)
+    rows = {robot.name: rows[robot.name] for robot in robots}
+    print(counted(rows.values()))
+    if settings.record:
+        write(rows, RESULTS)
+        with HISTORY.open("a") as history:
+            history.write(line(version(), rows.values(), settings.record))
+    sys.exit(any(worse(before[name], row) for name, row in rows.items() if name in before))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""The bench: its table of robots, its comparison of two versions, one robot of each kind from end to end."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from experiments.bench import run
+from experiments.bench.judge import judge
+from experiments.bench.robots import ROBOTS
+from experiments.bench.table import changed, counted, worse
+
+ROW = {
+    "robot": "r",
+    "kind": "effects",
+    "ratio": 1.0,
+    "named": 2,
+    "effects": 2,
+    "false": 0,
+    "found": ["a"],
+    "seconds": 3.0,
+}
+
+
+def test_the_table_has_every_kind_and_a_short_list_of_most() -> None:
+    kinds = [robot.kind for robot in ROBOTS.values()]
+    assert [kinds.count(kind) for kind in ("effects", "formula", "none")] == [40, 20, 10]
+    quick = [robot for robot in ROBOTS.values() if robot.quick]
+    assert len(quick) == 12
+    assert {robot.kind for robot in quick} == set(kinds)
+
+
+@pytest.mark.parametrize(
+    ("other", "said", "is_worse"),
+    [
+        ({}, "", False),
+        ({"ratio": 1.019, "seconds": 9.0}, "", False),
+        ({"ratio": 1.03}, "WORSE", True),
+        ({"ratio": 0.97}, "better", False),
+        ({"found": ["b"]}, "other", False),
+        ({"found": ["a", "b"], "false": 1}, "WORSE", True),
+        ({"found": [], "named": 1}, "WORSE", True),
+    ],
+)
+def test_two_versions_are_compared_robot_by_robot(other: dict[str, object], said: str, is_worse: bool) -> None:
+    now = ROW | other
+    assert worse(ROW, now) == is_worse
+    assert (said in changed(ROW, now)) if said else changed(ROW, now) == ""
+
+
+def test_a_robot_that_fails_is_worse_and_counted() -> None:
+    failed = {"robot": "s", "kind": "effects", "failed": "RuntimeError: no", "seconds": 1.0}
+    assert worse(ROW, failed)
+    assert not worse(failed, ROW)
+    assert "robots 2, failed 1, median ratio 1.000" in counted([ROW, failed])
+
+
+def test_rows_are_written_in_the_order_of_the_table_and_read_again(tmp_path: Path) -> None:
+    names = list(ROBOTS)[:2]
+    rows = {name: ROW | {"robot": name} for name in reversed(names)}
+    run.write(rows, tmp_path / "rows.json")
+    assert list(run.read(tmp_path / "rows.json")) == names
+    assert run.read(tmp_path / "rows.json") == rows
+
+
+def test_the_committed_results_are_those_of_robots_of_the_table() -> None:
+    assert set(run.read(run.RESULTS)) <= set(ROBOTS)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["two_move_30", "law_2_1_7"])
+def test_a_robot_is_judged_from_end_to_end(name: str, tmp_path: Path) -> None:
+    row = judge(replace(ROBOTS[name], evolved=False), tmp_path / name)
+    assert row["ratio"] < 1.25
+    assert (row["named"], row["false"]) == (row["effects"], 0)
