@@ -19,7 +19,7 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.mechanism.workspace import same_machine, tip_at_probe
-from gpmodel.model.effect import Effect, Term
+from gpmodel.model.effect import Effect, TakenUp, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
@@ -206,7 +206,14 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
     terms = (tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms) for e in part.effects)
     effects = tuple(
-        Effect(e.name, t, e.unit, e.family, np.inf if e.prior is None else e.prior)
+        Effect(
+            e.name,
+            t,
+            e.unit,
+            e.family,
+            np.inf if e.prior is None else e.prior,
+            taken_up=tuple(TakenUp(r.of, r.label, r.twist) for r in e.taken_up),
+        )
         for e, t in zip(part.effects, terms, strict=True)
     )
     if odd := [name for e in effects for name in e.inputs if not name.isidentifier()]:
@@ -245,5 +252,5 @@ def _effect_content(effect: Effect, value: float, stderr: float) -> dict[str, ob
     terms = [{"slot": t.slot, "axis": t.axis, "basis": str(t.basis), "weight": t.weight} for t in effect.terms]
     return {
         "name": effect.name, "family": effect.family, "unit": effect.unit, "prior": effect.prior, "value": value,
-        "stderr": stderr, "terms": terms,
+        "stderr": stderr, "terms": terms, "taken_up": [vars(rigid) for rigid in effect.taken_up],
     }  # fmt: skip

@@ -5,7 +5,7 @@ to the file, which is at most `LARGEST_FILE`.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -68,6 +68,14 @@ class TermPart(msgspec.Struct, frozen=True):
     weight: Finite
 
 
+class RigidPart(msgspec.Struct, frozen=True):
+    """A motion of a registration or a tool, m and rad, per unit of an effect."""
+
+    of: Literal["setup", "tool"]
+    label: Name
+    twist: tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+
+
 class EffectPart(msgspec.Struct, frozen=True):
     """An effect and its fitted number. prior, stderr: null where there is none."""
 
@@ -78,6 +86,7 @@ class EffectPart(msgspec.Struct, frozen=True):
     value: Finite
     stderr: Deviation | None
     terms: Annotated[tuple[TermPart, ...], msgspec.Meta(min_length=1, max_length=MOST_TERMS)]
+    taken_up: Annotated[tuple[RigidPart, ...], msgspec.Meta(max_length=MOST_UNKNOWNS)] = ()
 
 
 class MechanismPart(msgspec.Struct, frozen=True):

@@ -14,6 +14,7 @@ from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.start import start_placements
+from gpmodel.calibration.taken_up import split, with_taken_up
 from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
@@ -90,6 +91,7 @@ def _calibrate(
             use[start.outliers] = False
         fitting = Fitting(model, poses, use, start.rotation_weight, sharing(poses.dataset), start.pose_ratio)
         placement = start.placement
+        fitting = replace(fitting, model=with_taken_up(model, start.model))
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])
     fresh = poses.dataset.has_rotation and start is None
@@ -149,6 +151,7 @@ def _fit(
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
     reason = REASONS[fitted.status]
     fitted, choices, better = _better(fitting, fitted, choices, origin)
+    fitting, fitted = split(fitting, fitted, choices.kept)
     return Calibration(
         **vars(uncertainty(fitting, fitted, choices.kept)),
         model=fitting.model, placement=fitted.placement, theta=fitted.theta, kept=choices.kept,

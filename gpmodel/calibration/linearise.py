@@ -18,9 +18,10 @@ from gpmodel.calibration.unmeasured_joints import (
     without_eliminated,
 )
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, places
-from gpmodel.model.effect import Effect
+from gpmodel.model.effect import REGISTRATION, Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe
 from gpmodel.model.observed import Observed
+from gpmodel.numerics import rank as ident
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,24 @@ class Linearised:
         """The columns (K,) of the placement and of the effects that are kept (E,)."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
+    @property
+    def rigid(self) -> Mask:
+        """The columns (P,) of registrations and tools among those of the placement."""
+        return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
+
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Columns (M, E) of any effects, weighted like the residual."""
+        """Columns (M, E) of any effects, weighted like the residual; those of the instrument less what registrations
+        and tools take up of them."""
         if self.left is not None:
-            return self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
-        out = np.zeros((len(effects), len(self.residual)))
-        return add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+            rows = self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
+        else:
+            out = np.zeros((len(effects), len(self.residual)))
+            rows = add_effect_rows(out, effects, model, self.poses, self.observed, self.weights).T
+        if own := [k for k, effect in enumerate(effects) if effect.of_the_instrument]:
+            rigid = ident.orthonormal(self.columns[:, : self.placement][:, self.rigid])
+            sizes = np.linalg.norm(rows[:, own], axis=0)
+            rows[:, own] = without_eliminated(ident.remove(rigid, rows[:, own]), sizes)
+        return rows
 
     def weigh(self, values: Array) -> Array:
         """Observations (N, m, ...) as rows (M, ...), weighted like the residual; what free joints absorb is zero."""
@@ -103,7 +116,8 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Every term of some effects: the effect's number, indices of slot and axis, weight times basis (N,)."""
+    """Every term of some effects: the effect's number, indices of slot and axis, weight times basis (N,). Then what
+    registrations and tools take up of them."""
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
     seen = poses.states.seen_at(observed.tip[:, :3, 3]) if by_instrument else poses.states
@@ -111,6 +125,12 @@ def _shaped(
         for term in effect.terms:
             states = seen if term.slot == INSTRUMENT else poses.states
             yield k, known.index(term.slot), AXES.index(term.axis), term.weight * states.value(term.basis)
+        for rigid in effect.taken_up:
+            at = known.index(INSTRUMENT) + (rigid.of != REGISTRATION)
+            here = (poses.dataset.label(rigid.of) == rigid.label).astype(float)
+            for axis, size in enumerate(rigid.twist):
+                if size != 0.0:
+                    yield k, at, axis, -size * here
 
 
 def linearise(

@@ -12,6 +12,9 @@ from gpmodel.formula.expression import ONE, Basis
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Joint
 from gpmodel.model.states import States
 
+REGISTRATION, TOOL = "setup", "tool"
+"""The labels of a table by which registrations and tools are told."""
+
 
 @dataclass(frozen=True)
 class Term:
@@ -29,6 +32,18 @@ class Term:
             raise InputError(f"{self.basis!r} is no basis; expected an Expression, as in Expression('sin(2*J4)')")
 
 
+@dataclass(frozen=True)
+class TakenUp:
+    """A twist (6,), m and rad, of the registration of one set-up in the instrument's frame, or of one tool in its own.
+
+    of: REGISTRATION or TOOL. label: the set-up or the tool.
+    """
+
+    of: str
+    label: str
+    twist: tuple[float, ...]
+
+
 def made_of(parts: object, kind: type) -> bool:
     """Whether it is a tuple of a kind alone."""
     return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
@@ -39,7 +54,8 @@ class Effect:
     """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
 
     family: the catalogue's word for what it would be, empty for what nobody has named. prior: standard deviation
-    of the unknown around `mean` that is believed before measuring; infinite for none.
+    of the unknown around `mean` that is believed before measuring; infinite for none. taken_up: per unit of the
+    unknown, the rigid motions that registrations and tools take up, so that it acts in the rest alone.
     """
 
     name: str
@@ -48,6 +64,7 @@ class Effect:
     family: str = ""
     prior: float = math.inf
     mean: float = 0.0
+    taken_up: tuple[TakenUp, ...] = ()
 
     def __post_init__(self) -> None:
         if not made_of(self.terms, Term):

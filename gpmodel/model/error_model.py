@@ -9,7 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import assembled, branched, lineage
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
-from gpmodel.model.effect import Effect
+from gpmodel.model.effect import REGISTRATION, TOOL, Effect
 from gpmodel.model.observation import Observation, Own, Tips, observations
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of, tip_slots
@@ -98,7 +98,17 @@ class ErrorModel:
         if not acting:
             return None
         states = poses.states.seen_at(points)
-        return np.asarray(np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0))
+        whole = np.sum([value * effect.twist(states, INSTRUMENT) for effect, value in acting], axis=0)
+        return np.asarray(whole - self.taken_up(poses, theta, REGISTRATION))
+
+    def taken_up(self, poses: Poses, theta: Array, of: str) -> Array:
+        """Twist (N, 6), m and rad, that the registration or the tool of each pose takes up of the effects."""
+        out = np.zeros((len(poses), 6))
+        for effect, value in zip(self.effects, theta, strict=True):
+            for rigid in effect.taken_up:
+                if rigid.of == of:
+                    out[poses.dataset.label(of) == rigid.label] += value * np.array(rigid.twist)
+        return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
         """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
@@ -127,12 +137,16 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     twists = model.twists(poses, theta)
     frames = model.frames_after(poses, twists)
     tool = np.stack([placement.tool[name] for name in data.label("tool").tolist()])
+    by_tool = -model.taken_up(poses, theta, TOOL)
+    if by_tool.any():
+        tool = tool @ se3.exp(by_tool)
     register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
     tip, kinds = frames[tip_slot, np.arange(len(poses))] @ tool, observations(data)
     by_instrument = model.instrument_twist(poses, theta, (register @ tip)[:, :3, 3])
     own = np.broadcast_to(np.eye(4), register.shape)
     if by_instrument is not None:
-        twists, own = {**twists, len(frames): by_instrument}, se3.exp(by_instrument)
+        twists = {**twists, len(frames): by_instrument, len(frames) + 1: by_tool}
+        own = se3.exp(by_instrument)
         register = own @ register
     seen, loops = np.concatenate([register[None] @ frames, own[None]]), closed(model.mechanism)
     tips = Tips(tip, register @ tip, frames)

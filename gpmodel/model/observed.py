@@ -17,7 +17,8 @@ class Observed:
 
     tips: predicted. frames: (S + 1, N, 4, 4) of the slots, then of the instrument itself, in the instrument's frame,
     each after its error twist.
-    twists: slot's index -> its error twist (N, 6), m and rad. kinds: what is read. own: key -> (k,) unknowns.
+    twists: slot's index -> its error twist (N, 6), m and rad; after the instrument's the tool's. kinds: what is read.
+    own: key -> (k,) unknowns.
     carried: what a twist of a slot moves the tool's by, of a mechanism with closed loops; None of a chain.
     lineage: (S, S) whether a twist at one slot moves the frame of the other. tip_slot: (N,) slot that carries the tip.
     """
@@ -68,8 +69,8 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Change (N, m, 6) of the m components per unit of an error twist at a slot, beside the twist it has; worked
-        out once.
+        """Change (N, m, 6) of the m components per unit of an error twist at a slot, given the twist it has; worked
+        out once. Of the index after the instrument's: at the tool.
 
         The frame is that after the twist ξ, so exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) brings in the right Jacobian.
         The point moves by R e for a translation, by (R e) × (p_tip - p_slot) for a rotation, which turns it by R e.
@@ -81,6 +82,9 @@ class Observed:
 
     def _sensitivity(self, slot: int) -> Array:
         instrument = len(self.frames) - 1
+        if slot > instrument:
+            turned = self.twists.get(slot)
+            return self.tool_sensitivity() @ (np.eye(6) if turned is None else se3.right_jacobian(turned))
         looped = self.carried is not None and slot < instrument
         at = self.frames[instrument - 1 if looped else slot]
         within = np.eye(6)
