@@ -25,7 +25,7 @@ from gpmodel.files import finished_folder, write_text
 from gpmodel.forks import Forks
 from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
 from gpmodel.hierarchy.folder import folder_names
-from gpmodel.hierarchy.found import KeptMachines, Rows, Searched, found_on_most
+from gpmodel.hierarchy.found import FleetSearch, KeptMachines, Rows, Searched, found_on_type
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.hierarchy.parts import block_parts, in_table_names, shared_parts
 from gpmodel.hierarchy.record import (
@@ -136,12 +136,13 @@ def fleet(
     by itself and with the type's prior, and which of them stands out in what.
 
     mechanism: of all of them; None where fleet.toml in the folder says it. tables: a folder with a table for each, or
-    tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that `discover` with the
-    catalogue alone finds on more than half of the machines. holdout: share of each machine's poses by which its errors
-    are judged, 0 for none; the numbers of the type are of all poses. By itself a machine is what `calibrate` makes of
-    its table; effects that come with priors, as a curve's harmonics, are judged between machines as one. workers:
-    machines searched side by side, 0 for one a core; executor: searches elsewhere; no number depends on either.
-    journal: keeps what was found on each machine, to go on from it to the same numbers.
+    tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that the evidence of all
+    machines together selects from the catalogue, and for each machine those that its own poses show given these.
+    holdout: share of each machine's poses by which its errors are judged, 0 for none; the numbers of the type are of
+    all poses. By itself a machine is what `calibrate` makes of its table; effects that come with priors, as a curve's
+    harmonics, are judged between machines as one. workers: machines searched side by side, 0 for one a core; executor:
+    searches elsewhere; no number depends on either. journal: keeps the findings of each machine, to go on from them to
+    the same numbers.
     Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
     effect, a fit that diverges.
     """
@@ -154,7 +155,7 @@ def fleet(
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
     side_by_side, kept = executor or Forks(whole(workers, "workers")), journal or KeptMachines()
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
-    named, own, chosen = _effects(given, list(machines), tasks, side_by_side, kept, say)
+    named, own, chosen = _effects(given, FleetSearch(list(machines), tasks, side_by_side, kept, say))
     geometry = geometric_effects(arms[0][0])
     models = [growing(geometry, (*named, *((OWN, extra) for extra in [of] if extra))) for of in own]
     say("every machine by its own poses, then with what it shares with the others")
@@ -208,17 +209,15 @@ def _judged(
     ]
 
 
-def _effects(
-    given: tuple[object, ...] | None, serials: Sequence[str], tasks: Sequence[Searched], workers: Workers,
-    kept: KeptMachines, say: Teller,
-) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:  # fmt: skip
+def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:
     """Groups of effects beside the geometry, what each machine has beside them, and in words where they are from."""
+    tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
     if given is not None:
         groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]
         return groups, [()] * len(tasks), f"named: {', '.join(n for n, _ in groups) or 'none'}"
-    effects, own, chosen = found_on_most(serials, tasks, workers, kept, say)
+    effects, own, chosen = found_on_type(search)
     return [("found", effects)], own, chosen
 
 

@@ -25,7 +25,11 @@ from gpmodel.report.fleet import PAGE
 @click.argument("tables", metavar="DIR", type=shared.PATH, required=False)
 @shared.mechanism_options(required=False)
 @click.option(
-    "--effect", "effects", multiple=True, metavar="NAME", help="As of calibrate, or none. [default: found on most]"
+    "--effect",
+    "effects",
+    multiple=True,
+    metavar="NAME",
+    help="As of calibrate, or none. [default: selected by all machines]",
 )
 @shared.holdout_option
 @shared.seed_option

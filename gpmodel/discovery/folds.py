@@ -18,6 +18,7 @@ from gpmodel.discovery.rows import drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.units import independent_units
 from gpmodel.executor import called
 from gpmodel.forks import Forks, called_beside
 from gpmodel.model.error_model import Poses
@@ -69,7 +70,9 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
         replace(step, heldout_error=_errors(found.poses, choices, number)) for number, step in enumerate(found.steps)
     )
     standard, last = steps[1].heldout_error, steps[-1].heldout_error
-    doubt = paired(standard, last, found.poses.dataset, criteria) if found.findings else None
+    doubt = (
+        paired(standard, last, independent_units(found.poses.dataset, criteria), criteria) if found.findings else None
+    )
     final = found.final if doubt is None or doubt.passed else steps[1].calibration
     return replace(found, heldout=found.train, steps=steps, confirmation=doubt, final=final, parts=tuple(choices))
 

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import paired_t
 from gpmodel.evidence.units import independent_units
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.table.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,14 @@ class Confirmation:
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
     """Whether what was found predicts held-out poses better than the standard model."""
-    return paired(errors_on(standard, heldout), errors_on(found, heldout), heldout.dataset, criteria)
+    unit = independent_units(heldout.dataset, criteria)
+    return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
 
 
-def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) -> Confirmation:
+def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
     """Paired test of the 3-D errors (N,) of two models on poses that neither was chosen on; NaN: no error is known.
 
+    units: (N,) code of the poses that count as one observation.
     Both models' errors are winsorised at median + 6 · 1.4826 MAD of the standard model's: one bad measurement neither
     proves nor disproves. A single unit of poses proves nothing: p is 1.
     """
@@ -46,7 +47,7 @@ def paired(before: Array, after: Array, dataset: Dataset, criteria: Criteria) ->
     errors = before[known], after[known]
     limit = outlier_limit(errors[0], criteria.outlier_sigmas)
     squared = [np.minimum(e, limit) ** 2 for e in errors]
-    unit = np.unique(independent_units(dataset, criteria)[known], return_inverse=True)[1].reshape(-1)
+    unit = np.unique(units[known], return_inverse=True)[1].reshape(-1)
     gain = np.bincount(unit, squared[0] - squared[1]).astype(float)
     t = paired_t(gain) if len(gain) > 1 else 0.0
     p = float(special.stdtr(len(gain) - 1, -t)) if t else 1.0

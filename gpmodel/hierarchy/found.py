@@ -1,42 +1,64 @@
-"""Which effects the machines of a type have in common: what the search finds on most of them."""
+"""Which effects the machines of a type have in common, and what each has beside them."""
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+import numpy as np
 
 from gpmodel.arrays import IntArray
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
+from gpmodel.evidence.confirmation import paired
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.dependence import reads_a_clock
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.units import independent_units
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates
+from gpmodel.hierarchy.pooled import select_for_type
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Teller
 from gpmodel.records.unfinished import Unfinished
+from gpmodel.table.split import JUDGED
 from gpmodel.wording import listed
 
 
 @dataclass(frozen=True)
+class Found:
+    """Findings of one machine's search, and whether its held-out poses confirm them."""
+
+    candidates: tuple[Candidate, ...]
+    confirmed: bool
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the findings."""
+        return frozenset(c.name for c in self.candidates)
+
+
+@dataclass(frozen=True)
 class KeptMachines:
-    """Where what was found on a machine goes at once, a file each, so that an interrupted fleet repeats only what was
-    under way; nowhere without files."""
+    """Where the findings of a machine go at once, a file each, so that an interrupted fleet repeats only what was under
+    way; nowhere without files."""
 
     files: Unfinished | None = None
 
-    def machine(self, place: int) -> tuple[Candidate, ...] | None:
-        """What was found on the machine at that place, None where it has yet to be searched."""
-        content = self.files.read(_name(place)) if self.files else None
+    def machine(self, name: str) -> Found | None:
+        """Findings of the search of that name, None where it is still to be made."""
+        content = self.files.read(name) if self.files else None
         return None if content is None else content["found"]
 
-    def keep_machine(self, place: int, found: tuple[Candidate, ...]) -> None:
-        """Keep it. Raises WriteError where it cannot be written."""
+    def keep_machine(self, name: str, found: Found) -> None:
+        """Keep them. Raises WriteError where they cannot be written."""
         if self.files:
-            self.files.write(_name(place), {"found": found})
-
-
-def _name(place: int) -> str:
-    return f"machine-{place + 1:04d}"
+            self.files.write(name, {"found": found})
 
 
 Rows = tuple[IntArray, IntArray]
@@ -44,46 +66,104 @@ Rows = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True)
 class Searched:
-    """One machine's search: all that a worker needs. rows: training and held-out ones of its poses."""
+    """One machine's search: all that a worker needs. rows: training and held-out ones of its poses. known: effects in
+    its model from the start."""
 
     mechanism: Mechanism
     poses: Poses
     rows: Rows
     seed: int
+    known: tuple[Candidate, ...] = ()
 
-    def found(self) -> tuple[Candidate, ...]:
-        """What the catalogue alone finds, where its held-out poses confirm it."""
-        result = discover(self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), seed=self.seed)
-        return tuple(finding.candidate for finding in result.findings) if result.confirmed else ()
+    def found(self) -> Found:
+        """Search the catalogue alone."""
+        result = discover(
+            self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), known=self.known, seed=self.seed
+        )
+        return Found(tuple(finding.candidate for finding in result.findings), result.confirmed)
+
+    def fit(self, shared: Sequence[Candidate]) -> Calibration:
+        """Calibrate the training poses with effects beside the geometry."""
+        effects = (*geometric_effects(self.mechanism), *(e for c in shared for e in c.effects))
+        return calibrate(ErrorModel(self.mechanism, effects), self.poses.subset(self.rows[0]), seed=self.seed)
+
+    def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
+        """Residual of the training poses with effects beside the geometry."""
+        return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, JUDGED)
 
 
-def found_on_most(
-    serials: Sequence[str], tasks: Sequence[Searched], workers: Workers, kept: KeptMachines, say: Teller
-) -> tuple[tuple[Effect, ...], tuple[tuple[Effect, ...], ...], str]:
-    """Effects found and confirmed on more than half of the machines, each searched by itself with the catalogue alone;
-    of each machine what it has beside these; and in words where they are from: on which machines each thing was found.
+@dataclass(frozen=True)
+class FleetSearch:
+    """The searches of all machines. kept: where findings go at once; machines found there are not searched again."""
 
-    workers: where the machines are searched. kept: where what is found goes at once; machines found there are not
-    searched again. Where machines found a curve in more or less detail, the plainest is
-    taken, which all of them can tell.
+    serials: Sequence[str]
+    tasks: Sequence[Searched]
+    workers: Workers
+    kept: KeptMachines
+    say: Teller
+    criteria: Criteria = field(default_factory=Criteria)
+
+    def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, Found]:
+        """Findings of the machines at some places, by place, given the `known` effects."""
+        names = {k: f"machine-{k + 1:04d}{'-again' if known else ''}" for k in places}
+        done = {k: one for k, name in names.items() if (one := self.kept.machine(name)) is not None}
+        left, which = [k for k in places if k not in done], "again, " if known else ""
+        for number, one in self.workers(Searched.found, [replace(self.tasks[k], known=known) for k in left]):
+            self.kept.keep_machine(names[left[number]], one)
+            done[left[number]] = one
+            self.say(f"searching {which}{len(done)} of {len(names)} machines done", passing=True)
+        return done
+
+    def shared(self, found: Sequence[Found]) -> tuple[Candidate, ...]:
+        """Effects of the type: selected by the pooled evidence of the training poses among the findings of all machines
+        and the catalogue, where the held-out poses of all machines together confirm them."""
+        first = self.tasks[0]
+        named = candidates(first.mechanism, first.poses.states)
+        proposals: dict[str, Candidate] = {}
+        for c in (*chain.from_iterable(one.candidates for one in found), *named):
+            if not reads_a_clock(c, first.poses.states):
+                same = proposals.get(c.name)
+                proposals[c.name] = c if same is None or len(c.effects) < len(same.effects) else same
+
+        def residuals(shared: Sequence[Candidate]) -> list[Residual]:
+            return [task.residual(shared, self.criteria) for task in self.tasks]
+
+        chosen = select_for_type(proposals, residuals, self.criteria, first.seed)
+        return chosen if chosen and self._confirmed(chosen) else ()
+
+    def _confirmed(self, chosen: tuple[Candidate, ...]) -> bool:
+        """Paired test on the held-out poses of all machines, errors in units of each machine's noise."""
+        errors, units, count = [], [], 0
+        for task in self.tasks:
+            fits, unseen = (task.fit(()), task.fit(chosen)), task.poses.subset(task.rows[1])
+            errors.append([errors_on(fit, unseen) / fits[1].sigma for fit in fits])
+            units.append(count + independent_units(unseen.dataset, self.criteria))
+            count += len(unseen)
+        before, after = np.concatenate(errors, axis=1)
+        return paired(before, after, np.concatenate(units), self.criteria).passed
+
+
+def found_on_type(search: FleetSearch) -> tuple[tuple[Effect, ...], tuple[tuple[Effect, ...], ...], str]:
+    """Effects of the type, of each machine what it has beside them, and in words where both are from.
+
+    Every machine is searched by itself. The type's effects are selected by the evidence of all machines together. A
+    machine whose findings are others than these is searched again given them: what is confirmed there is its own.
     """
-    by_machine = {place: done for place in range(len(tasks)) if (done := kept.machine(place)) is not None}
-    left = [place for place in range(len(tasks)) if place not in by_machine]
-    say("searching every machine by itself", passing=True)
-    for number, candidates in workers(Searched.found, [tasks[place] for place in left]):
-        kept.keep_machine(left[number], candidates)
-        by_machine[left[number]] = candidates
-        say(f"searching, {len(by_machine)} of {len(tasks)} machines done", passing=True)
-    found = [candidate for place in range(len(tasks)) for candidate in by_machine[place]]
-    counts = Counter(candidate.name for candidate in found)
-    common = [name for name, count in counts.items() if 2 * count > len(tasks)]
-    plainest = [min((c for c in found if c.name == name), key=lambda c: len(c.effects)) for name in common]
-    shared = tuple(effect for candidate in plainest for effect in candidate.effects)
-    own = tuple(
-        tuple(e for c in by_machine[place] if c.name not in common for e in c.effects) for place in range(len(tasks))
-    )
-    on = {n: [serials[k] for k in range(len(tasks)) if any(c.name == n for c in by_machine[k])] for n in counts}
-    said = {name: str(len(serials)) if name in common else listed(serials) for name, serials in on.items()}
-    where = "; ".join(f"{name} on {said[name]}" for name, _ in counts.most_common())
-    chosen = f"found on more than half of {len(tasks)} machines, by the catalogue alone: {where or 'nothing on any'}"
-    return shared, own, chosen
+    everyone = range(len(search.tasks))
+    search.say("searching every machine by itself", passing=True)
+    alone = search.found(everyone)
+    search.say("selecting the effects of the type by all machines together", passing=True)
+    shared = search.shared([alone[k] for k in everyone])
+    names = frozenset(c.name for c in shared)
+    again = search.found([k for k in everyone if alone[k].names != names], shared) if shared else {}
+    last = [again.get(k, Found((), True) if shared else alone[k]) for k in everyone]
+    own = [one.candidates if one.confirmed else () for one in last]
+    counts = {c.name: sum(c.name in one.names for one in alone.values()) for c in shared}
+    said = [f"{name} on all (by itself on {count})" for name, count in counts.items()]
+    for name in dict.fromkeys(c.name for of in own for c in of):
+        having = [s for s, of in zip(search.serials, own, strict=True) if name in {c.name for c in of}]
+        said.append(f"{name} on {listed(having)}")
+    source = f"selected from the catalogue by the evidence of {len(search.tasks)} machines together"
+    chosen = f"{source}: {'; '.join(said) or 'none'}"
+    effects = tuple(effect for c in shared for effect in c.effects)
+    return effects, tuple(tuple(e for c in of for e in c.effects) for of in own), chosen

@@ -26,7 +26,7 @@ MOST_NAMES = 20
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
-    """The map of every machine in every parameter, then the parameters that say most, one by one."""
+    """Errors of every machine; the map of every machine in every parameter where one stands out; single parameters."""
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(
@@ -34,7 +34,7 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
             f"Errors of each of {count} machines on held-out poses: standard model, alone, together.",
             "3-D RMS on poses held out, machines in the order of the table.", partial(_errors, fleet=fleet),
         )  # fmt: skip
-    if count <= MOST_MACHINES:
+    if count <= MOST_MACHINES and fleet.outliers():
         yield Picture(
             "standing", "Every machine in every parameter", 9.8, 0.9 + 0.2 * len(fleet.parts),
             f"Distance of each of {count} machines from the others in each of {len(fleet.parts)} parameters.",

@@ -20,6 +20,7 @@ PAGE = "fleet.html"
 NAME = 25
 MOST_SAID = 3
 WELL_KNOWN = 3.0
+NOT_TESTED = f"which machine stands out is not tested: that needs {FEWEST} machines"
 """Characters of a name in a table of 80 columns; outliers and effects that the verdict names; standard deviations from
 zero from where a mean is one that spreads are shares of."""
 
@@ -44,7 +45,10 @@ def verdict(fleet: FleetPart) -> str:
     parts += further[:MOST_SAID]
     parts += [f"{len(further) - MOST_SAID} more have effects of their own"] if len(further) > MOST_SAID else []
     among = " in what all have" if further else ""
-    parts.append(f"stands out{among}: {told}{rest}" if found else f"no machine stands out{among}")
+    if len(fleet.machines) < FEWEST:
+        parts.append(NOT_TESTED)
+    else:
+        parts.append(f"stands out{among}: {told}{rest}" if found else f"no machine stands out{among}")
     return "; ".join(parts) + "."
 
 
@@ -92,7 +96,7 @@ def summary(fleet: FleetPart) -> str:
     """The verdict, the machines with the worst first, the effects, the geometry, what to distrust."""
     blocks = (
         ("Verdict", [wording.wrapped(verdict(fleet))]),
-        ("Machines, the farthest from the others first", list(_machines(fleet))),
+        (machines_title(fleet), list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
         ("Effects with priors of their own", list(_blocks(fleet))),
         ("Geometry", list(_parameters([p for p in fleet.parameters if p.constant]))),
@@ -115,22 +119,28 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
     if fleet.left_out:
         yield f"not listed, because not every machine's poses tell them from the others: {', '.join(fleet.left_out)}"
     if len(fleet.machines) < FEWEST:
-        yield f"of fewer than {FEWEST} machines none can be said to stand out"
+        yield NOT_TESTED
+
+
+def machines_title(fleet: FleetPart) -> str:
+    """The heading of the table of machines, with its order where there is one."""
+    return "Machines" + (", the farthest from the others first" if len(fleet.machines) >= FEWEST else "")
 
 
 def _machines(fleet: FleetPart) -> Iterator[str]:
-    yield f"    {'':12}{'':6}{'noise':>7}{'RMS held out, mm':>26}   farthest in"
+    far = "   farthest in" if len(fleet.machines) >= FEWEST else ""
+    yield f"    {'':12}{'':6}{'noise':>7}{'RMS held out, mm':>26}{far}"
     yield f"    {'':12}{'poses':>6}{'mm':>7}{'standard':>9}{'alone':>8}{'together':>9}"
     for k in fleet.worst_first():
         machine, part = fleet.machines[k], fleet.worst(k)
         values = ((machine.sigma_mm, 7), (machine.standard_mm, 9), (machine.own_mm, 8), (machine.fleet_mm, 9))
         cells = "".join(f"{wording.millimetres(value):>{width}}" for value, width in values)
         mark = "*" if k in part.outliers else ""
-        far = f"   {wording.shortened(part.name, 17):<18}{deviation(part, k)}{mark}"
+        farthest = f"   {wording.shortened(part.name, 17):<18}{deviation(part, k)}{mark}"
         row = f"    {wording.shortened(machine.serial, 11):<12}{machine.poses:>6}{cells}"
-        yield row + (far if len(fleet.machines) >= FEWEST else "")
+        yield row + (farthest if far else "")
         if machine.effects:
-            yield wording.wrapped(f"beside those of the type: {', '.join(machine.effects)}", 6)
+            yield wording.wrapped(f"in addition: {', '.join(machine.effects)}", 6)
 
 
 def _parameters(parts: list[SharedPart]) -> Iterator[str]:

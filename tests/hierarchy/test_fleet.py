@@ -13,11 +13,12 @@ from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, 
 
 import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
-from gpmodel.hierarchy.between import in_normal
+from gpmodel.hierarchy.between import FEWEST, in_normal
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
 from gpmodel.numerics.interval import SIGNIFICANCE
-from gpmodel.report.fleet import band, spread
+from gpmodel.report.charts_fleet import pictures
+from gpmodel.report.fleet import NOT_TESTED, band, html, spread, summary
 from gpmodel.texts import SEAL, seal
 
 COUNT = 9
@@ -89,7 +90,8 @@ def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tm
     found = gp.fleet(None, folder, holdout=0.3)
     gear = "gear error, 2 per turn, J2"
     assert {gear} == {p.name.split(", sin")[0].split(", cos")[0] for p in found.record.effects if not p.constant}
-    assert f"{gear} on 2" in found.record.chosen
+    assert f"{gear} on all (by itself on 2)" in found.record.chosen
+    assert NOT_TESTED in found.verdict
     far = Elsewhere()
     assert gp.fleet(None, folder, holdout=0.3, executor=far).record == found.record
     assert far.functions == {"found"}
@@ -189,6 +191,16 @@ def test_the_same_numbers_from_a_folder(found: FleetResult, tmp_path: Path) -> N
 def test_every_cell_of_the_page_says_on_a_phone_what_it_is() -> None:
     template = (Path(gp.__file__).parent / "report" / "templates" / "fleet.html.j2").read_text(encoding="utf-8")
     assert template.count("<table") == template.count(' stack">') == 3
-    assert [cell for cell in re.findall(r"<td[^>]*>", template) if "data-label=" not in cell] == 3 * [
-        '<td class="none">'
-    ]
+    assert [cell for cell in re.findall(r"<td[^>]*>", template) if "data-label=" not in cell] == []
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_what_was_not_tested_has_no_column(count: int) -> None:
+    record = gp.fleet(MECHANISM, dict(list(machines(0, COUNT, outlier=3).items())[:count]), [BASE], holdout=0.0).record
+    page = html(record, {p.name: "" for p in pictures(record)})
+    tested = count >= FEWEST
+    assert ("farthest" in page) == ("farthest" in summary(record)) == tested
+    assert (NOT_TESTED in page) == (NOT_TESTED in summary(record)) == (not tested)
+    assert ("no machine stands out" in page) == (tested and not record.outliers())
+    assert ("standing" in {p.name for p in pictures(record)}) == bool(record.outliers())
+    assert not any(head in page for head in ("together, mm", "effects of its own"))
