@@ -57,7 +57,7 @@ class Model(Shown):
         """`poses` with where the tool is now: x, y, z [mm] in the instrument's frame, rx, ry, rz [deg] where rotations
         were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
         inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
-        `predicted_x`.
+        `predicted_x`; columns of an earlier prediction are replaced.
 
         poses: joint values and the further columns the model reads, as in a measured table. Now is the end of the
         session the model was fitted to, where effects that read its rows or time (`of_its_session`) have left it; the
@@ -98,7 +98,7 @@ class Model(Shown):
         seed: int = 0,
     ) -> pd.DataFrame:
         """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
-        and what is left of it [mm] and [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
+        and its residual [mm] and residual_turn [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
         singular`, the position is reached and not all of the orientation; `outside the measured range`; `side of play
         open`, a joint with play comes from another side than without correction; and without joint values `large move`,
         `joint limit`, `not reached`.

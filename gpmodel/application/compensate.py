@@ -20,6 +20,7 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import JOINT_UNITS, joint_column, split_header
+from gpmodel.table.write import with_results
 
 OK, LARGE, SINGULAR = "ok", "large move", "near singular"
 LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
@@ -89,7 +90,7 @@ def targets_in(
 
 def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
     """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
-    row."""
+    row; columns of an earlier compensation are replaced."""
     found, names = compensate(saved, targets, max_move), _table_names(saved, targets.dataset)
     corrected = (
         joint_column(f"corrected_{name}", joint.kind, values)
@@ -98,10 +99,11 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
     added = dict(corrected) | {
         "correction [mm]": 1e3 * found.correction,
         "residual [mm]": 1e3 * found.residual,
-        "residual [mrad]": 1e3 * found.turn,
+        "residual_turn [mrad]": 1e3 * found.turn,
         "sigma [mm]": 1e3 * found.sigma,
     }
-    return frame.assign(**added, outside=list(found.outside), status=list(found.status))
+    results = {**added, "outside": list(found.outside), "status": list(found.status)}
+    return with_results(frame, results, ("corrected_",))
 
 
 def of_frame(saved: SavedModel) -> SavedModel:

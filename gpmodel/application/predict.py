@@ -1,5 +1,7 @@
 """What the instrument would read at poses nobody measured."""
 
+import re
+
 import numpy as np
 import pandas as pd
 
@@ -14,7 +16,10 @@ from gpmodel.numerics.se3 import rotation_vector
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column, split_header
+from gpmodel.table.write import with_results
 
+_MEASURED = re.compile(r"r?[xyz]|distance_.*")
+"""Names of columns that an instrument fills, or that are given as a target."""
 AT_ONCE = 5000
 """Poses that are predicted together: their columns take a tenth of a gigabyte."""
 
@@ -70,11 +75,11 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
 
 
 def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
-    """`frame` and the columns; one whose name the frame has already is added as `predicted_NAME`."""
-    taken = {split_header(str(header))[0] for header in frame.columns}
-    return frame.assign(
-        **{f"predicted_{h}" if split_header(h)[0] in taken else h: values for h, values in columns.items()}
-    )
+    """`frame` and the columns. What may have been measured, x or distance_A, keeps its name in the frame, and the
+    prediction is added as `predicted_x`; columns of an earlier prediction are replaced."""
+    taken = {name for header in frame.columns if _MEASURED.fullmatch(name := split_header(str(header))[0])}
+    results = {f"predicted_{h}" if split_header(h)[0] in taken else h: values for h, values in columns.items()}
+    return with_results(frame, results, ("predicted_", "solved_"))
 
 
 def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:

@@ -14,6 +14,7 @@ import pandas as pd
 
 from gpmodel import wording
 from gpmodel.api.model import MODEL
+from gpmodel.api.table import with_numbers
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
@@ -39,9 +40,11 @@ def path_for(out: Path, default_name: str) -> Path:
 
 def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
     """Write a table to the file `out`, into the folder `out`, or to standard output; the path written. source: a file
-    whose columns it keeps, cell by cell as they were written there."""
+    whose unchanged columns it keeps, cell by cell as they were written there."""
     if source is not None:
-        frame = frame.assign(**{str(name): cells for name, cells in read_frame(source)[0].items()})
+        cells = read_frame(source)[0]
+        same = [name for name, given in with_numbers(cells).items() if name in frame and given.equals(frame[name])]
+        frame = frame.assign(**{str(name): cells[name] for name in same})
     text = table_text(frame)
     if out is None:
         click.echo(text, nl=False)

@@ -28,7 +28,7 @@ def predict(
     end of the session that was fitted, without the errors of the instrument.
 
     MODEL is a model.json of calibrate or discover. POSES keeps its columns; where it has x, y, z already, the
-    prediction is added as predicted_x, predicted_y, predicted_z. sigma is the standard deviation of that point;
+    prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma is the standard deviation of that point;
     `outside` names the inputs beyond the ranges the model was fitted in.
     """
     fitted = load_model(model)
@@ -80,6 +80,7 @@ def compensate(
 
     TARGETS: joint values, whose nominal tool pose is to be reached; or, without joint columns, x, y, z of --point
     in the mechanism's root frame, with rx, ry, rz for its whole pose. MODEL: model.json of calibrate or discover.
+    Columns of an earlier compensation in TARGETS are replaced.
     Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside
     the measured range; side of play open (a joint with play comes from another side than without correction). Without:
     large move, joint limit, not reached.

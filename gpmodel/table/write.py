@@ -1,5 +1,6 @@
 """Datasets written back as tables."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +29,13 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
         if pd.api.types.is_float_dtype(column):
             cells[header] = _cells(column.to_numpy(), 9 if split_header(str(header))[0] in fine else 6)
     return cells
+
+
+def with_results(frame: pd.DataFrame, results: Mapping[str, object], prefixes: tuple[str, ...]) -> pd.DataFrame:
+    """Add computed columns by header. Columns of an earlier run, of their names or with these prefixes, are dropped."""
+    names = {split_header(header)[0] for header in results}
+    old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
+    return frame.drop(columns=old).assign(**results)
 
 
 def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
