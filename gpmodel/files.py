@@ -9,7 +9,7 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
 
@@ -20,13 +20,18 @@ from gpmodel.errors import InputError, WriteError
 LOCK = ".gpmodel.lock"
 _NUMBERS = {int, float, type(None)}
 _DRAFT = ".gpmodel-draft"
+_held = set[Path]()
+"""Folders whose lock this process holds."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def folder_for(out: Path) -> Path:
-    """`out` again. Raises InputError when it is a file, before anything is computed for it."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; expected a folder", "folder")
+    """`out` again. Raises InputError when it or a folder above it is a file or a link to nothing, before anything is
+    computed for it."""
+    first = next((path for path in (out, *out.parents) if path.exists() or path.is_symlink()), Path())
+    if not first.is_dir():
+        what = "a file" if first.exists() else "a link to nothing"
+        raise InputError(f"{first} is {what}; expected a folder", "folder")
     return out
 
 
@@ -48,9 +53,14 @@ def alone_in(folder: Path) -> Iterator[None]:
         except Timeout:
             said = "another gpmodel is at work in it; wait for it, or choose another folder"
             raise InputError(f"{folder}: {said}") from None
+        except NotImplementedError:
+            pass  # a file system without locks
+    held = folder.resolve()
+    _held.add(held)
     try:
         yield
     finally:
+        _held.discard(held)
         with suppress(OSError):
             (folder / LOCK).unlink(missing_ok=True)  # while it is held: afterwards it may be another's
         lock.release()
@@ -65,10 +75,12 @@ def finished_folder(out: Path) -> Iterator[Path]:
     """A fresh folder in or beside `out`; what is in it replaces files of the same name in `out` only when all went
     well.
 
-    Raises InputError when `out` is a file, WriteError when something cannot be written.
+    Raises InputError when `out` is a file or another process is at work in it, WriteError when something cannot be
+    written.
     """
     folder_for(out)
-    with told_of(out):
+    alone = alone_in(out) if out.is_dir() and out.resolve() not in _held else nullcontext()
+    with alone, told_of(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         place = out if out.exists() else out.parent
         _sweep(place.resolve())

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from gpmodel.cli.terminal import echo
 from gpmodel.extras import extra_for
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def _command(name: str) -> click.Command:
             from joints.studies import STUDIES
 
         if defaults:
-            click.echo((DATA / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
+            echo((DATA / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
             return
         study = STUDIES[name](toml, seed)
         files = study_files(name, study, seed, json_file, out)
@@ -85,14 +86,14 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
     from joints.settings import DATA
 
     if defaults:
-        click.echo((DATA / "spherical_joint.toml").read_text(encoding="utf-8"), nl=False)
+        echo((DATA / "spherical_joint.toml").read_text(encoding="utf-8"), nl=False)
         return
     found = read_joint(toml) if toml else spherical_joint()
     lever = ", ".join(f"{1e3 * v:g}" for v in found.tooling_ball)
-    click.echo(f"{found.name}: tooling ball at ({lever}) mm in the frame after {found.rotations[-1].name}")
+    echo(f"{found.name}: tooling ball at ({lever}) mm in the frame after {found.rotations[-1].name}")
     for r in found.rotations:
         said = "measured" if r.measured else "approximate, solved at every pose"
-        click.echo(f"  {r.name} about {r.axis}, {math.degrees(r.lower):g} to {math.degrees(r.upper):g} deg, {said}")
+        echo(f"  {r.name} about {r.axis}, {math.degrees(r.lower):g} to {math.degrees(r.upper):g} deg, {said}")
 
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
@@ -118,11 +119,11 @@ def show(study: Study, files: list[str]) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    for table in study.tables:
-        for block in fitting(table, console.width):
-            console.print(_rich(block, console.width))
-    for file in files:
-        click.echo(file)
+    with console.capture() as drawn:
+        for table in study.tables:
+            for block in fitting(table, console.width):
+                console.print(_rich(block, console.width))
+    echo(click.unstyle(drawn.get()) + "".join(f"{file}\n" for file in files), nl=False)
 
 
 def fitting(table: Table, width: int) -> list[Table]:

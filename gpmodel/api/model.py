@@ -98,10 +98,10 @@ class Model(Shown):
         seed: int = 0,
     ) -> pd.DataFrame:
         """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
-        and its residual [mm] and residual_turn [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`; `near
-        singular`, the position is reached and not all of the orientation; `outside the measured range`; `side of play
-        open`, a joint with play comes from another side than without correction; and without joint values `large move`,
-        `joint limit`, `not reached`.
+        and its residual [mm] and residual_turn [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`;
+        `near singular`, the position is reached and not all of the orientation; `outside the measured range`; `side of
+        play open`, a joint with play comes from another side than without correction; and without joint values `large
+        move`, `joint limit`, `not reached`.
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
         frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. point: that is

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import MODEL, Model
+from gpmodel.application.model_reader import REPORT
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.forks import Forks, called_beside
@@ -58,6 +59,13 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -
         drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft))
         write_pages(replace(record, exports=exports.records), drawings, draft)
         exports.write(draft)
+
+
+def write_numbers(record: Report, model: Model, folder: Path) -> None:
+    """Leave report.json and model.json in `folder`, no pages and no exports. Raises InputError likewise."""
+    with finished_folder(folder) as draft:
+        save_record(record, draft / REPORT)
+        save_model(model, draft)
 
 
 def save_model(model: Model, folder: Path) -> None:

@@ -102,7 +102,7 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
         "residual_turn [mrad]": 1e3 * found.turn,
         "sigma [mm]": 1e3 * found.sigma,
     }
-    results = {**added, "outside": list(found.outside), "status": list(found.status)}
+    results: dict[str, Array | list[str]] = {**added, "outside": list(found.outside), "status": list(found.status)}
     return with_results(frame, results, ("corrected_",))
 
 

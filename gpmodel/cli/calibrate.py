@@ -1,14 +1,19 @@
 """`gpmodel calibrate`: registration, the standard model and the effects named, before and after."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
 
+from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.calibrate import calibrate as fit
-from gpmodel.api.results import check_writable
+from gpmodel.api.results import check_writable, write_numbers
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, what_next
+from gpmodel.cli.terminal import echo
+from gpmodel.errors import InputError
+from gpmodel.files import alone_in
 from gpmodel.mechanism.source import LoadedMechanism
 
 
@@ -38,16 +43,30 @@ def calibrate(
     Errors are of poses held out of the fit; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
     """
-    if folder is not None:
-        check_writable()
-    dataset = read_table(table, mechanism, in_order=in_order, **sights)
-    result = fit(
-        mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout,
-        instrument=instrument, seed=seed, fleet=fleet, joints=joints, command=command_line(),
-    )  # fmt: skip
+    missing = ""
+    with nullcontext() if folder is None else alone_in(folder):
+        dataset = read_table(table, mechanism, in_order=in_order, **sights)
+        result = fit(
+            mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout,
+            instrument=instrument, seed=seed, fleet=fleet, joints=joints, command=command_line(),
+        )  # fmt: skip
+        if folder is not None:
+            missing = save(result, folder)
     if not quiet:
-        click.echo(result.summary())
-    if folder is not None:
-        result.report(folder)
-        if not quiet:
-            click.echo(what_next(folder, result.record))
+        echo(result.summary())
+        if folder is not None and not missing:
+            echo(what_next(folder, result.record))
+    if missing:
+        echo(f"{folder} holds the model without pages: {missing}, then gpmodel report {folder}", err=True)
+
+
+def save(result: CalibrationResult, folder: Path) -> str:
+    """Leave the results in a folder. Where this installation cannot make pages, leave model.json and report.json, and
+    return what is missing."""
+    try:
+        check_writable()
+    except InputError as error:
+        write_numbers(result.record, result.model, folder)
+        return error.said
+    result.report(folder)
+    return ""

@@ -8,6 +8,7 @@ from gpmodel.api.check import check as judge
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
+from gpmodel.cli.terminal import echo
 from gpmodel.mechanism.source import LoadedMechanism
 
 
@@ -31,7 +32,7 @@ def check(
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table
         judged = judge(mechanism, data, standard=standard, instrument=instrument, progress=say, command=command_line())
     judged.refuse()
-    if not quiet:
-        click.echo(judged.summary())
     if folder is not None:
         judged.report(folder)
+    if not quiet:
+        echo(judged.summary())

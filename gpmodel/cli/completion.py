@@ -3,6 +3,7 @@
 import click
 from click.shell_completion import get_completion_class
 
+from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 
 
@@ -14,4 +15,4 @@ def completion(context: click.Context, shell: str) -> None:
     kind = get_completion_class(shell)
     if kind is None:
         raise InputError(f"{shell} is not known to this version of click", "shell")
-    click.echo(kind(context.find_root().command, {}, "gpmodel", "_GPMODEL_COMPLETE").source())
+    echo(kind(context.find_root().command, {}, "gpmodel", "_GPMODEL_COMPLETE").source())

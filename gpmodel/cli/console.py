@@ -9,12 +9,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import click
 import pandas as pd
 
 from gpmodel import wording
 from gpmodel.api.model import MODEL
 from gpmodel.api.table import with_numbers
+from gpmodel.cli import terminal
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
@@ -47,7 +47,7 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
         frame = frame.assign(**{str(name): cells[name] for name in same})
     text = table_text(frame)
     if out is None:
-        click.echo(text, nl=False)
+        terminal.echo(text, nl=False)
         return None
     path = path_for(out, default_name)
     write_text(path, text)
@@ -99,7 +99,7 @@ def progress_line(quiet: bool) -> Iterator[Say]:
     if quiet:
         yield silent
         return
-    terminal = sys.stderr.isatty()
+    shown = sys.stderr.isatty()
     started = time.monotonic()
     printed = -math.inf
 
@@ -107,14 +107,14 @@ def progress_line(quiet: bool) -> Iterator[Say]:
         nonlocal printed
         now = time.monotonic()
         line = f"{now - started:5.0f} s  {progress}"
-        if progress.passing and terminal:
-            click.echo(f"{CLEAR}{line[: shutil.get_terminal_size().columns - 1]}", nl=False, err=True)
+        if progress.passing and shown:
+            terminal.echo(line[: shutil.get_terminal_size().columns - 1], nl=False, err=True, lead=CLEAR)
         elif not progress.passing or now > printed + PATIENCE:
             printed = now if progress.passing else printed
-            click.echo(f"{CLEAR if terminal else ''}{line}", err=True)
+            terminal.echo(line, err=True, lead=CLEAR if shown else "")
 
     try:
         yield say
     finally:
-        if terminal:
-            click.echo(CLEAR, nl=False, err=True)
+        if shown:
+            terminal.echo("", nl=False, err=True, lead=CLEAR)

@@ -10,6 +10,7 @@ from gpmodel.cli.console import progress_line, what_next
 from gpmodel.cli.discover import discover_request, settings
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
+from gpmodel.cli.terminal import echo
 from gpmodel.discovery.search import Search
 from gpmodel.files import folder_for
 from gpmodel.forks import Forks
@@ -36,7 +37,7 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
         request = Request("discover", table, MechanismChoice(MECHANISM), options, settings())
         found = discover_request(request, folder, say, Forks(workers or 0))
     if not quiet:
-        click.echo(found.summary())
-        click.echo(what_next(folder, found.record))
+        echo(found.summary())
+        echo(what_next(folder, found.record))
         if not no_open and os.environ.get("DISPLAY") and not os.environ.get("CI"):
             click.launch(str(folder / "report.html"))

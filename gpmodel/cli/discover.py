@@ -16,6 +16,7 @@ from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import Request, Typed
+from gpmodel.cli.terminal import echo
 from gpmodel.cli.watch import Watch
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
@@ -85,14 +86,14 @@ def discover(
             bounded = replace(request, minutes=request.minutes or WATCHED)
             followed = Watch(request.table, batch or BATCH, rows)
             followed.follow(
-                lambda say: looked(bounded, say, executor, None), folder, (lambda text: None) if quiet else click.echo
+                lambda say: looked(bounded, say, executor, None), folder, (lambda text: None) if quiet else echo
             )
         return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
         found = discover_request(request, folder, say, executor)
     if not quiet:
-        click.echo(found.summary())
-        click.echo(what_next(folder, found.record))
+        echo(found.summary())
+        echo(what_next(folder, found.record))
 
 
 def _check_watched(watch: bool, of_watch: Mapping[str, int | None], resume: Path | None) -> None:

@@ -6,6 +6,7 @@ import click
 
 from gpmodel.api.effects import effects as families
 from gpmodel.cli.options import mechanism_options
+from gpmodel.cli.terminal import echo
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.wording import WIDTH, wrapped
 
@@ -15,9 +16,9 @@ from gpmodel.wording import WIDTH, wrapped
 def effects(mechanism: LoadedMechanism) -> None:
     """List the families of effects: what each is, who described it, what it reads, and an example on MECHANISM."""
     for row in families(mechanism).to_dict("records"):
-        click.echo(row["family"])
+        echo(row["family"])
         for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
-            click.echo(wrapped(line))
+            echo(wrapped(line))
 
 
 def _instances(row: dict[object, object]) -> str:

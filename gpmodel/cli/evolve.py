@@ -15,6 +15,7 @@ from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Request, Typed
+from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
@@ -80,9 +81,9 @@ def evolve(
         if folder is not None:
             result.report(folder)
     if not quiet:
-        click.echo(result.summary())
+        echo(result.summary())
         if folder is not None:
-            click.echo(f"evolve.json, programs.txt and report.html are in {folder}")
+            echo(f"evolve.json, programs.txt and report.html are in {folder}")
 
 
 def settings() -> object:

@@ -10,6 +10,7 @@ from gpmodel.api.mechanism import load_mechanism
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Typed
+from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
@@ -73,8 +74,8 @@ def fleet(
         if folder is not None:
             found.report(folder)
     if not quiet:
-        click.echo(found.summary())
+        echo(found.summary())
         if folder is not None:
-            click.echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
-            click.echo("next, of a further machine:")
-            click.echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {folder / NAME}")
+            echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
+            echo("next, of a further machine:")
+            echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {folder / NAME}")

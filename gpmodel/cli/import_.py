@@ -8,6 +8,7 @@ import pandas as pd
 from gpmodel.api.arguments import quantity
 from gpmodel.cli.console import write_frame
 from gpmodel.cli.options import PATH, mechanism_options, quiet_option
+from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
@@ -90,13 +91,14 @@ def _check(made: Imported, file: Path) -> None:
 
 
 def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
+    path: Path | None = out
     if not isinstance(made.content, pd.DataFrame):
         text = made.content if isinstance(made.content, str) else toml_text(made.content)
         if out is None:
-            click.echo(text, nl=False)
-        else:
-            write_text(out, text)
-        said, path = "written", out
+            echo(text, nl=False)
+            return
+        write_text(out, text)
+        said = "written"
     else:
         path = write_frame(made.content, out, f"{file.stem}.table.csv")
         said = f"{len(made.content)} rows, {len(made.content.columns)} columns"
@@ -105,4 +107,4 @@ def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
         write_text(where, toml_text(made.described[name]))
     if not quiet and path is not None:
         options = "".join(f" --{name} {where}" for name, where in beside.items())
-        click.echo(f"{said} in {path}{options and f'; read with{options}'}")
+        echo(f"{said} in {path}{options and f'; read with{options}'}")

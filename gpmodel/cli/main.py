@@ -18,6 +18,7 @@ os.environ["MPLBACKEND"] = "agg"  # nothing is shown, and one that is not instal
 import click  # noqa: E402
 
 from gpmodel._version import __version__  # noqa: E402
+from gpmodel.cli import terminal  # noqa: E402
 from gpmodel.errors import GpModelError, InputError  # noqa: E402
 from gpmodel.extras import extra_for  # noqa: E402
 
@@ -96,22 +97,23 @@ class CommandGroup(click.Group):
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unpacked goes
+        terminal.begin()
         try:
             status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
-            sys.exit(status if isinstance(status, int) else DONE)
+            ended = status if isinstance(status, int) else DONE
+            if lost := terminal.failed():
+                _end(ended or BAD_INPUT, f"standard output: {lost}; files are written, what was printed is incomplete")
+            sys.exit(ended)
         except click.Abort as stopped:
             _end(INTERRUPTED, "; ".join(["interrupted", *stopped.args]))
         except click.exceptions.NoArgsIsHelpError as asked:
-            click.echo(asked.format_message())
+            terminal.echo(asked.format_message())
             sys.exit(DONE)
         except click.ClickException as error:
             where = (
                 f"; see {error.ctx.command_path} --help" if isinstance(error, click.UsageError) and error.ctx else ""
             )
             _end(BAD_INPUT, f"{error.format_message().rstrip('.')}{where}", arguments)
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            sys.exit(DONE)
         except GpModelError as error:
             _end(BAD_INPUT, str(error), arguments)
         except OSError as error:
@@ -132,8 +134,7 @@ def option_of(argument: str, params: Sequence[click.Parameter]) -> str:
 def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
     if "--debug" in arguments:
         traceback.print_exc()
-    said = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(message.split()))
-    click.echo(f"gpmodel: {said}", err=True)
+    terminal.echo(f"gpmodel: {' '.join(message.split())}", err=True)
     sys.exit(status)
 
 

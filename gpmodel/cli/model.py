@@ -10,6 +10,7 @@ from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line, session_note, write_frame
+from gpmodel.cli.terminal import echo
 from gpmodel.files import write_text
 
 
@@ -28,7 +29,8 @@ def predict(
     end of the session that was fitted, without the errors of the instrument.
 
     MODEL is a model.json of calibrate or discover. POSES keeps its columns; where it has x, y, z already, the
-    prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma is the standard deviation of that point;
+    prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced.
+    sigma is the standard deviation of that point;
     `outside` names the inputs beyond the ranges the model was fitted in.
     """
     fitted = load_model(model)
@@ -38,12 +40,12 @@ def predict(
     if quiet:
         return
     if names := fitted.of_its_session(session=session):
-        click.echo(session_note(names, session), err=True)
+        echo(session_note(names, session), err=True)
     if path is not None:
         said = f"; against the table's own: mean {error.mean():.4f}, max {error.max():.4f} mm" if len(error) else ""
         beyond = int((predicted.filter(regex="outside$") != "").any(axis=1).sum())
         warned = f"; {beyond} of them outside the measured range" if beyond else ""
-        click.echo(f"{len(predicted)} poses predicted in {path}{warned}{said}")
+        echo(f"{len(predicted)} poses predicted in {path}{warned}{said}")
 
 
 WHICH = {"tool": "point", "frame": "origin"}
@@ -96,12 +98,12 @@ def compensate(
     else:
         path = write_frame(corrected, out, "compensated.csv", targets)
     if not quiet and (names := fitted.of_its_session(session=session)):
-        click.echo(session_note(names, session), err=True)
+        echo(session_note(names, session), err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()
         moved = f"corrections of the {point} {WHICH[point]} up to {largest:.4f} mm"
-        click.echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
+        echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
 
 
 @click.command()
@@ -134,7 +136,7 @@ def export(
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
     exports.report(folder or file.parent)
     if not quiet:
-        click.echo(exports.summary())
+        echo(exports.summary())
 
 
 CHANGED = 3
@@ -166,12 +168,10 @@ def verify(
         found = judge(
             model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights
         )
-    if not quiet:
-        click.echo(found.summary())
     if folder is not None:
         found.report(folder)
-        if not quiet:
-            click.echo(
-                f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {folder}  the certificate of this"
-            )
+    if not quiet:
+        echo(found.summary())
+        if folder is not None:
+            echo(f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {folder}  the certificate of this")
     return 0 if found.passed else CHANGED

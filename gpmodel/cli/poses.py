@@ -7,6 +7,7 @@ import click
 from gpmodel.api.poses import AFTER, BEFORE, CONE, MOST, Criterion, choose_poses
 from gpmodel.cli.console import path_for, progress_line
 from gpmodel.cli.options import PATH, mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
 
@@ -53,8 +54,8 @@ def poses(
         )  # fmt: skip
     path = None if out is None else path_for(out, "poses.csv")
     if path is None:
-        click.echo(chosen.to_csv(), nl=False)
+        echo(chosen.to_csv(), nl=False)
         return
     chosen.save(path)
     if not quiet:
-        click.echo(f"{chosen.summary()}\n{path}")
+        echo(f"{chosen.summary()}\n{path}")

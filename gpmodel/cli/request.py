@@ -16,6 +16,7 @@ from gpmodel._version import __version__
 from gpmodel.api.model import model_file
 from gpmodel.application.model_reader import REPORT
 from gpmodel.cli.options import SIGHTS
+from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError, WriteError
 from gpmodel.files import alone_in, folder_for
 from gpmodel.hierarchy.folder import files_of
@@ -142,7 +143,7 @@ class Typed:
             if ignored := _typed_beside(ctx):
                 raise InputError(f"{self.resume} is finished, which {', '.join(ignored)} would not change; leave "
                                  f"{'that' if len(ignored) == 1 else 'them'} away, or --resume", "resume")  # fmt: skip
-            click.echo(f"nothing is left to do in {self.resume}; report: {done.with_suffix('.html')}")
+            echo(f"nothing is left to do in {self.resume}; report: {done.with_suffix('.html')}")
             return None
         try:
             return given._resumed(command, self.resume, choice, found["request"], settings)

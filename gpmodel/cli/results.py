@@ -10,6 +10,7 @@ from gpmodel.api.certificate import certificate as certify
 from gpmodel.api.saved import compare as changes
 from gpmodel.api.saved import explain as finding
 from gpmodel.cli.options import PATH, page_option, quiet_option
+from gpmodel.cli.terminal import echo
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.saved import read_report
 
@@ -24,7 +25,7 @@ def report(folder: Path, quiet: bool) -> None:
 
     files = write_report(saved, folder)
     if not quiet:
-        click.echo(f"{', '.join(file.name for file in files)} and the figures are in {folder}")
+        echo(f"{', '.join(file.name for file in files)} and the figures are in {folder}")
 
 
 @click.command()
@@ -35,10 +36,10 @@ def report(folder: Path, quiet: bool) -> None:
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
     """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
     found = changes(before, after)
-    if not quiet:
-        click.echo(found.summary())
     if folder is not None:
         found.report(folder)
+    if not quiet:
+        echo(found.summary())
 
 
 @click.command()
@@ -50,10 +51,10 @@ def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None
     """Say finding N of the results in DIR in words: where it sits, how large it is at the tool, what would cause it,
     what to measure to be sure."""
     found = finding(result, number)
-    if not quiet:
-        click.echo(found.summary())
     if folder is not None:
         found.report(folder)
+    if not quiet:
+        echo(found.summary())
 
 
 def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -82,4 +83,4 @@ def certificate(
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)
     if not quiet:
-        click.echo(f"certificate.html and certificate.pdf are in {target}")
+        echo(f"certificate.html and certificate.pdf are in {target}")

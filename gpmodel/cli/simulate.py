@@ -7,6 +7,7 @@ import click
 from gpmodel.api.simulate import simulate as measure
 from gpmodel.cli.console import command_line, path_for, write_frame
 from gpmodel.cli.options import mechanism_options, out_file_option, quiet_option, seed_option
+from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.planning.scenes import INSTRUMENTS
@@ -44,7 +45,7 @@ def simulate(
     path = path_for(out, "simulated.csv")
     truth = made.save(path, command=command_line(), seed=seed)
     if not quiet:
-        click.echo(f"{poses} poses in {path}, the truth in {truth}")
+        echo(f"{poses} poses in {path}, the truth in {truth}")
 
 
 def _input(text: str) -> tuple[str, str]:

@@ -41,8 +41,8 @@ class Watch:
             try:
                 found = look(self._noticing(seen, say))
                 found.report(folder)
-                say(f"{seen} rows: {standing(found.record)}")
-                say(self._next(folder))
+                chosen = self._next(folder)
+                say(f"{seen} rows: {standing(found.record)}\n{chosen}")
             except InputError as error:
                 say(f"{seen} rows: {error}")
 

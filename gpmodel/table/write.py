@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import split_header
@@ -31,7 +32,9 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
     return cells
 
 
-def with_results(frame: pd.DataFrame, results: Mapping[str, object], prefixes: tuple[str, ...]) -> pd.DataFrame:
+def with_results(
+    frame: pd.DataFrame, results: Mapping[str, Array | list[str]], prefixes: tuple[str, ...]
+) -> pd.DataFrame:
     """Add computed columns by header. Columns of an earlier run, of their names or with these prefixes, are dropped."""
     names = {split_header(header)[0] for header in results}
     old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
