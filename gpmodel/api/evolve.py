@@ -185,9 +185,10 @@ def evolve(
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
     selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments.
-    norm: of a compensator's errors; its x, y, z are in mm. A compensator is scored on every training pose, so that the
-    model it starts from is fitted to every one of them, outliers included. workers: runs side by side, 0 for one a core; executor: runs
-    them elsewhere; no number depends on either. journal: keeps finished runs, to go on from them to the same numbers.
+    norm: of a compensator's errors; its x, y, z are in mm. A compensator is scored on every training pose, so that
+    the model it starts from is fitted to every one of them, outliers included. workers: runs side by side, 0 for one
+    a core; executor: runs them elsewhere; no number depends on either. journal: keeps finished runs, to go on from
+    them to the same numbers.
     Raises InputError for an argument out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
