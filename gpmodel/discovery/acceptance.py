@@ -13,7 +13,7 @@ from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.evidence.dependence import inflation, order_matters
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import Score, deflated
+from gpmodel.evidence.score import Score, deflated, own_share
 from gpmodel.evolution.chance import Chance, larger
 from gpmodel.families.candidate import Candidate
 
@@ -71,17 +71,18 @@ class Hypothesis:
 
 
 def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted) -> Hypothesis:
-    """A candidate with its verdict: every test of the criteria but that of its unique share, which is for candidates
-    that were not chosen beside the model's own columns."""
+    """Test a candidate by every criterion; residual: of the model without it."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
     cv_t = gained(before, after, criteria.outlier_sigmas)
     inflated = inflation(residual, candidate)
+    share = own_share(residual, candidate)
     predicts = criteria.minimum_cv_t if candidate.family else criteria.clear_cv_t
     tests = [
         Test("chance", by_chance.p, criteria.significance, by_chance.p < criteria.significance),
         Test("nats", score.nats, criteria.minimum_nats, score.nats > criteria.minimum_nats),
         Test("cross-validation", cv_t, predicts, cv_t > predicts),
+        Test("unique share", share, criteria.minimum_share, share > criteria.minimum_share),
     ]
     if order_matters(residual, candidate):
         t = better_by(residual.in_stretches, candidate.effects)

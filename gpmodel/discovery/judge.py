@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.discovery.acceptance import Hypothesis, tested
 from gpmodel.discovery.search import Search
-from gpmodel.evidence.criteria import Criteria, Test, Verdict
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import Score, scores
@@ -72,11 +72,7 @@ def _judged(
     """The verdict on alike candidates, their leader first; before: predictions without any of them."""
     candidate, score = plainest(residual.criteria, alike)
     hypothesis = tested(residual, candidate, score, chance(alike[0][1].nats, null_nats), before)
-    share, limit = score.share, residual.criteria.minimum_share
-    tests = hypothesis.verdict.tests
-    verdict = Verdict((*tests, Test("unique share", share, limit, share > limit)))
-    others = rivals(residual, candidate, alike, search.rivals)
-    return replace(hypothesis, rivals=others, verdict=verdict, offered=True)
+    return replace(hypothesis, rivals=rivals(residual, candidate, alike, search.rivals), offered=True)
 
 
 def plainest(criteria: Criteria, alike: Sequence[Scored]) -> Scored:

@@ -20,7 +20,8 @@ class Criteria:
     clear_cv_t: the same for an unnamed expression, over none, over a named effect and over any part of it, standard
         errors: the two-sided 5 %, as the more ways there are, the more of them predict a little better.
     minimum_sigmas: least size of the largest coefficient, in its standard errors.
-    minimum_share: least unique share of its column; below it the model explains 97 % already.
+    minimum_share: least share of its motion of the readings that nothing enabled explains; below it the rest is a
+        hundred times as large, and a change of the model by a hundredth of that decides the number.
     scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
     fewest_poses, fewest_share: least poses, and share of them, that each part of an unnamed expression acts at; a term
         that acts at fewer is fitted to a few outlying poses.
@@ -60,7 +61,7 @@ class Criteria:
     minimum_cv_t: float = 1.5
     clear_cv_t: float = 2.0
     minimum_sigmas: float = 3.0
-    minimum_share: float = 0.03
+    minimum_share: float = 0.01
     scored_share: float = 0.02
     likeness: float = 0.95
     head_start: float = 5.0

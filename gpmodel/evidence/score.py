@@ -89,6 +89,23 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
     return np.asarray((u @ (s**2 / (s**2 + sigma2) * along))[:, 0])
 
 
+def own_share(residual: Residual, candidate: Candidate) -> float:
+    """Compute the share |C⊥ w| / |C w| of a candidate's motion of the readings that nothing enabled explains.
+
+    C (M, E): its columns, those of the instrument less what registration and tool take up; C⊥: what the enabled columns
+    leave of them. w: the smallest unknowns, in their priors where it has any, that give its part of the residual.
+    """
+    columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
+    if candidate.has_priors:
+        size = np.array([e.prior for e in candidate.effects])
+    norms = np.linalg.norm(columns, axis=0) * size
+    part = contribution(residual, candidate)
+    left = residual.projected(candidate.effects)[0] * norms
+    unknowns = np.linalg.lstsq(left, part, rcond=None)[0]
+    moved = float(np.linalg.norm(columns * size @ unknowns))
+    return float(np.linalg.norm(part[: residual.measured])) / moved if moved > 0.0 else 0.0
+
+
 def _gains(
     residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int, inflation: float = 1.0
 ) -> tuple[Array, Array]:

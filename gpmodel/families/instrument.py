@@ -38,6 +38,10 @@ DEGREE = 3
 FINE, FINE_POSES = 5, 200
 """Half waves, along all directions together, of a field with more detail, and the poses that can carry its numbers."""
 
+NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
+"""Metres between an instrument that reads angles and a distance, and the nearest point that it measured; largest
+elevation that it reads. A table in the frame of the robot itself has its origin within the robot."""
+
 WAVES = 8
 """Waves of a walk along the rows: the eighth carries a 225th of the variance of the first."""
 
@@ -61,15 +65,25 @@ def _sizes(seen: Seen) -> _Sizes:
     return _Sizes(limit, each, each, True)
 
 
+def _polar(states: States) -> Seen | None:
+    """What was seen, where the origin of its frame can be an instrument that reads angles and a distance."""
+    seen = states.seen
+    if seen is None or np.min(seen.columns[R]) < NEAREST or np.max(np.abs(seen.columns[E])) > STEEPEST:
+        return None
+    return seen
+
+
 def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
-    """The candidates of a family, those that a specification bounds also beyond it."""
+    """The candidates of a family within its specification, and at the price of an instrument out of order beyond it.
+    Without a specification any size has that price."""
 
     def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         for candidate in build(mechanism, states):
-            yield candidate
+            name, cost = candidate.name, candidate.cost + OUT_OF_ORDER
             if candidate.believed:
-                name, cost = f"{candidate.name}, beyond its specification", candidate.cost + OUT_OF_ORDER
-                yield replace(candidate, name=name, cost=cost, believed=False)
+                yield candidate
+                name = f"{name}, beyond its specification"
+            yield replace(candidate, name=name, cost=cost, believed=False)
 
     return offered
 
@@ -94,8 +108,8 @@ def _by_elevation(name: str, shape: str, family: str, prior: float) -> Effect:
 def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Offset and scale of the distances that the instrument reads; a scale that one linear axis can have is rather the
     pitch of its screw."""
-    if states.seen:
-        family, size = "instrument_range", _sizes(states.seen)
+    if seen := _polar(states):
+        family, size = "instrument_range", _sizes(seen)
         for name, factor, unit, prior, cost in (
             ("range offset of the instrument", "1", "m", size.length, 4.0),
             ("range scale of the instrument", R, "1", size.scale, 4.5),
@@ -106,8 +120,8 @@ def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Errors of the instrument's horizontal angle, once and twice per turn, rad."""
-    if states.seen:
-        family, size = "instrument_azimuth", _sizes(states.seen)
+    if seen := _polar(states):
+        family, size = "instrument_azimuth", _sizes(seen)
         for n, name in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
             shapes = ((f, f"{f}({n}*{A})") for f in ("sin", "cos"))
             effects = tuple(_by_azimuth(f"{name}, {f}", shape, family, size.angle) for f, shape in shapes)
@@ -116,8 +130,8 @@ def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Index error and eccentricity of the instrument's vertical angle, rad."""
-    if states.seen:
-        family, size, name = "instrument_elevation", _sizes(states.seen), "elevation index of the instrument"
+    if seen := _polar(states):
+        family, size, name = "instrument_elevation", _sizes(seen), "elevation index of the instrument"
         yield Candidate(name, (_by_elevation(name, "1", family, size.angle),), family, 4.0, believed=size.believed)
         name = "eccentricity of the instrument's elevation"
         effects = tuple(_by_elevation(f"{name}, {f}", f"{f}({E})", family, size.angle) for f in ("sin", "cos"))
@@ -126,8 +140,8 @@ def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candi
 
 def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Tilt of the transit axis and of the line of sight: errors by tan and 1/cos of the elevation, rad."""
-    if states.seen and np.max(np.abs(states[E])) < np.radians(85.0):
-        family, size = "instrument_axes", _sizes(states.seen)
+    if seen := _polar(states):
+        family, size = "instrument_axes", _sizes(seen)
         for name, shape in (
             ("tilt of the instrument's transit axis", f"tan({E})"),
             ("collimation of the instrument", f"reciprocal(cos({E}))"),

@@ -12,7 +12,9 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.judge import plainest
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import best_nats, scores
+from gpmodel.evidence.cross_validation import cross_validated
+from gpmodel.evidence.score import Score, best_nats, scores
+from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
@@ -71,6 +73,19 @@ def test_each_rule_alone_refuses_and_says_so(rule: str, limit: float, said: str)
     assert not first.accepted
     assert said in first.why
     assert ";" not in first.why
+
+
+@pytest.mark.parametrize(("own", "refused"), [(0.002, True), (0.2, False)])
+def test_a_term_whose_motion_is_a_hundred_times_its_own_is_refused(own: float, refused: bool) -> None:
+    """The joint's zero holds the constant part; what is the term's own is the planted ripple either way."""
+    there = seen(NAMES[1])
+    joint = there.calibration.model.mechanism.joints[3]
+    columns, _ = there.projected(next(c for c in pool() if c.name == NAMES[1]).effects)
+    sine, cosine = np.linalg.lstsq(columns, there.values)[0] / np.linalg.norm(there.values)
+    text = f"1 + {own}*({sine:.4f}*sin(2*J4) + {cosine:.4f}*cos(2*J4))"
+    term = Candidate("term", (drive_effect("term", joint, Expression(text)),), "gear_harmonic", 1.0)
+    hypothesis = acceptance.tested(there, term, Score(0.3, 30.0, own), Chance(1e-6, 99), cross_validated(there, ()))
+    assert [t.name for t in hypothesis.verdict.tests if not t.passed] == ["unique share"] * refused
 
 
 def test_a_sign_that_changes_between_folds_refuses(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -124,6 +124,21 @@ def instances_now(poses: Poses) -> dict[str, Candidate]:
     return {c.name: c for f in offers for c in instances(f, ARM, poses.states, search=True)}
 
 
+def test_errors_by_angles_and_distance_need_an_instrument_at_the_origin() -> None:
+    """Of a table in the frame of the robot the origin is within the robot; a smooth field has no origin."""
+    data = table().dataset
+    own = replace(data, position=data.position - data.position.mean(axis=0))
+    families = [{c.family for c in instances_now(prepare(ARM, d)).values()} for d in (data, own)]
+    assert families[1] == {"instrument_field"}
+    assert families[0] == families[1] | {f"instrument_{of}" for of in ("range", "azimuth", "elevation", "axes")}
+
+
+def test_without_a_specification_an_error_has_the_price_of_an_instrument_out_of_order() -> None:
+    named = {c.name: c.cost for c in candidates(ARM, table().states)}
+    for name, candidate in instances_now(table()).items():
+        assert candidate.cost == pytest.approx(named[name] + OUT_OF_ORDER)
+
+
 def test_every_error_alone_reaches_the_specification_at_the_distances_of_the_table() -> None:
     """An angle more than at these distances only where it grows with the elevation; a field as all its terms do."""
     poses = specified()
