@@ -57,14 +57,14 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
 
 
 def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
-    """A residual that no effect of a machine explains; called: what was fitted."""
+    """Name the causes of a large residual: of the table, the instrument, or a soft machine; called: what was fitted."""
     left = root_mean_square(fit.error)
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
         wrong = f"a wrong label or length ({', '.join(touched)})" if touched else "a wrong column"
         yield (
             f"{called} leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "
-            f"mm: {wrong}, rows of different poses, or an instrument so uncertain that little can be found"
+            f"mm: {wrong}, rows of different poses, a coarse instrument, or joints and base that yield under load"
         )
 
 

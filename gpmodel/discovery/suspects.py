@@ -35,6 +35,8 @@ EXPLAINED = 0.5
 """Largest share of the error of odd poses that may be left where an effect is said to explain them."""
 MOST = 5
 """Suspects at most: a list to act on."""
+NOTICED = 0.01
+"""Least relative fall of the cross-validated error by a rejected candidate: the last digit that is shown of it."""
 AT_ONCE = 8
 """Parts of the catalogue that are scored side by side."""
 MOST_ALTERNATIVES = 4
@@ -43,19 +45,20 @@ MOST_ALTERNATIVES = 4
 
 def suspects_of(state: State, final: Calibration) -> tuple[Suspect, ...]:
     """The suspects beside the model that is shipped, those of odd poses first."""
-    found = [*_of_odd_poses(state, final), *_refused(state)]
+    found = [*_of_odd_poses(state, final), *_rejected(state)]
     first = {suspect.candidate.name: suspect for suspect in reversed(found)}
     return tuple(s for s in found if first[s.candidate.name] is s)[:MOST]
 
 
-def _refused(state: State) -> Iterator[Suspect]:
-    """What the last verdict on it calls beyond chance and failing another test, the worthiest first."""
+def _rejected(state: State) -> Iterator[Suspect]:
+    """List candidates beyond chance that lower the cross-validated error and fail another test, strongest first."""
     last = {h.candidate.name: h for r in state.rounds for h in r.hypotheses}
     for candidate in state.found:
         last.pop(candidate.name, None)
     nothing = np.zeros(0, dtype=np.int64)
     for h in sorted(last.values(), key=lambda h: -h.score.nats):
-        if not h.accepted and h.verdict.passed("chance") and h.verdict.passed("nats"):
+        lower = h.cv_rms < (1.0 - NOTICED) * h.cv_before
+        if lower and not h.accepted and h.verdict.passed("chance") and h.verdict.passed("nats"):
             yield Suspect(h.candidate, h.score.nats, h.chance, nothing, h.cv_before, h.cv_rms, h.why)
 
 

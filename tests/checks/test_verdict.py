@@ -40,5 +40,6 @@ def test_the_verdict_says_why_a_table_is_not_fit_to_calibrate_with(case: str) ->
     arm, made = robot(60)
     judged = check(arm, make(made))
     assert judged.unfit == why
+    assert any("yield under load" in remark.text for remark in judged.findings) is (make is noisy)
     verdict = judged.summary().splitlines()[-1]
     assert verdict.startswith(f"not fit to calibrate with: {why[0]}; " if why else "fit to calibrate with")

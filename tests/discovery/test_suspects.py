@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +10,14 @@ from effect_cases import Truth, bare, measure, mechanism
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Suspect
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Journal, State
-from gpmodel.discovery.suspects import in_common, suspects_of
-from gpmodel.evidence.criteria import Criteria
+from gpmodel.discovery.suspects import _rejected, in_common, suspects_of
+from gpmodel.evidence.criteria import Criteria, Test, Verdict
+from gpmodel.evidence.score import Score
+from gpmodel.evolution.chance import Chance
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.load import backlash_load
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
@@ -56,6 +60,15 @@ def test_poses_that_play_shows_alone_are_odd_share_the_sign_of_the_load_and_name
     assert found.shared == "torque_elbow_joint positive"
     assert found.after < 0.5 * found.before
     assert f"{ODD} of {POSES}" in found.why
+
+
+@pytest.mark.parametrize(("after", "listed"), [(0.287, False), (0.2440, False), (0.2435, False), (0.20, True)])
+def test_a_rejected_candidate_is_listed_where_it_lowers_the_cross_validated_error(after: float, listed: bool) -> None:
+    (play,) = (c for c in backlash_load(mechanism(ARM), one_sided().poses.states) if c.name == PLAY)
+    verdict = Verdict((Test("chance", 0.0, 0.01, True), Test("nats", 352.0, 5.0, True), Test("rows", 1.0, 5.0, False)))
+    rejected = Hypothesis(play, Score(0.3, 352.0, 0.5), Chance(1e-6, 99), after, 0.244, (), verdict)
+    state = SimpleNamespace(rounds=[SimpleNamespace(hypotheses=(rejected,))], found=())
+    assert [s.candidate.name for s in _rejected(state)] == [PLAY] * listed  # type: ignore[arg-type]
 
 
 def test_readings_that_went_wrong_at_random_are_no_suspect() -> None:
