@@ -26,9 +26,9 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
     twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; no entry, no error.
     A mechanism read from URDF gives that file with the origins of its joints changed; all that hangs on a link
-    moves with it. Any other gives a new file in the motions of its own joints: URDF has no parallel bar, so a
-    comment states how a motion follows the coordinates of the measured table. A twist beyond the last joint of
-    a chain measured at its very last link needs a link of its own, FRAME_calibrated.
+    moves with it. Any other gives a new file in the coordinates of the measured table: a joint that others drive as
+    well, as by a parallel bar, is followed by a mimic joint NAME_with_OTHER about its axis for each of them. A twist
+    beyond the last joint of a chain measured at its very last link needs a link of its own, FRAME_calibrated.
     Raises InputError for a slot the mechanism does not have, or a file that cannot be written.
     """
     errors = _errors(mechanism, twists)
@@ -113,36 +113,49 @@ def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
     parent, before = "base_link", errors["base"]
     ET.SubElement(robot, "link", name=parent)
     for row, link in enumerate(mechanism.links):
-        child = f"{link.name}_link"
-        body = ET.SubElement(robot, "link", name=child)
+        origin = before @ link.placement @ errors[f"{link.name}.fixed"]
+        body = _add_motions(robot, mechanism, row, parent, origin)
         if link.mass:
             inertial = ET.SubElement(body, "inertial")
             ET.SubElement(inertial, "origin", xyz=_text(link.com), rpy="0 0 0")
             ET.SubElement(inertial, "mass", value=repr(float(link.mass)))
             ET.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-        column = mechanism.joint_names.index(link.name)
-        sign = float(np.sign(mechanism.coupling[row, column]))
-        weights = sign * mechanism.coupling[row]
-        alone = np.count_nonzero(weights) == 1
-        lower, upper = mechanism.limits[column] if alone else (-np.inf, np.inf)
-        bounded = bool(np.all(np.isfinite((lower, upper))))
-        kind = "prismatic" if link.axis.startswith("T") else "revolute" if bounded else "continuous"
-        if not alone:
-            terms = (f"{w:+g} * {name}" for w, name in zip(weights, mechanism.joint_names, strict=True) if w)
-            robot.append(ET.Comment(f" {link.name} here, from the measured table: {' '.join(terms)} "))
-        origin = before @ link.placement @ errors[f"{link.name}.fixed"]
-        joint = _add_joint(robot, link.name, kind, parent, child, origin)
-        axis = np.zeros(3)
-        axis[AXES.index(link.axis) % 3] = sign
-        ET.SubElement(joint, "axis", xyz=_text(axis))
-        if kind != "continuous":
-            limits = {"lower": repr(float(lower)), "upper": repr(float(upper))} if bounded else {}
-            ET.SubElement(joint, "limit", limits, effort="0", velocity="0")
-        parent, before = child, errors[f"{link.name}.moving"]
+        parent, before = body.get("name", ""), errors[f"{link.name}.moving"]
     ET.SubElement(robot, "link", name=mechanism.tool_frame)
     tool = before @ mechanism.tool @ errors["tool"]
     _add_joint(robot, f"{mechanism.tool_frame}_joint", "fixed", parent, mechanism.tool_frame, tool)
     return robot
+
+
+def _add_motions(robot: ET.Element, mechanism: Chain, row: int, parent: str, origin: Array) -> ET.Element:
+    """Add the joint of a link, moved by its own coordinate, then a mimic joint about the same axis for every other
+    coordinate that moves it; returns the last <link>. Raises InputError where its own weight is not 1 or -1."""
+    link, names, weights = mechanism.links[row], mechanism.joint_names, mechanism.coupling[row]
+    own = names.index(link.name)
+    if abs(weights[own]) != 1.0:
+        raise InputError(
+            f"{mechanism.name}: {link.name} moves by {weights[own]:g} times its own value; expected 1 or -1 in a URDF"
+        )
+    others = [column for column in np.flatnonzero(weights).tolist() if column != own]
+    ends = [*(f"{link.name}_before_{names[column]}_link" for column in others), f"{link.name}_link"]
+    axis = np.zeros(3)
+    axis[AXES.index(link.axis) % 3] = weights[own]
+    for column, child in zip([own, *others], ends, strict=True):
+        factor = float(weights[own] * weights[column])
+        lower, upper = np.sort(factor * mechanism.limits[column])
+        bounded = bool(np.all(np.isfinite((lower, upper))))
+        kind = "prismatic" if link.axis.startswith("T") else "revolute" if bounded else "continuous"
+        body = ET.SubElement(robot, "link", name=child)
+        name = link.name if column == own else f"{link.name}_with_{names[column]}"
+        joint = _add_joint(robot, name, kind, parent, child, origin)
+        ET.SubElement(joint, "axis", xyz=_text(axis))
+        if kind != "continuous":
+            limits = {"lower": repr(float(lower)), "upper": repr(float(upper))} if bounded else {}
+            ET.SubElement(joint, "limit", limits, effort="0", velocity="0")
+        if column != own:
+            ET.SubElement(joint, "mimic", joint=names[column], multiplier=repr(factor), offset="0")
+        parent, origin = child, np.eye(4)
+    return body
 
 
 def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str, origin: Array) -> ET.Element:

@@ -25,7 +25,12 @@ class ExportsResult(Shown):
         """The same as report.json has them."""
         return tuple(
             ExportRecord(
-                e.file, e.what, optional(1e3 * e.rms), optional(1e3 * e.largest), optional(1e3 * e.heldout), e.missing
+                e.file,
+                "; ".join([e.what, *e.said]),
+                optional(1e3 * e.rms),
+                optional(1e3 * e.largest),
+                optional(1e3 * e.heldout),
+                e.missing,
             )
             for e in self.exports.made
         )
@@ -36,7 +41,8 @@ class ExportsResult(Shown):
         return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
     def summary(self) -> str:
-        """A line a file: its errors against predict, mm; what is missing; what could not be made, and why."""
+        """A line a file: its errors against predict, mm; what is missing, whose joint values it has; what could not be
+        made, and why."""
         lines = [f"{'against predict, mm':<26}{'RMS':>10}{'max':>10}{'held out':>10}"]
         for r in self.records:
             numbers = "".join(f"{_said(v):>10}" for v in (r.rms_mm, r.max_mm, r.heldout_rms_mm))
@@ -45,6 +51,10 @@ class ExportsResult(Shown):
         if missing:
             holds = ", ".join(r.file for r in self.records if r.missing)
             lines.append(wrapped(f"not in {holds}: {'; '.join(missing)}", 2, ""))
+        said = {
+            text: [e.file for e in self.exports.made if text in e.said] for e in self.exports.made for text in e.said
+        }
+        lines += [wrapped(f"{', '.join(files)}: {text}", 2, "") for text, files in said.items()]
         lines += [wrapped(f"{file}: none, {why}", 2, "") for file, why in self.exports.refused.items()]
         return "\n".join(lines)
 

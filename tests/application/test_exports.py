@@ -40,8 +40,9 @@ EFFECTS = {
 FILES = {
     "calibrated.urdf", "exports/dh_modified.toml", "exports/dh_standard.toml", "exports/model.py", "exports/model.c",
     "exports/model.h", "exports/model.tex", "exports/grid.csv", "exports/kinematics.yaml", "exports/joint_offsets.yaml",
-    "exports/robodk.csv",
 }  # fmt: skip
+REFUSED = {"exports/ur_kinematics.yaml", "exports/robodk.csv"}
+"""What not every arm allows: other links than UR's, axes nearly parallel."""
 
 
 def fitted(name: str) -> Model:
@@ -74,8 +75,9 @@ def fresh(model: Model, count: int = 60) -> np.ndarray:
 
 
 def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
-    assert {e.file for e in exports.made} == FILES
-    assert list(exports.refused) == ["exports/ur_kinematics.yaml"]
+    assert {e.file for e in exports.made} - REFUSED == FILES
+    assert set(exports.refused) == REFUSED - {e.file for e in exports.made}
+    assert "exports/ur_kinematics.yaml" in exports.refused
     known = {e.file: (e.rms, e.largest) for e in exports.made}
     assert known["exports/model.py"][1] < 1e-10
     assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.h"}]).all()
@@ -142,7 +144,7 @@ def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
     rigid = [made[f] for f in ("calibrated.urdf", "exports/dh_modified.toml", "exports/dh_standard.toml")]
     varying = {e.name for e in model.saved.model.effects if not e.constant}
     assert all(set(e.missing) == varying for e in rigid)
-    assert len({round(e.rms, 12) for e in rigid}) == 1
+    assert len({round(e.rms, 9) for e in rigid}) == 1
     assert all(f"{1e3 * e.heldout:.2g}" in e.text for e in rigid)
     kept = tuple(np.where([e.constant for e in model.saved.model.effects], model.saved.theta, 0.0))
     saved = model.saved

@@ -1,5 +1,6 @@
 """Calibrated geometry written as URDF and read again."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,8 @@ def test_written_file_moves_as_the_chain_with_its_twists(case: str, size: float,
     frame = write_calibrated_urdf(chain, twists, tmp_path / "calibrated.urdf")
     again = read_urdf(tmp_path / "calibrated.urdf", frame=frame)
     q = poses(chain, rng, 10)
-    own = q if chain.source else chain.motions(q) * np.sign(np.diag(chain.coupling))
-    reread = slot_frames(again, own)[-1]
+    assert again.joint_names == chain.joint_names
+    reread = slot_frames(again, q)[-1]
     np.testing.assert_allclose(reread, calibrated(chain, twists, q), atol=1e-9)
     assert frame in (chain.tool_frame, f"{chain.tool_frame}_calibrated")
 
@@ -76,11 +77,16 @@ def test_written_arm_weighs_the_same(tmp_path: Path) -> None:
     assert chain is not None
     again = read_urdf(tmp_path / "out.urdf", frame=chain.write_urdf(tmp_path / "out.urdf"))
     q = poses(chain, np.random.default_rng(10))
-    loads, reread = chain.loads(q, np.full(8, 150.0)), again.loads(chain.motions(q), np.full(8, 150.0))
-    for name in ("moment_base_x", "moment_base_y", "force_base_z"):
+    loads, reread = chain.loads(q, np.full(8, 150.0)), again.loads(q, np.full(8, 150.0))
+    for name in ("moment_base_x", "moment_base_y", "force_base_z", "torque_J2", "torque_J3"):
         np.testing.assert_allclose(loads[name], reread[name], atol=1e-8)
-    assert "J3 here, from the measured table: -1 * J2 +1 * J3" in (tmp_path / "out.urdf").read_text()
-    np.testing.assert_allclose(again.limits[[0, 1, 3, 4, 5]], chain.limits[[0, 1, 3, 4, 5]])
+    np.testing.assert_allclose(again.limits, chain.limits)
+
+
+def test_a_joint_that_moves_by_twice_its_value_is_refused(tmp_path: Path) -> None:
+    chain = replace(robot("irb6400r", tmp_path), coupling=np.diag([1.0, 1.0, 2.0, 1.0, 1.0, 1.0]))
+    with pytest.raises(InputError, match="J3 moves by 2 times its own value; expected 1 or -1"):
+        chain.write_urdf(tmp_path / "out.urdf")
 
 
 @pytest.mark.parametrize(

@@ -51,6 +51,22 @@ class Chain:
         return out
 
 
+def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
+    """Find the joints that more than one value of the controller moves, as by a parallel bar.
+
+    Name of the joint -> joint whose value moves it -> factor, its own first and 1.
+    """
+    moves: dict[str, dict[str, float]] = {}
+    for joint in mechanism.joints:
+        for slot, _, weight in joint.drive:
+            moves.setdefault(slot.removesuffix(".moving"), {})[joint.name] = weight
+    several = {name: factors for name, factors in moves.items() if len(factors) > 1 and name in factors}
+    return {
+        name: {name: 1.0} | {other: w / factors[name] for other, w in factors.items() if other != name}
+        for name, factors in several.items()
+    }
+
+
 def arm_of(mechanism: Mechanism, tip: str) -> Chain:
     """The chain that ends at a measured link, of several arms, moved by all coordinates of the table; of one arm the
     chain itself. Raises InputError as `chain_of`, or where no link is said."""

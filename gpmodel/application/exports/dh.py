@@ -3,11 +3,13 @@
     modified:  Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)        standard:  Rz(theta) Tz(d) Rx(alpha) Tx(a) Ry(beta)
 
 beta is zero but between nearly parallel axes, whose common normal lies anywhere: there the row goes straight across the
-first axis to where the second one meets that plane. Source: Craig (1986); Hayati and Mirmirani (1985).
+first axis to where the second one meets that plane. Four columns have no beta: they are refused there.
+Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -24,6 +26,11 @@ Convention = Literal["standard", "modified"]
 
 NEARLY_PARALLEL = np.radians(1.0)
 """Below this angle an error of 0.1 mrad moves the common normal of axes a metre apart by more than 6 mm."""
+FAR = 10.0
+"""Metres that the common normal of two axes may be away: there 1 µm at the tool needs an angle to six decimals of a
+degree, which tables are entered with. At half of it arms of 3 m are nearly refused, at double it takes seven."""
+ALONGSIDE = np.radians(45.0)
+"""Largest angle between axes whose common normal may be far for other reasons than the length of a rail."""
 
 
 @dataclass(frozen=True)
@@ -40,19 +47,36 @@ class Across:
 
 
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
-    """A transform (4, 4) between two frames, each with its axis along z, taken apart. parallel: rad between two axes
-    below which beta is used."""
+    """Take apart a transform (4, 4) between two frames, each with its axis along z. parallel: rad between two axes
+    below which beta is used; it is also where their common normal is more than FAR away."""
+    angle = tilt(frame)
+    found = _hayati(frame) if angle < parallel else _normal(frame)
+    far = max(abs(found.slide), abs(found.next_slide)) > FAR and angle < ALONGSIDE
+    return _hayati(frame) if far else found
+
+
+def tilt(frame: Array) -> float:
+    """Angle between the z axes of two frames, rad, at most a quarter turn."""
+    direction = frame[:3, 2]
+    return float(np.arctan2(np.hypot(direction[0], direction[1]), abs(direction[2])))
+
+
+def _hayati(frame: Array) -> Across:
+    rotation, point = frame[:3, :3], frame[:3, 3]
+    direction = rotation[:, 2]
+    slide = point[2] / direction[2]
+    foot = point - slide * direction
+    turn = float(np.arctan2(foot[1], foot[0]))
+    left = _about_z(-turn) @ rotation
+    beta, alpha = float(np.arcsin(left[0, 2])), float(np.arctan2(-left[1, 2], left[2, 2]))
+    rest = Rotation.from_euler("XY", [alpha, beta]).as_matrix().T @ left
+    return Across(turn, 0.0, alpha, float(np.hypot(*foot[:2])), beta, _angle(rest), float(slide))
+
+
+def _normal(frame: Array) -> Across:
     rotation, point = frame[:3, :3], frame[:3, 3]
     direction = rotation[:, 2]
     normal = np.array([-direction[1], direction[0], 0.0])
-    if np.linalg.norm(normal) < np.sin(parallel):
-        slide = point[2] / direction[2]
-        foot = point - slide * direction
-        turn = float(np.arctan2(foot[1], foot[0]))
-        left = _about_z(-turn) @ rotation
-        beta, alpha = float(np.arcsin(left[0, 2])), float(np.arctan2(-left[1, 2], left[2, 2]))
-        rest = Rotation.from_euler("XY", [alpha, beta]).as_matrix().T @ left
-        return Across(turn, 0.0, alpha, float(np.hypot(*foot[:2])), beta, _angle(rest), float(slide))
     normal *= np.sign(normal[0]) or 1.0
     normal /= np.linalg.norm(normal)
     slide, a, next_slide = np.linalg.solve(np.column_stack([[0.0, 0.0, 1.0], normal, direction]), point)
@@ -143,19 +167,38 @@ PARALLEL = 1e-9
 
 
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
-    """CSV of a chain with constant error twists (6,), m and rad, by slot: rx, rz in deg, tx, tz in mm, and the motion
-    that is added, in table coordinates. note: its first comment."""
+    """CSV of a chain with constant error twists (6,), m and rad, by slot: rx, rz in deg, tx, tz in mm, and the joint
+    whose value times its sense is added. note: its first comment.
+
+    Raises InputError where a joint is not moved by its own value alone, or the common normal of two axes is more than
+    FAR away: both are held by the TOML rows.
+    """
+    signs, others = _couplings(chain, mechanism.joints)
+    names = [joint.name for joint in mechanism.joints]
+    if others:
+        i, j, _ = others[0]
+        raise InputError(
+            f"{names[i]} moves with {names[j]} as well; expected joints that move by their own value alone, "
+            "exports/dh_modified.toml has the coupling"
+        )
     base, between, tool = along_z(chain, twists)
     steps = [across(frame, PARALLEL) for frame in between]
+    for frame, step, pair in zip(between, steps, pairwise(names), strict=True):
+        if abs(step.beta) > PARALLEL:
+            raise InputError(
+                f"axes of {' and '.join(pair)} are {np.degrees(tilt(frame)):.2g} deg from parallel, which puts their "
+                f"common normal beyond {FAR:g} m; expected it nearer, exports/dh_modified.toml has a fifth column"
+            )
     lines = commented(note)
-    lines += ["# H = base * rotx(rx) transl(tx, 0, tz) rotz(rz) of every row * tool; the motion is added to rz or tz"]
-    lines += [_frame("base", base), _frame("tool", tool), "motion,rx [deg],tx [mm],tz [mm],rz [deg]"]
-    for weights, before, after in zip(chain.motions, [Across(), *steps], [*steps, Across()], strict=True):
-        terms = zip(weights.tolist(), mechanism.joints, strict=True)
-        motion = " ".join(f"{w:+g}*{joint.name}" for w, joint in terms if w)
+    lines += ["# H = base * rotx(rx) transl(tx, 0, tz) rotz(rz) of every row * tool; sense times the joint's value is"]
+    lines += ["# added to rz, of a prismatic one to tz", _frame("base", base), _frame("tool", tool)]
+    lines += ["joint,kind,sense,rx [deg],tx [mm],tz [mm],rz [deg]"]
+    rows = zip(mechanism.joints, signs, [Across(), *steps], [*steps, Across()], strict=True)
+    for joint, sign, before, after in rows:
         angles = np.degrees([before.alpha, before.next_turn + after.turn])
         lengths = 1e3 * np.array([before.a, before.next_slide + after.slide])
-        lines.append(",".join([motion, *(repr(float(v)) for v in (angles[0], *lengths, angles[1]))]))
+        numbers = (repr(float(v)) for v in (angles[0], *lengths, angles[1]))
+        lines.append(",".join([joint.name, joint.kind, str(sign), *numbers]))
     return "\n".join(lines) + "\n"
 
 

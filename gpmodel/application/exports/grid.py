@@ -1,5 +1,6 @@
 """A lookup table: joint corrections at the nodes of a box, for controllers that interpolate between them."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +18,7 @@ from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
+from gpmodel.table.write import table_text
 
 NODES = 5
 """Along each side of the box: errors of linear interpolation fall with its square."""
@@ -38,16 +40,16 @@ NEAR, STEPS = 20, 5
 TRIED = 5
 """Of these, the farthest from singular, that a box is sought about."""
 
-CHECKS = 200
-"""Random points of the box at which interpolation is judged."""
+CHECKS, TRIALS = 1000, 200
+"""Random points at which interpolation in the grid is judged, and in a size that is tried."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """nodes: the table. error: (K,) m, distance of the real tool from random points of the box where the interpolated
-    correction is applied; before: without it. reached: share of the nodes that have a correction."""
+    """text: the table as it is written. error: (K,) m, distance of the real tool from random points of the box with the
+    correction interpolated in the text; before: without it. reached: share of the nodes that have one."""
 
-    nodes: pd.DataFrame
+    text: str
     error: Array
     before: Array
     reached: float
@@ -75,21 +77,32 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
 
 
 def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, part: bool = True) -> Grid:
-    sides, nodes = _nodes(box, count)
-    fresh = rng.uniform(box[0], box[1], (CHECKS, 3))
+    nodes = _nodes(box, count)
+    fresh = rng.uniform(box[0], box[1], (CHECKS if part else TRIALS, 3))
     q, start = np.split(held.nominal(np.vstack([nodes, fresh])), [len(nodes)])
     moves = held.corrections(nodes, q, part)
-    between = RegularGridInterpolator(sides, moves.reshape(count, count, count, -1))
-    moved = start + between(fresh)
+    text = table_text(_frame(held.saved, nodes, q, moves))
+    moved = start + _interpolated(text, fresh)
     use = np.isfinite(moved).all(axis=1)
     before, after = np.split(held.misses(np.vstack([start[use], moved[use]]), np.vstack(2 * [fresh[use]])), 2)
-    return Grid(_frame(held.saved, nodes, q, moves), after, before, float(np.isfinite(moves).all(axis=1).mean()))
+    return Grid(text, after, before, float(np.isfinite(moves).all(axis=1).mean()))
 
 
-def _nodes(box: Array, count: int) -> tuple[list[Array], Array]:
-    """Values along x, y and z, and the nodes (count³, 3)."""
+def _interpolated(text: str, points: Array) -> Array:
+    """Interpolate the corrections (N, n), rad and m, at points (N, 3), m, linearly between the nodes of a table."""
+    table = pd.read_csv(io.StringIO(text))
+    sides = [np.unique(table[f"{axis} [mm]"]) / 1e3 for axis in "xyz"]
+    headers = [header for header in table if str(header).startswith("delta_")]
+    units = [np.radians(1.0) if str(header).endswith("[deg]") else 1e-3 for header in headers]
+    moves = table.sort_values([f"{axis} [mm]" for axis in "xyz"])[headers].to_numpy(dtype=float) * units
+    nodes = moves.reshape(*map(len, sides), -1)
+    return np.asarray(RegularGridInterpolator(sides, nodes, bounds_error=False, fill_value=None)(points))
+
+
+def _nodes(box: Array, count: int) -> Array:
+    """The nodes (count³, 3)."""
     sides = [np.linspace(low, high, count) for low, high in box.T]
-    return sides, np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
@@ -105,7 +118,7 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 def _serves(pose: "_Held", cube: Array) -> bool:
     """Whether every node, and every point between them, is reached as it is held and its error gone but for LEFT."""
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
-    whole = tried.reached == 1.0 and len(tried.error) == CHECKS
+    whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
 
 

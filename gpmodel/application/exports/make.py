@@ -6,32 +6,31 @@ import subprocess
 import tempfile
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.exports.against import Check, read_back, read_back_arms
+from gpmodel.application.exports.against import Check, PredictedPoints
 from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text, robodk_text
 from gpmodel.application.exports.forward import Forward
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
-from gpmodel.application.exports.rigid import Rigid, measured_link, note_of, refitted, urdf_text, written
+from gpmodel.application.exports.reading import points_read
+from gpmodel.application.exports.rigid import URDF, Rigid, follows, measured_link, note_of, refitted, urdf_text, written
 from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_link, offsets_text, ur_text
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, latex_text, nameless, numpy_text, to_the_digits
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import check_finite, usable
+from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.printing import DIGITS
 from gpmodel.mechanism.branches import branched
-from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.error_model import prepare
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import table_text
 
 GRID = "exports/grid.csv"
 DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh_standard.toml": "standard"}
@@ -40,8 +39,8 @@ OF_URDF = (
 )  # fmt: skip
 """Files that hold what calibrated.urdf holds."""
 HEADER = "declarations of model.c, for C and C++"
-POSES = 300
-"""Poses at which an export is held against `predict`: their RMS is known to 4 % (1 / √(2·300))."""
+POSES = 1000
+"""Poses at which an export is held against `predict`: their RMS is known to 2 % (1 / √(2·1000))."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
 """What the test in a C file prints."""
 CASES = 20
@@ -52,8 +51,8 @@ CASES = 20
 class Export:
     """A file, what it is, and its errors against `predict` on fresh poses within the measured ranges, m.
 
-    heldout: RMS on held-out measured poses, m, where that is its own. missing: effects it cannot hold. rms, largest and
-    heldout are NaN where they are not known.
+    heldout: RMS on held-out measured poses, m, where that is its own. missing: effects it cannot hold. said: what its
+    user has to know of its joint values. rms, largest and heldout are NaN where they are not known.
     """
 
     file: str
@@ -63,6 +62,7 @@ class Export:
     largest: float = np.nan
     heldout: float = np.nan
     missing: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,15 @@ def parts_of(
     fresh = partial(fresh_poses, saved, POSES, np.random.default_rng(seed))
     check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
     rigid = cache(lambda: refitted(saved))
-    urdf = cache(lambda: as_urdf(rigid(), check()))
-    if branched(saved.mechanism):
-        urdf = cache(lambda: _arms("calibrated.urdf", rigid(), saved, fresh()))
+    several = branched(saved.mechanism) is not None
+    geometry = cache(lambda: PredictedPoints.of(saved, fresh()) if several else check().predicted)
+    urdf = cache(lambda: as_urdf(rigid(), geometry()))
     own = np.random.default_rng([seed, 1])
     makers: tuple[dict[str, Callable[[str], Export]], ...] = (
         {
-            "calibrated.urdf": lambda file: urdf(),
-            **dict.fromkeys(DH, lambda file: _dh(file, rigid(), check())),
-            **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf())),
+            URDF: lambda file: urdf(),
+            **dict.fromkeys(DH, lambda file: _dh(file, rigid(), check().predicted)),
+            **dict.fromkeys(OF_URDF, lambda file: of_urdf(file, rigid(), urdf().text, geometry())),
         },
         {
             "exports/model.py": lambda file: _numpy(file, check()),
@@ -132,70 +132,57 @@ def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> E
     return Exports(tuple(made), refused)
 
 
-def as_urdf(rigid: Rigid, check: Check) -> Export:
+def as_urdf(rigid: Rigid, predicted: PredictedPoints) -> Export:
     """The refitted geometry as URDF, which ROS's and RoboDK's files are made of."""
-    text = urdf_text(rigid, note_of(rigid))
-    points = read_back(text, ".urdf", measured_link(text), rigid, check.dataset)
-    return _geometry("calibrated.urdf", "as a URDF", text, check.errors(points), rigid)
+    return _geometry(URDF, "as a URDF", urdf_text(rigid, note_of(rigid, URDF)), rigid, predicted)
 
 
-def _dh(file: str, rigid: Rigid, check: Check) -> Export:
+def _dh(file: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
     mechanism = rigid.fit.model.mechanism
-    text = dh_text(mechanism, chain_of(mechanism), rigid.twists, DH[file], note_of(rigid))
-    errors = check.errors(read_back(text, ".toml", None, rigid, check.dataset))
-    return _geometry(file, f"as {DH[file]} Denavit-Hartenberg rows", text, errors, rigid)
+    text = dh_text(mechanism, chain_of(mechanism), rigid.twists, DH[file], note_of(rigid, file))
+    return _geometry(file, f"as {DH[file]} Denavit-Hartenberg rows", text, rigid, predicted)
 
 
-def of_urdf(file: str, rigid: Rigid, urdf: Export) -> Export:
+def of_urdf(file: str, rigid: Rigid, urdf: str, predicted: PredictedPoints) -> Export:
     """One of OF_URDF of the refitted geometry and its URDF."""
-    text, what = _beside(file, rigid, urdf.text)
-    return _geometry(file, what, text, (urdf.rms, urdf.largest), rigid)
+    text, what = _beside(file, rigid, urdf)
+    return _geometry(file, what, text, rigid, predicted)
 
 
-def _geometry(file: str, what: str, text: str, errors: tuple[float, float], rigid: Rigid) -> Export:
-    """One of the forms of the same refitted geometry."""
-    heldout = root_mean_square(rigid.heldout)
-    return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing)
-
-
-def _arms(file: str, rigid: Rigid, saved: SavedModel, dataset: Dataset) -> Export:
-    """The refitted geometry of several arms."""
-    kept = usable(saved)
-    data = replace(dataset, observations=())
-    points = observe(kept.model, prepare(saved.mechanism, data), kept.theta, kept.placement).tip[:, :3, 3]
-    text = urdf_text(rigid, note_of(rigid))
-    off = np.linalg.norm(read_back_arms(text, measured_link(text), rigid, data) - points, axis=1)
-    return _geometry(file, "as a URDF", text, (root_mean_square(off), float(off.max())), rigid)
+def _geometry(file: str, what: str, text: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
+    """One of the forms of the same refitted geometry, read back."""
+    errors = predicted.errors(points_read(file, text, rigid, predicted.dataset))
+    heldout, said = root_mean_square(rigid.heldout), follows(rigid.fit.model.mechanism, file)
+    return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing, said)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
     """Text of a file of what a URDF text holds, and what it is."""
     mechanism, (nominal, link) = rigid.fit.model.mechanism, written(rigid.fit.model.mechanism, {})
-    match file:
-        case "exports/kinematics.yaml":
-            return kinematics_text(urdf, note_of(rigid, measured_link(urdf))), "as origins of joints, for xacro"
-        case "exports/joint_offsets.yaml":
-            links = zip(link.split(","), measured_link(urdf).split(","), strict=True)
-            note = note_of(rigid, link, {there: beyond(urdf, there, measured) for there, measured in links})
-            return offsets_text(nominal, urdf, note), "as robot_calibration's offsets to the nominal URDF"
-        case "exports/ur_kinematics.yaml":
-            if branched(mechanism):
-                raise InputError(f"{mechanism.name} has several arms; expected one, as in ur_description")
-            last = last_ur_link(urdf)
-            note = note_of(rigid, last, {last: beyond(urdf, last, measured_link(urdf))})
-            return ur_text(nominal, urdf, note), "as the kinematics file of ur_description"
-    note = note_of(rigid, "the last frame")
-    return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"
+    if file == "exports/robodk.csv":
+        note = note_of(rigid, file, "the last frame")
+        return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"
+    if file == "exports/ur_kinematics.yaml":
+        if branched(mechanism):
+            raise InputError(f"{mechanism.name} has several arms; expected one, as in ur_description")
+        last = last_ur_link(urdf)
+        note = note_of(rigid, file, last, {last: beyond(urdf, last, measured_link(urdf))})
+        return ur_text(nominal, urdf, note), "as the kinematics file of ur_description"
+    links = zip(link.split(","), measured_link(urdf).split(","), strict=True)
+    note = note_of(rigid, file, link, {there: beyond(urdf, there, measured) for there, measured in links})
+    if file == "exports/kinematics.yaml":
+        return kinematics_text(nominal, urdf, note), "as origins of joints, for xacro"
+    return offsets_text(nominal, urdf, note), "as robot_calibration's offsets to the nominal URDF"
 
 
 def _numpy(file: str, check: Check) -> Export:
     text = numpy_text(check.forward, _note(check.forward))
-    rms, largest = check.errors(_executed(check.forward, check))
+    rms, largest = check.predicted.errors(_executed(check.forward, check))
     return Export(file, "the whole model as NumPy source", text, rms, largest, missing=check.forward.missing)
 
 
 def _latex(file: str, check: Check) -> Export:
-    rms, largest = check.errors(_executed(to_the_digits(check.forward), check))
+    rms, largest = check.predicted.errors(_executed(to_the_digits(check.forward), check))
     what = f"the terms as LaTeX, numbers to {DIGITS} digits, not held at the edges of their ranges"
     return Export(file, what, latex_text(check.forward), rms, largest, missing=check.forward.missing)
 
@@ -205,11 +192,11 @@ def _executed(forward: Forward, check: Check) -> Array:
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)
     inputs = dict(zip(forward.inputs, check.inputs.T, strict=True))
-    return np.asarray(module.predict(check.dataset.q, **inputs))
+    return np.asarray(module.predict(check.predicted.dataset.q, **inputs))
 
 
 def _c(file: str, check: Check) -> Export:
-    cases = np.hstack([check.dataset.q, check.inputs, check.points])[:CASES]
+    cases = np.hstack([check.predicted.dataset.q, check.inputs, check.predicted.points])[:CASES]
     text = c_text(check.forward, _note(check.forward), cases)
     found = tested(c_text(nameless(check.forward), "", cases))
     what = f"the whole model as C99, and its inverse; its own test compares it at {CASES} poses"
@@ -239,7 +226,7 @@ def _grid(file: str, grid: Grid, nodes: int) -> Export:
         f"joint corrections at {nodes}³ nodes of a box, {100 * grid.reached:.0f} % of them reached; "
         f"without it {1e3 * root_mean_square(grid.before):.3g} mm RMS"
     )
-    return Export(file, what, table_text(grid.nodes), root_mean_square(grid.error), float(grid.error.max()))
+    return Export(file, what, grid.text, root_mean_square(grid.error), float(grid.error.max()))
 
 
 def _note(forward: Forward) -> str:

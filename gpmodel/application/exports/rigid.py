@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gpmodel.application.exports.chain import coupled
 from gpmodel.application.exports.sample import measured_table, tips_of
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.usable import of_the_session, placed_now, usable
@@ -71,6 +72,7 @@ def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:
     return out
 
 
+URDF = "calibrated.urdf"
 LINK = "Measured link: "
 """What the comment says before the link at which the tool point is given."""
 
@@ -102,10 +104,34 @@ def measured_link(text: str) -> str:
     return text.partition(LINK)[2].partition("\n")[0]
 
 
-def note_of(rigid: Rigid, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
-    """What the geometry holds, how far it is off, and what is missing, in lines. link: that the tool point is said in,
-    of several arms those of all with commas between; at: the measured link there, (4, 4), m, by the name of that one,
-    of which nothing is where it is itself."""
+def follows(mechanism: Mechanism, file: str) -> tuple[str, ...]:
+    """Say of every joint that several values of the controller move how a file holds it."""
+    out = []
+    for name, factors in coupled(mechanism).items():
+        own, *others = factors
+        terms = "".join(f" {'-' if factors[n] < 0 else '+'} {_times(abs(factors[n]))}{n}" for n in others)
+        if file.endswith(".toml"):
+            out.append(
+                f"{name} follows {', '.join(others)} by [[coupling]]: it moves by {own}{terms} of the controller"
+            )
+            continue
+        mimics = ", ".join(f"{name}_with_{n}" for n in others)
+        here = f"{name} here = {name} of the controller{terms}"
+        if file.endswith(".urdf"):
+            out.append(f"{name} follows {', '.join(others)} by mimic of {mimics}; where mimic is not read, {here}")
+        else:
+            out.append(f"{here}, but where the URDF has {mimics} as {URDF} has")
+    return tuple(out)
+
+
+def _times(factor: float) -> str:
+    return "" if factor == 1.0 else f"{factor:g} "
+
+
+def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
+    """What the geometry holds, how far it is off, and what is missing, in lines, for the head of a file. link: that the
+    tool point is said in, of several arms those of all with commas between; at: the measured link there, (4, 4), m, by
+    the name of that one, of which nothing is where it is itself."""
     fit = rigid.fit
     lines = [f"Geometry of {harmless(fit.model.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
@@ -116,10 +142,11 @@ def note_of(rigid: Rigid, link: str = "the measured link", at: Mapping[str, Arra
     lines.append(
         f"Missing: {harmless('; '.join(rigid.missing))}." if rigid.missing else "Nothing of the model is missing."
     )
+    lines += [f"{said}." for said in follows(fit.model.mechanism, file)]
     tree = branched(fit.model.mechanism)
     links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
     for name, tool in rigid.placement.tool.items():
         own = links.get(rigid.tips.get(name, ""), link)
-        point = ", ".join(f"{1e3 * v:.4f}" for v in ((at or {}).get(own, np.eye(4)) @ tool)[:3, 3])
+        point = ", ".join(f"{1e3 * v:.6f}" for v in ((at or {}).get(own, np.eye(4)) @ tool)[:3, 3])
         lines.append(f"Tool point{f' {harmless(name)}' if name else ''} in {own}, mm: {point}.")
     return "\n".join(lines)

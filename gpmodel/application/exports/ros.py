@@ -38,15 +38,14 @@ def origins(text: str) -> dict[str, JointOrigin]:
     return {o.name: o for o in map(_origin, ET.fromstring(text).findall("joint"))}
 
 
-def kinematics_text(calibrated: str, note: str) -> str:
-    """YAML of the origin of every joint of a URDF text: x, y, z, m, and roll, pitch, yaw, rad, as xacro puts them into
-    `<origin xyz rpy>`. note: its first comment."""
+def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
+    """YAML of the origin of every joint of a nominal URDF text in the calibrated one: x, y, z, m, and roll, pitch, yaw,
+    rad, as xacro puts them into `<origin xyz rpy>`. note: its first comment."""
     use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
     lines = [*commented(note), f"# In xacro: {use} and so on.", "kinematics:"]
-    return (
-        "\n".join([*lines, *(line for o in origins(calibrated).values() for line in _row(json.dumps(o.name), o.frame))])
-        + "\n"
-    )
+    after = origins(calibrated)
+    rows = (line for name in origins(nominal) for line in _row(json.dumps(name), after[name].frame))
+    return "\n".join([*lines, *rows]) + "\n"
 
 
 def offsets_text(nominal: str, calibrated: str, note: str) -> str:

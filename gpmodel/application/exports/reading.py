@@ -1,0 +1,127 @@
+"""Exports of the refitted geometry read back as other programs read them: from the text, by the controller's values.
+
+    p = T_registration T_link(q) p_tool,   T_link and p_tool as the text has them
+
+A URDF and a table of rows go through the mechanism loaders, robot_calibration's offsets through their importer, YAML
+and RoboDK's table through the small readers here. None of them is a part of what writes the file.
+"""
+
+import csv
+import json
+import re
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpmodel.application.exports.rigid import Rigid, measured_link, written
+from gpmodel.arrays import Array
+from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.numerics import se3
+from gpmodel.table.dataset import Dataset
+from gpmodel.table.robot_calibration import calibrated_urdf
+
+Origins = dict[str, tuple[float, ...]]
+"""x, y, z, m, roll, pitch, yaw, rad, by the key of a row."""
+_TOOL = re.compile(r"Tool point.* in (?P<link>.*), mm: (?P<point>.*)\.$", re.M)
+
+
+def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
+    """Read the tool points (N, 3), m, in the instrument's frame from a text, at the joint values of a dataset.
+
+    rigid: of which only the registration, the names of its tools and the nominal mechanism are used.
+    """
+    said = dict(zip(rigid.placement.tool, _TOOL.finditer(text), strict=True))
+    setups, tools, tips = (dataset.label(name).tolist() for name in ("setup", "tool", "tip"))
+    order = list(getattr(branched(rigid.fit.model.mechanism), "tips", ()))
+    points = np.empty((len(dataset), 3))
+    for place in {*zip(setups, tools, tips, strict=True)}:
+        setup, tool, tip = place
+        rows = np.array([row == place for row in zip(setups, tools, tips, strict=True)])
+        links = (measured_link(text) or said[tool]["link"]).split(",")
+        link = links[order.index(tip)] if len(links) > 1 and tip else links[0]
+        point = np.array([float(v) for v in said[tool]["point"].split(",")]) / 1e3
+        q = dict(zip(dataset.joints, dataset.q[rows].T, strict=True))
+        at = rigid.placement.registration[setup] @ _frames(file, text, link, rigid, q)
+        points[rows] = at[:, :3, :3] @ point + at[:, :3, 3]
+    return points
+
+
+def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array]) -> Array:
+    """Read the frame (N, 4, 4), m, of a link in the root, from the text of an export."""
+    suffix, nominal = Path(file).suffix, written(rigid.fit.model.mechanism, {})[0] if file.endswith(".yaml") else ""
+    match Path(file).name:
+        case "robodk.csv":
+            return _robodk(text, q)
+        case "joint_offsets.yaml":
+            text, suffix = _with_offsets(nominal, text), ".urdf"
+        case "kinematics.yaml":
+            text, suffix = _with_origins(nominal, _origins(text)), ".urdf"
+        case "ur_kinematics.yaml":
+            text, suffix = _with_origins(nominal, _origins(text), ur=True), ".urdf"
+    mechanism = MechanismChoice(f"read{suffix}", link if suffix == ".urdf" else None, description=text).load()
+    values = np.column_stack([q[joint.name] for joint in mechanism.joints])
+    return np.asarray(se3.chain(mechanism.transforms(values))[-1])
+
+
+def _with_offsets(nominal: str, text: str) -> str:
+    """Apply robot_calibration's offsets to a nominal URDF; none of them leaves it as it is."""
+    if not re.search(r"^[^#\n]", text, re.M):
+        return nominal
+    with tempfile.TemporaryDirectory() as folder:
+        urdf, offsets = Path(folder) / "nominal.urdf", Path(folder) / "joint_offsets.yaml"
+        urdf.write_text(nominal, encoding="utf-8")
+        offsets.write_text(text, encoding="utf-8")
+        return str(calibrated_urdf(offsets, urdf).content)
+
+
+def _origins(text: str) -> Origins:
+    """Read the rows of a YAML file of origins, one number a line below the name of its row."""
+    rows: dict[str, list[float]] = {}
+    for name, value in re.findall(r"^ +(.+?): *([-+.\deE]*)$", text, re.M):
+        if not value:
+            numbers = rows[json.loads(name) if name.startswith('"') else name] = []
+        else:
+            numbers.append(float(value))
+    return {name: tuple(values) for name, values in rows.items()}
+
+
+def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
+    """Put origins into a nominal URDF as a xacro does, by the names of its joints; ur: by those of UR's links."""
+    robot = ET.fromstring(nominal)
+    for joint in robot.findall("joint"):
+        child = "" if (link := joint.find("child")) is None else link.get("link", "")
+        key = next((name for name in rows if child.endswith(f"{name}_link")), "") if ur else joint.get("name", "")
+        if key in rows and not (ur and joint.get("type") == "fixed"):
+            origin = joint.find("origin")
+            origin = ET.SubElement(joint, "origin") if origin is None else origin
+            origin.set("xyz", " ".join(map(repr, rows[key][:3])))
+            origin.set("rpy", " ".join(map(repr, rows[key][3:])))
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _robodk(text: str, q: Mapping[str, Array]) -> Array:
+    """Read the last frame (N, 4, 4), m: base, rotx(rx) transl(tx, 0, tz) rotz(rz) of every row, tool."""
+    placed = {}
+    for name in ("base", "tool"):
+        numbers = [float(v) for v in text.partition(f"# {name}, x y z r p w: ")[2].partition("\n")[0].split()]
+        placed[name] = se3.frame(Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix(), numbers[:3])
+    frames = np.repeat(placed["base"][None], len(next(iter(q.values()))), axis=0)
+    for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
+        rx, tx, tz, rz = (float(row[column]) for column in ("rx [deg]", "tx [mm]", "tz [mm]", "rz [deg]"))
+        moved, slides = float(row["sense"]) * q[row["joint"]], float(row["kind"] == "prismatic")
+        about = Rotation.from_euler("x", rx, degrees=True)
+        step = np.repeat(np.eye(4)[None], len(frames), axis=0)
+        turn = np.radians(rz) + (1.0 - slides) * moved
+        step[:, :3, :3] = (about * Rotation.from_euler("z", turn[:, None])).as_matrix()
+        along = np.tile([tx, 0.0, tz], (len(frames), 1))
+        along[:, 2] += slides * 1e3 * moved
+        step[:, :3, 3] = about.apply(along)
+        frames = frames @ step
+    frames = frames @ placed["tool"]
+    frames[:, :3, 3] /= 1e3
+    return np.asarray(frames)
