@@ -118,7 +118,7 @@ def show(study: Study, files: list[str]) -> None:
     """Print the tables, in blocks of columns that fit the terminal, and the names of the written files."""
     from rich.console import Console
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     with console.capture() as drawn:
         for table in study.tables:
             for block in fitting(table, console.width):
@@ -166,9 +166,9 @@ def _rich(table: Table, width: int) -> RichTable:
     for head, (least, liked) in zip(table.columns, widths, strict=True):
         more = max(0, min(liked - least, spare))
         spare -= more
-        rich.add_column(head.replace("[", r"\["), width=least + more)
+        rich.add_column(head, width=least + more)
     for row in table.rows:
-        rich.add_row(*(_cell(value).replace("[", r"\[") for value in row))
+        rich.add_row(*map(_cell, row))
     return rich
 
 

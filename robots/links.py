@@ -60,7 +60,7 @@ class Chain:
     for a reversed axis, a parallel bar or a mimic joint. tool: (4, 4) from the frame after the last motion to
     the measured frame `tool_frame`, m. gravity: (3,) m/s^2 in the root frame. payload_com: (3,) m, centre of
     mass of the payload in the measured frame. source: the URDF file the chain was read from, if any.
-    limits: (len(joints), 2), rad or m, in table coordinates.
+    limits: (len(joints), 2), rad or m, in table coordinates. not_read: what is left out of the file.
     """
 
     name: str
@@ -73,6 +73,7 @@ class Chain:
     gravity: Array = field(default_factory=lambda: np.array(DOWN))
     payload_com: Array = field(default_factory=lambda: np.zeros(3))
     source: Path | None = None
+    not_read: tuple[str, ...] = ()
 
     @cached_property
     def slots(self) -> tuple[str, ...]:

@@ -130,6 +130,7 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], name: str, frame: str, path: 
         limits=np.array([_limits(joint, path) for joint in driven]),
         tool_frame=frame,
         source=path,
+        not_read=tuple(text for joint in chain for text in joint.not_read),
     )
 
 

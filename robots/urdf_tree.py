@@ -40,7 +40,7 @@ class UrdfJoint:
     """A joint between two links.
 
     origin: (4, 4), its frame at rest in the frame of its parent link, m. axis: (3,), a unit vector in its own frame,
-    or zero. limits: rad or m, infinite where it has none.
+    or zero. limits: rad or m, infinite where it has none. not_read: what of its element is left out.
     """
 
     name: str
@@ -51,6 +51,7 @@ class UrdfJoint:
     axis: Array
     limits: tuple[float, float]
     mimic: Mimic | None
+    not_read: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +184,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
     vector = vector / (np.abs(vector).max() or 1.0)
     length = float(np.linalg.norm(vector))
     limits = (-math.inf, math.inf)
-    if kind in ("revolute", "prismatic"):
+    if kind in ("revolute", "prismatic") and (limit is not None or mimic is None):
         if limit is None:
             raise ValueError(f"joint '{name}' has no <limit>; expected its limits")
         lower, upper = (_number(limit.get(side, "0"), f"the {side} limit of '{name}'") for side in ("lower", "upper"))
@@ -198,8 +199,9 @@ def _joint(joint: ET.Element) -> UrdfJoint:
                 checked(end, "length", f"a limit of joint '{name}'")
     follows = None if mimic is None else _mimic(mimic, name, "length" if kind == "prismatic" else "angle")
     return UrdfJoint(
-        name, kind, parent, child, origin_of(joint), vector / length if length else vector, limits, follows
-    )
+        name, kind, parent, child, origin_of(joint), vector / length if length else vector, limits, follows,
+        tuple(f"<calibration> of joint {name}" for _ in joint.findall("calibration")),
+    )  # fmt: skip
 
 
 def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:

@@ -12,7 +12,7 @@ from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
 from gpmodel.checks.mixed_up import mixed_up, spread_of
-from gpmodel.checks.notes import notes
+from gpmodel.checks.notes import not_read, notes
 from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
@@ -108,7 +108,7 @@ def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
         yield alike
         return
     if mixed := mixed_up(mechanism, data):
-        yield f"{data.source}: {mixed}"
+        yield "; ".join([f"{data.source}: {mixed}", *not_read(mechanism, data)])
         return
     if beyond:
         yield from beyond

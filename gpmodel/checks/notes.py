@@ -7,12 +7,13 @@ import numpy as np
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import unseen
 from gpmodel.checks.counting import measured_values
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
 from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.observation import observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
+from gpmodel.table.units import identifier
 
 ENOUGH_VALUES = 5.0
 """Measured values an unknown: with 5 the errors of new poses are within a tenth of what more would give, √(1 + 1/5)."""
@@ -36,8 +37,9 @@ def notes(
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
     yield _loads(mechanism, data)
     yield from unseen(observations(data))
-    if data.ignored:
-        yield f"columns of text that are not used: {', '.join(data.ignored)}"
+    if texts := [name for name in data.ignored if identifier(name) not in followers(mechanism)]:
+        yield f"columns of text that are not used: {', '.join(texts)}"
+    yield from not_read(mechanism, data)
     if data.empty_rows:
         yield f"{data.empty_rows} rows without a single cell are left out"
     else_read = np.any([np.zeros(len(data)), *(o.readings.any(axis=1) for o in observations(data)[2:])], axis=0)
@@ -55,6 +57,17 @@ def notes(
         yield f"{stated} {expected:.4f} mm; the standard model leaves {1e3 * fit.sigma:.4f} mm"
     if wanted := list(_wanted(mechanism, data, (values, fit.rank), floor)):
         yield f"to measure next: {'; '.join(wanted)}"
+
+
+def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
+    """Columns of joints that follow another one, and what the mechanism leaves out of its description."""
+    following = followers(mechanism)
+    for name in data.ignored:
+        if (joint := identifier(name)) in following:
+            yield f"{joint} follows {following[joint]}; its column is not read"
+    described = bare_of(mechanism)
+    if isinstance(described, Described):
+        yield from (f"not read of {mechanism.name}: {text}" for text in described.not_read)
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:

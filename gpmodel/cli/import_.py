@@ -15,7 +15,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import boards_of, cameras_of
 from gpmodel.model.pixel import WORLD
 from gpmodel.table.figaroh import figaroh_table, is_figaroh
-from gpmodel.table.foreign import import_file, read_map
+from gpmodel.table.foreign import import_file, read_map, unread
 from gpmodel.table.imported import Imported
 from gpmodel.table.opencv import camera_or_corners
 from gpmodel.table.robot_calibration import calibrated_urdf
@@ -60,7 +60,8 @@ def import_table(
              "nominal": nominal}  # fmt: skip
     read: tuple[str, ...]
     if map_file is not None:
-        made, read = Imported(import_file(file, read_map(map_file))), ("map_file",)
+        columns = read_map(map_file)
+        made, read = Imported(import_file(file, columns), left_out=unread(file, columns)), ("map_file",)
     elif is_bag(file):
         made, read = bag_table(file, mechanism, topic), ("mechanism", "topic")
     elif file.suffix.lower() == ".conf":
@@ -77,6 +78,8 @@ def import_table(
     if surplus := [name for name, value in given.items() if value is not None and name not in read]:
         raise InputError(f"says nothing of {file.name}; leave it away", surplus[0])
     _check(made, file)
+    for text in () if quiet else made.left_out:
+        echo(f"left out, {text}", err=True)
     _write(made, file, out, quiet)
 
 

@@ -134,6 +134,22 @@ class Wrapping(Protocol):
         """The mechanism inside."""
 
 
+def followers(mechanism: Mechanism) -> dict[str, str]:
+    """Find the joints that move with another one alone, as a mimic joint does: their name -> that of the other."""
+    own = {joint.name for joint in mechanism.joints}
+    drives = {slot.removesuffix(".moving"): joint.name for joint in mechanism.joints for slot, _, _ in joint.drive}
+    return {name: leader for name, leader in drives.items() if name not in own}
+
+
+@runtime_checkable
+class Described(Protocol):
+    """A mechanism that knows what of its description is not read."""
+
+    @property
+    def not_read(self) -> tuple[str, ...]:
+        """What is left out of the description, each with where it stands."""
+
+
 def bare_of(mechanism: Mechanism) -> Mechanism:
     """What the provider of a mechanism built."""
     return mechanism.bare if isinstance(mechanism, Wrapping) else mechanism

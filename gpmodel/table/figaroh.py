@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.cells import numbers, read_frame
-from gpmodel.table.imported import Imported, cells, joint_cells, rotation_vectors
+from gpmodel.table.imported import Imported, cells, joint_cells, rotation_vectors, surplus_joints
 
 _MARKER = re.compile(r"^(x|y|z|phix|phiy|phiz)(\d+)$")
 
@@ -31,7 +31,8 @@ def figaroh_table(path: Path, mechanism: Mechanism | None) -> Imported:
     frame.columns = frame.columns.astype(str).str.strip()
     found = [match for match in map(_MARKER.match, frame.columns) if match]
     values = {c: numbers(frame[c], f"{path.name}, column '{c}'") for c in frame.columns}
-    joints = joint_cells(mechanism, {c: v for c, v in values.items() if not _MARKER.match(c)}, path.name)
+    beside = {c: v for c, v in values.items() if not _MARKER.match(c)}
+    joints = joint_cells(mechanism, beside, path.name)
     parts = []
     markers = sorted({int(match[2]) for match in found})
     for k in markers:
@@ -44,4 +45,5 @@ def figaroh_table(path: Path, mechanism: Mechanism | None) -> Imported:
             part |= {f"r{a} [rad]": cells(v) for a, v in zip("xyz", vectors.T, strict=True)}
         labels = {"group": [str(n + 1) for n in range(len(frame))]} if len(markers) > 1 else {}
         parts.append(pd.DataFrame(part | labels | ({"tool": [str(k)] * len(frame)} if labels else {})))
-    return Imported(pd.concat(parts).sort_index(kind="stable").reset_index(drop=True))
+    table = pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
+    return Imported(table, left_out=surplus_joints(mechanism, beside))

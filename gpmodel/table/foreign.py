@@ -15,7 +15,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.table.cells import LARGEST, numbers, read_frame
 from gpmodel.table.dataset import LABELS
-from gpmodel.table.imported import cells, rotation_vectors
+from gpmodel.table.imported import cells, left_out, rotation_vectors
 from gpmodel.table.units import factor, known_unit, split_header
 from gpmodel.texts import read_toml
 
@@ -113,6 +113,21 @@ def import_file(path: Path, columns: ColumnMap) -> pd.DataFrame:
         vectors = _rotation_vectors(frame, columns.orientation, path, f"{columns.source}: [orientation]")
         out |= {f"r{axis} [deg]": cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
     return pd.DataFrame(out)
+
+
+def unread(path: Path, columns: ColumnMap) -> tuple[str, ...]:
+    """Say which columns of a file a map does not name."""
+    frame, _ = read_frame(path)
+    frame.columns = frame.columns.astype(str).str.strip()
+    oriented = () if columns.orientation is None else columns.orientation.columns
+    read = {name for text in (*columns.columns.values(), *oriented) for name in _names(frame, text)}
+    return left_out(f"not in {columns.source}", (str(name) for name in frame if name not in read))
+
+
+def _names(frame: pd.DataFrame, text: str) -> tuple[str, ...]:
+    """The columns that a line of a map reads: one by its name, or those of a formula."""
+    name = split_header(text.strip())[0]
+    return (name,) if name in frame.columns else Expression(name).inputs
 
 
 def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path: Path, where: str) -> Array:

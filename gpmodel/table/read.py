@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Joint, Mechanism
+from gpmodel.mechanism.protocol import Joint, Mechanism, followers
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.table.bundles import check_repeats
 from gpmodel.table.cells import numbers
@@ -42,8 +42,10 @@ def dataset_from(
     joints, used = _joint_columns(columns, mechanism.joints, path)
     n = len(frame)
     cells = _Cells(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n))
+    following = followers(mechanism)
+    cells.ignored += [name for name in columns if identifier(name) in following]
     for name, (unit, column) in columns.items():
-        if name not in used:
+        if name not in used and identifier(name) not in following:
             cells.take(name, unit, column, f"{path.name}, column '{name}'")
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, cells, need_measurement)

@@ -18,7 +18,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.quantities import LARGEST
 from gpmodel.numerics import se3
-from gpmodel.table.imported import Imported
+from gpmodel.table.imported import Imported, left_out
 from gpmodel.texts import read_text
 
 LARGEST_FILE = 16 << 20
@@ -49,10 +49,10 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
             used |= found
     if not used:
         raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {choices('', offsets)}")
-    left = ", ".join(sorted(offsets.keys() - used))
-    note = f"{nominal.name} with the offsets of {path.name}" + (f"; of no joint here: {left}" if left else "")
+    left = left_out(f"no joint of {nominal.name}", sorted(offsets.keys() - used))
+    note = "; ".join([f"{nominal.name} with the offsets of {path.name}", *(f"left out, {text}" for text in left)])
     robot.insert(0, ET.Comment(f" {note.replace('--', '- -')} "))
-    return Imported(ET.tostring(robot, encoding="unicode") + "\n")
+    return Imported(ET.tostring(robot, encoding="unicode") + "\n", left_out=left)
 
 
 def _offsets(path: Path) -> dict[str, float]:

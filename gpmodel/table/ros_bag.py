@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.imported import Imported, cells, joint_cells
+from gpmodel.table.imported import Imported, cells, joint_cells, surplus_joints
 
 JOINTS = "sensor_msgs/msg/JointState"
 MEASURED = {
@@ -73,7 +73,7 @@ def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imp
     out |= {f"{axis} [m]": cells(v) for axis, v in zip("xyz", points.T, strict=True)}
     if np.isfinite(vectors).any():
         out |= {f"r{axis} [rad]": cells(v) for axis, v in zip("xyz", vectors.T, strict=True)}
-    return Imported(pd.DataFrame(out))
+    return Imported(pd.DataFrame(out), left_out=surplus_joints(mechanism, values))
 
 
 def _messages(path: Path, topic: str | None) -> tuple[list[_JointState], list[_Measured]]:

@@ -15,11 +15,12 @@ from click.testing import CliRunner, Result
 
 from gpmodel.cli.main import main
 from gpmodel.errors import InputError
-from joints.cli import joint
+from joints.cli import joint, show
 from joints.fed_film import squeeze_impedance
 from joints.film import FilmGeometry
 from joints.settings import DATA
 from joints.stiffness import RegimeCurve
+from joints.studies.study import Study, Table
 
 COMMANDS = [
     "design",
@@ -44,6 +45,14 @@ def test_the_group_alone_shows_its_commands() -> None:
     done = CliRunner().invoke(main, ["joint"])
     assert done.exit_code == 0
     assert all(f"\n  {name}" in done.stdout for name in COMMANDS)
+
+
+def test_words_in_brackets_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table("[orifice] :ball:", ("gap [um]",), [["[measured]"]], "slope of [orifice]")
+    show(Study((table,), {}), [])
+    said = capsys.readouterr().out
+    assert said.count("[orifice]") == 2
+    assert all(words in said for words in (":ball:", "gap [um]", "[measured]", "slope of"))
 
 
 Outputs = Callable[[str], tuple[Path, str]]

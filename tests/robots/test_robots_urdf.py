@@ -1,14 +1,19 @@
 """Chains read from URDF against Pinocchio's own reading of the whole file."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import example_robot_data
 import numpy as np
+import pandas as pd
 import pinocchio as pin
 import pytest
 from robots_cases import ODD_URDF, poses, slot_frames
 
+from gpmodel.checks.notes import not_read
 from gpmodel.errors import InputError
+from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 from robots.library import EXAMPLE_ARMS
 from robots.urdf import read_urdf
@@ -80,6 +85,25 @@ def test_every_kind_of_joint_is_placed_as_pinocchio_does(odd: Path) -> None:
         np.testing.assert_allclose(loads["torque_lift"][row], by_joint["lift"], atol=1e-9)
         np.testing.assert_allclose(loads["torque_turn"][row], by_joint["turn"], atol=1e-9)
         np.testing.assert_allclose(loads["force_base_z"][row], -9.81 * 13.5, rtol=1e-12)
+
+
+def test_a_mimic_joint_needs_no_limit_and_a_calibration_is_said_not_to_be_read(odd: Path, tmp_path: Path) -> None:
+    text = re.sub(r'<limit lower="-3"[^>]*>', "", ODD_URDF)
+    (tmp_path / "bare.urdf").write_text(text.replace('<axis xyz="-1', '<calibration rising="0.3"/><axis xyz="-1'))
+    arm, before = read_urdf(tmp_path / "bare.urdf"), read_urdf(odd)
+    np.testing.assert_array_equal(arm.coupling, before.coupling)
+    assert (before.not_read, arm.not_read) == ((), ("<calibration> of joint turn",))
+
+
+def test_the_column_of_a_joint_that_follows_another_is_not_read_and_check_says_so(odd: Path) -> None:
+    arm = read_urdf(odd)
+    frame = pd.DataFrame({f"{name} [{unit}]": ["0.1"] for name, unit in zip(
+        ("swing", "lift", "turn", "follow", "x"), ("rad", "m", "rad", "deg", "mm"), strict=True)})  # fmt: skip
+    data = dataset_from(frame, Path("t.csv"), arm)
+    assert (data.ignored, data.extras) == (("follow",), {})
+    assert list(not_read(arm, data)) == ["follow follows swing; its column is not read"]
+    described = replace(arm, not_read=("<calibration> of joint turn",))
+    assert list(not_read(described, data))[1:] == ["not read of odd: <calibration> of joint turn"]
 
 
 def test_frame_chooses_the_chain(odd: Path) -> None:

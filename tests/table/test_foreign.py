@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
-from gpmodel.table.foreign import import_file, read_map
+from gpmodel.table.foreign import import_file, read_map, unread
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 
@@ -56,6 +56,7 @@ def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
     assert frame["x [mm]"].astype(float).tolist() == [99.5, 100.5, 101.5]
     assert frame["warmth [degC]"].astype(float).tolist() == [1.005, 1.015, 1.025]
     assert frame["group"].tolist() == ["day 0", "day 1", "day 2"]
+    assert unread(file, read_map(path)) == ("not in map.toml: py, pz, a, b, c, d",)
 
 
 def test_an_empty_cell_stays_empty_through_a_formula(tmp_path: Path) -> None:
@@ -139,8 +140,8 @@ def test_the_command_writes_the_table_or_prints_it(tmp_path: Path) -> None:
     assert run.exit_code == 0
     assert "3 rows, 9 columns" in run.output
     printed = CliRunner().invoke(import_table, [str(file), "--map", str(path)])
-    assert printed.output == (tmp_path / "table.csv").read_text()
-    assert printed.output.splitlines()[0].startswith("J1 [rad],J2 [rad]")
+    assert printed.stdout == (tmp_path / "table.csv").read_text()
+    assert printed.stdout.splitlines()[0].startswith("J1 [rad],J2 [rad]")
 
 
 def test_the_file_itself_is_never_overwritten(tmp_path: Path) -> None:

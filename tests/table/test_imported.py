@@ -222,6 +222,8 @@ def test_what_is_missing_for_a_bag_is_one_line(tmp_path: Path, monkeypatch: pyte
 def test_what_has_no_known_layout_asks_for_a_map(measured: Dataset, tmp_path: Path) -> None:
     source = figaroh(measured, tmp_path / "f.csv")
     assert "expected --mechanism M" in one_line(run("import", source), 2)
+    more = figaroh(measured, tmp_path / "more.csv", gripper=measured.q[:, 0])
+    assert "left out, no joint of" in run("import", more, "--mechanism", ARM).stderr
     source.write_text(source.read_text().replace("J3", "Jx", 1))
     assert "no values of joint 'J3'" in one_line(run("import", source, "--mechanism", ARM), 2)
     source.write_text(source.read_text().replace("x1", "px", 1))
