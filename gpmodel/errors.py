@@ -48,5 +48,9 @@ class InputError(GpModelError, ValueError):
         super().__init__(f"{argument}: {self.said}" if argument else self.said)
 
 
+class OpenLoopsError(InputError):
+    """Joint values, with the errors of a mechanism, at which its closed loops do not meet."""
+
+
 class WriteError(InputError):
     """What could not be written: a full disk, a folder that is not ours."""

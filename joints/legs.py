@@ -15,7 +15,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, OpenLoopsError
 from gpmodel.mechanism.balls import Ball, Shift
 from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.mechanism.quantities import GRAVITY
@@ -130,12 +130,12 @@ class OnLegs:
         wrong = int(np.argmax(miss))
         if not miss[wrong] < CLOSED:
             said = ", ".join(f"{1e3 * v:.1f}" for v in lengths[:, wrong])
-            raise InputError(f"{self.name}: legs of {said} mm do not meet in one platform (pose {wrong + 1})")
+            raise OpenLoopsError(f"{self.name}: legs of {said} mm do not meet in one platform (pose {wrong + 1})")
         return frames
 
-    def closes(self, q: Array) -> Mask:
-        """Whether the links meet in one platform (N,) at joint values (N, n)."""
-        return self._solved(q, {})[2] < CLOSED
+    def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
+        """Whether the links meet in one platform (N,) at joint values (N, n), with error twists (N, 6) of slots."""
+        return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
         """Frames (S, N, 4, 4), lengths (6, N) and by how much (N,) the worst link of each pose misses, m."""

@@ -1,6 +1,7 @@
 """Results on disk: report.json and the pages made of it, with what belongs beside them, all of them or none."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from gpmodel.api.arguments import file_path
 from gpmodel.api.model import MODEL, Model
 from gpmodel.application.model_reader import REPORT
+from gpmodel.errors import InputError, WriteError
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
 from gpmodel.forks import Forks, called_beside
@@ -42,7 +44,8 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> None:
     """The same of a fit, with model.json and every export that the model allows, all of it side by side; look: makes
-    the record. Raises InputError likewise."""
+    the record. Where the report cannot be made, model.json is written alone, so that a fit is not lost with its pages.
+    Raises InputError likewise."""
     check_writable()
     from gpmodel.api.exports import ExportsResult
     from gpmodel.application.exports.make import parts_of, together
@@ -52,7 +55,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -
     from gpmodel.report.write import write_pages
 
     path = file_path(folder, "folder")
-    with finished_folder(path) as draft:
+    with finished_folder(path) as draft, _kept(model, path):
         with told_of(path):
             record, made = called_beside(Forks(), look, parts_of(model.saved, Place.of(model.saved)))
         exports = ExportsResult(model.mechanism.name, together(made))
@@ -66,6 +69,22 @@ def write_numbers(record: Report, model: Model, folder: Path) -> None:
     with finished_folder(folder) as draft:
         save_record(record, draft / REPORT)
         save_model(model, draft)
+
+
+@contextmanager
+def _kept(model: Model, folder: Path) -> Iterator[None]:
+    """Write model.json into `folder` where what happens inside fails for another reason than a disk."""
+    try:
+        yield
+    except WriteError:
+        raise
+    except Exception as error:
+        folder.mkdir(parents=True, exist_ok=True)
+        save_model(model, folder)
+        if not isinstance(error, InputError):
+            raise
+        said = f"no report could be made ({error}); the model with its findings is in {folder / MODEL}"
+        raise InputError(said) from None
 
 
 def save_model(model: Model, folder: Path) -> None:

@@ -120,7 +120,7 @@ def simulate(
             noise=spread, geometry_sigma=sigma, payload=payload,
             inputs={n: v for n, _, v in columns if n != "payload"},
             input_units={n: u for n, u, _ in columns if n != "payload"},
-            tool_point=tool_point,
+            tool_point=tool_point, drawn=given is None,
         )  # fmt: skip
     return SimulationResult(made.dataset, Model(_truth(made)))
 

@@ -16,7 +16,8 @@ from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
-from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.mechanism.workspace import drawn_between
+from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.numerics.tails import Tails, with_far_ones
 
 POSES = 1000
@@ -69,7 +70,8 @@ def further_poses(fit: Calibration, poses: Poses) -> ErrorBounds | None:
     (inside, blur), (outside, around) = (left_out(fit, problem, rows) for rows in (use, far))
     noise = with_far_ones(inside, outside, count, (blur, around))
     low, high = data.q[use].min(axis=0), data.q[use].max(axis=0)
-    there = prepare(saved.mechanism, at_joint_values(known, rng.uniform(low, high, (POSES, data.q.shape[1])), rng))
+    drawn = at_joint_values(known, drawn_between(saved.mechanism, low, high, POSES, rng), rng)
+    there = prepare(saved.mechanism, drawn.subset(closing(fit.model, drawn, fit.theta)))
     observed = observe(fit.model, there, fit.theta, fit.placement)
     return _over_worlds(point_columns(saved, there, observed), fit.covariance.values, noise, rng)
 

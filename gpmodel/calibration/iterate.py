@@ -10,6 +10,7 @@ from gpmodel.calibration.linearise import Linearised, linearise, linearise_about
 from gpmodel.calibration.noise import decorrelate
 from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.priors import TOOL_REACH, noise_sigma, off_mean
+from gpmodel.errors import OpenLoopsError
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import MANY_COLUMNS
@@ -175,7 +176,8 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
 
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
     """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on, None where none does; its halvings.
-    Its columns are those of the point before, but where free joints are eliminated."""
+    Its columns are those of the point before, but where free joints are eliminated. A step that opens closed loops is
+    too long."""
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None
     for halvings in range(cut, MAX_HALVINGS + 1):
@@ -184,7 +186,10 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
         for corrections in range(1 if free else CORRECTIONS + 1):
             tried = placement_after(here.problem.observed, here.placement, part[:count])
             values = here.theta + part[count:]
-            problem = fitting.at(values, tried) if free else fitting.beside(here.problem, values, tried)
+            try:
+                problem = fitting.at(values, tried) if free else fitting.beside(here.problem, values, tried)
+            except OpenLoopsError:
+                break
             if step.anyway or fitting.cost(problem, values, tried, step.linear) <= enough:
                 return Reached(tried, values, problem), halvings
             if not free and corrections < CORRECTIONS:

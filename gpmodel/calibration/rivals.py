@@ -13,7 +13,7 @@ from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.model.measured_torque import measured_torques
 from gpmodel.numerics import rank as ident
 from gpmodel.wording import measured
@@ -187,12 +187,14 @@ def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[
 def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
     """Random poses within the limits as the fitted model sees them, in the first set-up and with the first tool.
 
-    They are taken one after the other, for a model that remembers the rows before.
+    They are taken one after the other, for a model that remembers the rows before. Poses at which the fitted errors
+    leave a loop open are left out.
     """
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(0))
     at = np.zeros(POOL, dtype=np.int64)
     data = replace(poses.dataset.subset(at), q=q, observations=(), in_order=True)
+    data = data.subset(closing(model, data, calibration.theta))
     fresh = prepare(model.mechanism, data)
     tips = observe(model, fresh, calibration.theta, calibration.placement).tips.instrument[:, :3, 3]
     return prepare(model.mechanism, replace(data, position=tips))
@@ -216,7 +218,7 @@ def _telling(
         others = here.apart.by_others(here.number(k), here.over_all_rows(differ))
         both, shared = _shared(here, fresh)
         for i, column in zip(mine, (rows - fresh.columns[:, fresh.held][:, shared] @ others[both]).T, strict=True):
-            squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=POOL)
+            squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=len(poses))
             chosen = np.argsort(squares)[::-1][:SHOWN]
             out[i] = poses.dataset.q[chosen], np.sqrt(squares[chosen])
     return out

@@ -85,8 +85,9 @@ class ClosedLoops(Protocol):
         close.
         """
 
-    def closes(self, q: Array) -> Mask:
-        """Whether its loops close (N,) at nominal geometry; q: (N, n) table coordinates."""
+    def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
+        """Whether its loops close (N,) with the error twists of `assembled`, nominally without; q: (N, n) table
+        coordinates."""
 
     def carried(self, frames: Array, slot: int) -> Array:
         """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.

@@ -41,12 +41,13 @@ def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, 
     Raises InputError where hardly any do.
     """
     loops, found = closed(mechanism), np.zeros((0, len(lower)))
+    batch = count if loops is None else max(count, MOST_DRAWS)
     for _ in range(MOST_DRAWS):
-        q = rng.uniform(lower, upper, (count, len(lower)))
+        q = rng.uniform(lower, upper, (batch, len(lower)))
         found = np.concatenate([found, q if loops is None else q[loops.closes(q)]])
         if len(found) >= count:
             return found[:count]
-    raise InputError(f"{mechanism.name}: its loops close at {len(found)} of {MOST_DRAWS * count} random poses within "
+    raise InputError(f"{mechanism.name}: its loops close at {len(found)} of {MOST_DRAWS * batch} random poses within "
                      "the limits; expected narrower limits")  # fmt: skip
 
 

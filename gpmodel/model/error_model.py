@@ -126,6 +126,22 @@ class ErrorModel:
         return se3.chain(relative)
 
 
+def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
+    """Select the rows (K,) at which the loops of a mechanism close with its errors; all rows of a chain.
+
+    theta: (E,) values of model.effects, SI. An error that remembers earlier rows changes when rows go, so the test is
+    repeated on the rows that stay.
+    """
+    rows, loops = np.arange(len(data)), closed(model.mechanism)
+    while loops and len(rows):
+        poses = prepare(model.mechanism, data.subset(rows))
+        good = loops.closes(poses.dataset.q, model.twists(poses, theta))
+        if good.all():
+            break
+        rows = rows[good]
+    return rows
+
+
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
     """What the instrument would read at `poses`: T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool of each, and what
     moves it.

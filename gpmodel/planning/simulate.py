@@ -10,8 +10,9 @@ from gpmodel.errors import InputError
 from gpmodel.families.by_name import one_effect_named
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import MOST_DRAWS, random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
@@ -75,14 +76,16 @@ def simulate(
     input_units: Mapping[str, str] | None = None,
     tool_point: Array | None = None,
     scene: Scene | None = None,
+    drawn: bool = False,
 ) -> Simulation:
     """Measure `mechanism` at q (N, n) with an instrument at a random place and a random tool point.
 
     effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
     deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
     (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None. scene: of an
-    instrument that reads no points, whose noise is in the unit of its readings.
-    Raises InputError for an effect that cannot be read or is not finite.
+    instrument that reads no points, whose noise is in the unit of its readings. drawn: q is random; poses at which
+    loops do not close with the errors are replaced by others.
+    Raises InputError for an effect that cannot be read or is not finite, or for poses at which loops do not close.
     """
     bare = unmeasured([j.name for j in mechanism.joints], q, payload)
     tree = branched(mechanism)
@@ -113,6 +116,26 @@ def simulate(
     if scene is not None:
         seen, placement = read_in(scene, Real(model, values, placement), empty, noise, rng)
         return Simulation(seen, model, values, placement, noise)
-    tip = observe(model, poses, values, placement).tip[:, :3, 3]
+    empty = _closed(model, empty, values, rng if drawn else None)
+    tip = observe(model, prepare(mechanism, empty), values, placement).tip[:, :3, 3]
     position = tip + rng.normal(0.0, noise, tip.shape) if noise else tip
     return Simulation(replace(empty, position=position), model, values, placement, noise)
+
+
+def _closed(model: ErrorModel, data: Dataset, theta: Array, rng: np.random.Generator | None) -> Dataset:
+    """Replace poses at which loops do not close with the errors by random ones.
+
+    Raises InputError without a generator, or where hardly any pose closes.
+    """
+    for _ in range(MOST_DRAWS):
+        open_rows = np.setdiff1d(np.arange(len(data)), closing(model, data, theta))
+        if not len(open_rows):
+            return data
+        if rng is None:
+            where = f"at {len(open_rows)} of {len(data)} poses, first at pose {open_rows[0] + 1}"
+            said = f"the loops do not close with these errors {where}; expected poses farther inside the limits"
+            raise InputError(said, "poses")
+        q = data.q.copy()
+        q[open_rows] = random_poses(model.mechanism, len(open_rows), rng)
+        data = replace(data, q=q)
+    raise InputError("with these errors the loops close at hardly any pose; expected smaller errors", "effects")

@@ -12,6 +12,8 @@ from cli_cases import robot, table
 from matplotlib.figure import Figure
 
 import gpmodel as gp
+from gpmodel.api.results import write_fitted
+from gpmodel.report.schema import Report
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +105,16 @@ def test_one_rule_for_the_share_held_out() -> None:
     for share in (0, 0.0, 1.0, 1.5):
         with pytest.raises(gp.InputError, match="expected a share above 0 and below 1"):
             gp.discover("irb6400r", table(60), holdout=share)
+
+
+def test_a_report_that_fails_leaves_the_model_and_one_line(fit: gp.Model, tmp_path: Path) -> None:
+    def fails() -> Report:
+        raise gp.InputError("legs do not meet (pose 192)")
+
+    with pytest.raises(gp.InputError, match=r"no report could be made \(legs .*\); the model .* in .*R.model\.json"):
+        write_fitted(fails, fit.model, tmp_path / "R")
+    assert [path.name for path in (tmp_path / "R").iterdir()] == ["model.json"]
+    assert gp.load_model(tmp_path / "R" / "model.json").mechanism.name == fit.model.mechanism.name
 
 
 @pytest.mark.long

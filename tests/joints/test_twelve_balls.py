@@ -14,9 +14,11 @@ from experiments.twelve_balls import simulator
 from experiments.twelve_balls.run import measured, one_machine
 from experiments.twelve_balls.simulator import BALLS, Fault, Rotation, table, tau_readings
 from gpmodel.api.calibrate import measured_joints
+from gpmodel.application.further import further_poses
 from gpmodel.application.model_file import saved_model
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
+from gpmodel.calibration.rivals import POOL, _anywhere
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.mechanism.balls import balls_of
@@ -179,3 +181,29 @@ def test_bad_descriptions_and_poses_are_refused_in_one_line(tmp_path: Path) -> N
     frame = pd.read_csv(io.StringIO(table("tau", 0, False, 5)[0]), dtype=str)
     with pytest.raises(InputError, match="A3"):
         gp.calibrate("tau", frame.drop(columns="A3 [rad]"))
+
+
+WIDE = str(simulator.MACHINES["hexapod"][0])
+
+
+@pytest.mark.long
+def test_random_poses_of_a_fitted_machine_are_those_at_which_its_loops_close() -> None:
+    errors = [f"L{i}.moving:Tz:1={'-' if i % 2 else ''}5 mm" for i in range(1, 7)]
+    made = gp.simulate(WIDE, errors, poses=40)
+    model = made.truth.saved.model
+    poses = prepare(model.mechanism, made.table)
+    fit = calibrate(model, poses, condition_limit=1e4, robust=False)
+    drawn = _anywhere(fit, poses)
+    assert POOL / 2 < len(drawn) < POOL
+    assert np.isfinite(drawn.dataset.position).all()
+    assert further_poses(fit, poses) is not None
+
+
+@pytest.mark.parametrize("errors", [{"geometry_sigma": "3 mm"}, {"effects": ["L1.moving:Tz:1=20 mm"]}])
+def test_simulated_poses_whose_loops_stay_open_are_drawn_again(errors: dict) -> None:
+    made = gp.simulate(WIDE, poses=60, **errors)
+    assert np.isfinite(made.table.position).all()
+    assert len(made.table) == 60
+    given = pd.DataFrame({f"L{i} [mm]": ["500", "530" if i % 2 else "470"] for i in range(1, 7)})
+    with pytest.raises(InputError, match=r"^poses: the loops do not close with these errors at 2 of 2 .*at pose 1"):
+        gp.simulate(WIDE, ["L1.moving:Tz:1=100 mm"], poses=given)

@@ -11,6 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.workspace import drawn_between
+from gpmodel.model.error_model import closing
 from gpmodel.table.dataset import Dataset
 
 
@@ -76,12 +77,12 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:
     """`count` poses, joint values uniform over the measured ranges, everything else as in random rows of the table.
 
-    Raises InputError as `measured_table`.
+    Fewer where loops do not close with the fitted errors. Raises InputError as `measured_table`.
     """
     data = measured_table(saved)
-    return at_joint_values(
-        data, drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng), rng
-    )
+    q = drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng)
+    drawn = at_joint_values(data, q, rng)
+    return drawn.subset(closing(saved.model, drawn, saved.theta))
 
 
 def at_joint_values(data: Dataset, q: Array, rng: np.random.Generator) -> Dataset:
