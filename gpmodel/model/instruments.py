@@ -102,7 +102,7 @@ def _bars(dataset: Dataset) -> Iterator[Touches]:
         if not len(given) or np.ptp(given) > 0 or given[0] <= 0:
             raise InputError(f"{where} has no length of its own; expected one in 'length [mm]'")
         far = se3.shift([0.0, 0.0, given[0]])
-        bodies.append(Artefact(f"pair {name}", (0, 1, 2, 3, 4), (Feature("point", "1"), Feature("point", "2", far))))
+        bodies.append(Artefact(f"pair {name}", SURFACES["end"].axes, (Feature("end", "1"), Feature("end", "2", far))))
         end[rows] = 0, 1
     if bodies:
         yield Touches("pair", tuple(bodies), which, end)

@@ -34,10 +34,13 @@ class Surface:
 
 
 def aligned(centre: Array, z: Array) -> Array:
-    """A frame (4, 4) at a point, with a direction as its z axis."""
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return se3.frame(np.column_stack([x, np.cross(z, x), z]), centre)
+    """Frames (..., 4, 4) at points (..., 3), with unit directions (..., 3) as their z axes."""
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    out = np.zeros((*z.shape[:-1], 4, 4))
+    out[..., :3, :3] = np.stack([x, np.cross(z, x), z], axis=-1)
+    out[..., :3, 3], out[..., 3, 3] = centre, 1.0
+    return out
 
 
 def _place_plane(points: Array, radius: float) -> tuple[Array, float]:
@@ -97,6 +100,8 @@ SURFACES = {
     "on_plane": Surface(3, (2, 3, 4), _height, partial(_everywhere, np.eye(3)[2:]), _place_plane),
     "on_sphere": Surface(4, (0, 1, 2), _off_sphere, _away, _place_sphere),
     "point": Surface(1, (0, 1, 2), _itself, partial(_everywhere, np.eye(3)), _place_point),
+    "end": Surface(1, (2,), _height, partial(_everywhere, np.eye(3)[2:]), _place_point),
     "on_line": Surface(2, (0, 1, 3, 4), _across, partial(_everywhere, np.eye(3)[:2]), _place_line),
 }
-"""By the column of the table that names what was touched, and the point that rows of one label share."""
+"""By the column of the table that names what was touched; the point that rows of one label share, and an end of a bar,
+which is along its z axis."""

@@ -2,6 +2,10 @@
 
 A body is what has one unknown pose S in the root frame; a feature is a surface F fixed to it. The gap g(y) of the tool
 point p in the feature's frame, y = (S F)⁻¹ p, is read as zero.
+
+A bar of length L lies where it is nearest to the touches p of its ends, on their line, middle on middle. Each end then
+reads (|p2 - p1| - L) / 2 along the bar, and of its unknowns only the place along that line is left to the linear
+problem.
 """
 
 from collections.abc import Mapping
@@ -17,6 +21,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.observation import AtTheTip, Own, Tips
 from gpmodel.model.surfaces import SURFACES, Surface, aligned
+from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 
@@ -50,8 +55,8 @@ class Artefact:
 
     @property
     def is_bar(self) -> bool:
-        """Whether it is two points a known distance apart."""
-        return len(self.features) == 2 and all(f.surface == "point" for f in self.features)
+        """Whether it is two ends a known distance apart."""
+        return self.features[0].surface == "end"
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -75,7 +80,8 @@ class Touches(AtTheTip):
     @cached_property
     def components(self) -> int:
         """The most that one of its surfaces has."""
-        return max(int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
+        each = (int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
+        return max(each, default=0)
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -101,14 +107,19 @@ class Touches(AtTheTip):
         return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
 
     def subset(self, rows: IntArray) -> "Touches":
+        """Keep some rows, and of bars those with both ends among them."""
         body = self.body[rows]
+        ends = np.bincount(body[body >= 0], minlength=len(self.bodies))
+        half = [i for i, b in enumerate(self.bodies) if b.is_bar and ends[i] == 1]
+        body = np.where(np.isin(body, half), -1, body)
         there, code = np.unique(body[body >= 0], return_inverse=True)
-        body = body.copy()
         body[body >= 0] = code
         return Touches(self.name, tuple(self.bodies[i] for i in there), body, self.feature[rows])
 
     def residual(self, tips: Tips, own: Own) -> Array:
         out = np.full(self.readings.shape, np.nan)
+        if not self.bodies:
+            return out
         seen = self._seen(tips, own)
         for shape, rows in self._rows:
             gap = shape.gap(seen.points[rows])
@@ -117,29 +128,43 @@ class Touches(AtTheTip):
         return out
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
+        if not self.bodies:
+            return np.zeros((*self.readings.shape, 6))
         seen = self._seen(tips, own)
         turn = np.swapaxes(seen.frames[:, :3, :3], 1, 2) @ np.swapaxes(tips.turn, 1, 2)
         along = self._slope(seen) @ turn
         return np.concatenate([along, np.zeros_like(along)], axis=2)
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        seen, column = self._seen(tips, own), 0
-        change = self._slope(seen) @ np.swapaxes(seen.within[:, :3, :3], 1, 2) @ by_pose(seen.in_body)
         out = np.zeros((*self.readings.shape, sum(map(len, self.own.values()))))
-        for i, body in enumerate(self.bodies):
-            mine, count = self.body == i, len(body.axes)
-            out[mine, :, column : column + count] = change[mine][:, :, body.axes]
-            if body.sized:
-                out[mine, 0, column + count] = -1.0
-            column += len(body.unknowns)
+        if not self.bodies:
+            return out
+        seen = self._seen(tips, own)
+        change = self._slope(seen) @ np.swapaxes(seen.within[:, :3, :3], 1, 2) @ by_pose(seen.in_body)
+        touched = np.flatnonzero(self.body >= 0)
+        first = np.cumsum([0, *(len(body.unknowns) for body in self.bodies)])[self.body[touched]]
+        count = np.array([len(body.axes) for body in self.bodies])[self.body[touched]]
+        axes = np.array([(*body.axes, *[0] * (6 - len(body.axes))) for body in self.bodies])[self.body[touched]]
+        for k in range(int(count.max(initial=0))):
+            rows = k < count
+            at = touched[rows]
+            out[at, :, first[rows] + k] = change[at, :, axes[rows, k]]
+        sized = np.array([body.sized for body in self.bodies])[self.body[touched]]
+        out[touched[sized], 0, first[sized] + count[sized]] = -1.0
         return out
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """The pose after a twist of its axes; the radius is added to."""
-        body = next(b for b in self.bodies if b.name == key)
+        """The pose after a twist of its axes; the radius is added to. A bar follows its touches."""
+        body = self._by_name[key]
+        if body.is_bar:
+            return value
         twist = np.zeros(6)
         twist[list(body.axes)] = step[: len(body.axes)]
         return np.concatenate([turned(value, twist), value[6:] + step[len(body.axes) :]])
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Artefact]:
+        return {body.name: body for body in self.bodies}
 
     def start(self, tips: Tips) -> Own:
         """Each body where its touches say: in closed form, or of several features by least squares from 24 turns."""
@@ -169,16 +194,44 @@ class Touches(AtTheTip):
         return out
 
     def _seen(self, tips: Tips, own: Own) -> "_Gaps":
-        poses = np.array([frame_of(own[body.name]) for body in self.bodies])
+        poses = self._poses(tips.root[:, :3, 3], own)
         sizes = [own[b.name][6] if b.sized else 0.0 for b in self.bodies]
+        at, within, radius = self._features
+        radius = radius[at] + np.array(sizes)[self.body]
+        pose = poses[self.body]
+        in_body = _into(pose, tips.root[:, :3, 3])
+        return _Gaps(pose @ within[at], within[at], in_body, _into(within[at], in_body), radius)
+
+    @cached_property
+    def _features(self) -> tuple[IntArray, Array, Array]:
+        """Of every row (N,) its feature among those of all bodies; their frames in their bodies, and known radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)
-        within = np.array([f.frame for f in flat])[at]
-        radius = np.array([0.0 if np.isnan(f.radius) else f.radius for f in flat])[at] + np.array(sizes)[self.body]
-        pose = poses[self.body]
-        in_body = _into(pose, tips.root[:, :3, 3])
-        return _Gaps(pose @ within, within, in_body, _into(within, in_body), radius)
+        known = [0.0 if np.isnan(f.radius) else f.radius for f in flat]
+        return at, np.array([f.frame for f in flat]), np.array(known)
+
+    @cached_property
+    def _bars(self) -> tuple[IntArray, IntArray, Array]:
+        """Bars (B,), the rows (B, 2) of their ends, and half of their lengths (B,)."""
+        bars = np.array([i for i, body in enumerate(self.bodies) if body.is_bar], dtype=np.int64)
+        rows = np.full((len(self.bodies), 2), -1)
+        touched = np.flatnonzero(self.body >= 0)
+        rows[self.body[touched], np.minimum(self.feature[touched], 1)] = touched
+        return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
+
+    def _poses(self, points: Array, own: Own) -> Array:
+        """Poses (B, 4, 4) of the bodies; bars lie nearest to their touches (N, 3), on their line."""
+        numbers = np.array([own[body.name][:6] for body in self.bodies])
+        poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
+        poses[:, :3, 3] = numbers[:, :3]
+        bars, ends, half = self._bars
+        if len(bars):
+            start, along = points[ends[:, 0]], points[ends[:, 1]] - points[ends[:, 0]]
+            size = np.linalg.norm(along, axis=1, keepdims=True)
+            along = np.where(size > 0, along / np.where(size > 0, size, 1.0), poses[bars, :3, 2])
+            poses[bars] = aligned(start + (0.5 * size - half[:, None]) * along, along)
+        return poses
 
 
 @dataclass(frozen=True)

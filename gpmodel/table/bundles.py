@@ -214,11 +214,12 @@ def copies(dataset: Dataset) -> Mask:
 
 
 def original(dataset: Dataset) -> IntArray:
-    """First row (N,) with the same joint values and measurement to the last digit; itself where nothing was measured in
-    columns."""
+    """First row (N,) with the same joint values, labels of what it reads and measurement to the last digit; itself
+    where nothing was measured in columns."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
-    said = np.nan_to_num(np.column_stack([dataset.q, measured]), nan=np.inf)
+    labels = [dataset.codes(column)[1] for column in ("tool", *READ)]
+    said = np.nan_to_num(np.column_stack([dataset.q, *labels, measured]), nan=np.inf)
     _, first, code = np.unique(said, axis=0, return_index=True, return_inverse=True)
     known = np.isfinite(measured).any(axis=1)
     return np.where(known, first[code.reshape(-1)], np.arange(len(dataset))).astype(np.int64)

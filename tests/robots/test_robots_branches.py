@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from cli_cases import one_line, run
 from torso_cases import TIPS, torso
 
 import gpmodel as gp
+from gpmodel.api.simulate import SimulationResult
 from gpmodel.application.exports.make import exports_of
 from gpmodel.application.exports.sample import Place
 from gpmodel.calibration.gauss_newton import calibrate
@@ -20,6 +22,7 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
+from gpmodel.table.bundles import copies
 from robots.urdf import read_urdf
 
 
@@ -105,6 +108,65 @@ def test_where_the_second_arm_stands_is_fitted(file: Path) -> None:
     assert gaps(fit, poses) < 0.02e-3
     assert {"right_0.fixed Ty", "left_4 Ry"} <= {e.name for e in geometric_effects(arms)}
     assert "left_0.fixed Ty" not in {e.name for e in geometric_effects(arms)}
+
+
+def pairs_of(made: SimulationResult) -> pd.DataFrame:
+    """Bars between the two arms at once: both rows of a pair have one set of joint values and one length."""
+    points = made.table.position
+    length = 1e3 * np.linalg.norm(points[::2] - points[1::2], axis=1)
+    frame = made.to_dataframe().drop(columns=["x [mm]", "y [mm]", "z [mm]"])
+    assert len(frame) == 2 * len(length)
+    pair = np.repeat(np.arange(len(length)), 2)
+    return frame.assign(pair=[f"B{k}" for k in pair], **{"length [mm]": [f"{length[k]:.6f}" for k in pair]})
+
+
+def two_arms_at_once(file: Path, count: int) -> SimulationResult:
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    q = np.repeat(random_poses(arms, count, np.random.default_rng(0)), 2, axis=0)
+    poses = pd.DataFrame({f"{j.name} [rad]": column for j, column in zip(arms.joints, q.T, strict=True)})
+    return gp.simulate(arms, poses=poses.astype(str), geometry_sigma="0.3 mm", noise="0.03 mm")
+
+
+def test_bars_between_two_arms_are_no_copies_and_cost_one_unknown_each(file: Path) -> None:
+    frame = pairs_of(two_arms_at_once(file, 80))
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    data = gp.read_table(frame, arms)
+    assert not copies(data).any()
+    (touches,) = data.observations
+    assert sum(map(len, touches.own.values())) == 80
+    fit, bare = (calibrate(ErrorModel(arms, effects), prepare(arms, data)) for effects in (geometric_effects(arms), ()))
+    assert fit.status == "converged"
+    assert not len(fit.outliers)
+    assert fit.error.mean() < 0.1 * bare.error.mean()
+
+
+def test_a_bar_reads_its_length_and_its_columns_are_derivatives(file: Path) -> None:
+    made = two_arms_at_once(file, 12)
+    frame, saved = pairs_of(made), made.truth.saved
+    data = gp.read_table(frame, made.truth.mechanism)
+    poses = prepare(made.truth.mechanism, data)
+    seen = observe(saved.model, poses, saved.theta, saved.placement)
+    gap = measured_minus(seen, data)[:, -1]
+    points = seen.tips.root[:, :3, 3]
+    apart = np.linalg.norm(points[::2] - points[1::2], axis=1) - data.readings["length"][::2]
+    np.testing.assert_allclose(np.abs(gap[::2]), 0.5 * np.abs(apart), atol=1e-12)
+    np.testing.assert_allclose(gap[::2], -gap[1::2], atol=1e-12)
+    problem = linearise(saved.model, poses, saved.theta, saved.placement, 1.0, np.ones(len(data), dtype=bool))
+    moved = saved.theta + 1e-6 * np.random.default_rng(1).normal(size=len(saved.theta))
+    after = measured_minus(observe(saved.model, poses, moved, saved.placement), data)[:, -1]
+    own = np.array(["pair" in name for name in problem.placement_names])
+    foreseen = problem.residual - problem.columns[:, problem.placement :] @ (moved - saved.theta)
+    slides = problem.columns[:, : problem.placement][:, own]
+    foreseen -= slides @ np.linalg.lstsq(slides, foreseen, rcond=None)[0]
+    np.testing.assert_allclose(after, foreseen, atol=1e-10)
+
+
+def test_rows_that_touch_nothing_of_a_kind_read_nothing(file: Path) -> None:
+    data = gp.read_table(pairs_of(two_arms_at_once(file, 6)), gp.load_mechanism(str(file), frame=TIPS))
+    (none,) = (o.subset(np.zeros(0, dtype=np.int64)) for o in data.observations)
+    (half,) = (o.subset(np.array([0, 2, 3])) for o in data.observations)
+    assert none.readings.shape == (0, 0)
+    assert half.readings.sum(axis=1).tolist() == [0, 1, 1]
 
 
 def test_each_arm_bears_its_own_weight(weighty: Path) -> None:
