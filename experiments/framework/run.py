@@ -56,10 +56,10 @@ def looked_back(case: Case, found: Found, known: Sequence[Candidate]) -> tuple[F
     """The newest model and one of the earlier exchanged for two others, where these say it better; the exchange.
 
     One model may stand for a part of several, and hides each of them until two come in its place. Better: the shortest
-    description of all pairs of the SHORT_LIST best, shorter by `Criteria.swap_nats`, the loop's own limit.
+    description of all pairs of the SHORT_LIST best, shorter by `Criteria.tie`.
     """
     criteria, newest = Criteria(), found[-1]
-    best, said = (criteria.swap_nats, found), ""
+    best, said = (criteria.tie, found), ""
     for old in found[:-1]:
         others = tuple(candidate for candidate in found if candidate not in (old, newest))
         residual = residual_of(fitted(case, others), case.poses.subset(case.train), criteria, 0)

@@ -1,20 +1,16 @@
 """The tests of a candidate, and backward elimination of findings that fail one beside the others."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from gpmodel import wording
-from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.walk import beyond_a_walk
 from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.evidence.dependence import inflation, order_matters
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import Score, deflated, own_share
-from gpmodel.evolution.chance import Chance, larger
+from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate
 
 
@@ -24,9 +20,7 @@ class Hypothesis:
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
     rivals: names and cv_rms of what else it could be. likely: the probability that it is this and none of them, by what
-    each predicts. moved: effects of the model, each with the standard deviation of its value over these. outdone: by
-    how many standard errors the best of them predicts better. offered: it was evolved and judged by itself; where it
-    passed, it is offered to the selection, which decides.
+    each predicts. moved: effects of the model, each with the standard deviation of its value over these.
     """
 
     candidate: Candidate
@@ -36,15 +30,8 @@ class Hypothesis:
     cv_before: float
     rivals: tuple[tuple[str, float], ...]
     verdict: Verdict
-    offered: bool = False
     likely: float = 1.0
     moved: tuple[tuple[str, float], ...] = ()
-    outdone: float = 0.0
-
-    @property
-    def added(self) -> bool:
-        """Whether it passed and became a finding."""
-        return self.accepted and not self.offered
 
     @property
     def accepted(self) -> bool:
@@ -64,8 +51,6 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
-        if self.accepted and self.offered:
-            return "passes, offered to the selection"
         chance = wording.chance(self.p_value, self.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
@@ -87,35 +72,10 @@ def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Ch
     if order_matters(residual, candidate):
         t = better_by(residual.in_stretches, candidate.effects)
         tests.append(Test("stretches", t, predicts, t > predicts))
-    beyond = beyond_a_walk(residual, candidate)
-    if beyond is not None:
-        tests.append(Test("walk", beyond, 0.0, beyond > 0.0))
     shared = {name: factor for name, factor in inflated.items() if factor > 1.0}
     for name, nats in zip(shared, deflated(residual, candidate, tuple(shared.values())), strict=True):
         tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
-    if not candidate.has_priors:
-        plain = _sigmas(residual, candidate)
-        sigmas = plain / np.sqrt(max(inflated.values(), default=1.0))
-        sign = _sign_is_stable(after.coefficients)
-        tests += [
-            Test("coefficient", sigmas, criteria.minimum_sigmas, sigmas > criteria.minimum_sigmas),
-            Test("sign", float(sign), 1.0, sign),
-        ]
     return Hypothesis(candidate, score, by_chance, after.rms, before.rms, (), Verdict(tuple(tests)))
-
-
-def as_searched(hypothesis: Hypothesis, searched: Sequence[Hypothesis]) -> Hypothesis:
-    """The hypothesis with its largest p-value: a law that was evolved, by itself or among other terms, and then
-    selected went through two searches, and the null of the selection knows nothing of the first."""
-    candidate = hypothesis.candidate
-    own = {effect.terms for effect in candidate.effects}
-
-    def holds_it(other: Candidate) -> bool:
-        among = not candidate.family and own <= {effect.terms for effect in other.effects}
-        return among or other.name == candidate.name
-
-    found = [h.chance for h in searched if holds_it(h.candidate)]
-    return replace(hypothesis, chance=larger(hypothesis.chance, *found))
 
 
 Fit = Callable[[Sequence[Candidate], Calibration], Calibration]
@@ -154,21 +114,3 @@ def eliminate_and_readmit(
         inside[best] = outside.pop(best)
         calibration = fit(tuple(inside.values()), calibration)
     return judged, weeded(calibration) if len(inside) > before else calibration
-
-
-def _sigmas(residual: Residual, candidate: Candidate) -> float:
-    """The largest coefficient of a candidate in its standard deviations."""
-    span, _ = residual.projected(candidate.effects)
-    gram = np.linalg.pinv(span.T @ span)
-    solved = gram @ (span.T @ residual.values)
-    rest = residual.values - span @ solved
-    sigma = np.sqrt(rest @ rest / max(residual.freedom - span.shape[1], 1))
-    deviation = sigma * np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return float(np.max(np.abs(solved) / deviation))
-
-
-def _sign_is_stable(coefficients: Array) -> bool:
-    """Whether the largest coefficient of a set (folds, E) keeps its sign in every fold."""
-    leading = int(np.argmax(np.abs(coefficients.mean(axis=0))))
-    signs = np.sign(coefficients[:, leading])
-    return bool(np.all(signs == signs[0]))

@@ -9,7 +9,7 @@ from scipy.special import softmax
 
 from gpmodel.arrays import Array
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.evidence.cross_validation import cross_validated, gained
+from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual
 from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
@@ -44,7 +44,6 @@ def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[Candid
         hypothesis,
         rivals=tuple((rival.name, predicted.rms) for predicted, rival in best),
         likely=float(likely[0]),
-        outdone=gained(own, best[0][0], residual.criteria.outlier_sigmas) if best else 0.0,
         moved=tuple(spread.items()),
     )
 

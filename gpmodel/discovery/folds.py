@@ -79,8 +79,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 def _evolved(found: Discovery) -> bool:
     """Whether a finding has no name, and something that was evolved passed, of which it may be made."""
-    passed = any(h.offered and h.accepted for one in found.rounds for h in one.hypotheses)
-    return passed and any(not finding.candidate.family for finding in found.findings)
+    return any(finding.candidate.found_by == "evolved" for finding in found.findings)
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:

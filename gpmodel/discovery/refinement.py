@@ -4,9 +4,8 @@ Variable projection: at given constants the unknowns are solved and everything e
 that what is left of the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from scipy.optimize import minimize
@@ -14,7 +13,6 @@ from scipy.optimize import minimize
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import DIGITS, NonlinearParameters
@@ -81,33 +79,15 @@ def refined_fit(
     return found, calibration
 
 
-def told_apart(residual: Residual, candidates: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Candidates by name without those beside which another at their place, with its constants where they are most
-    likely, says as much alone: for a law between two values that were offered both were chosen, or a curve.
+def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
+    """Candidates with constants inside, these where they are most likely in the place of all such at the same site.
 
-    residual: with all of them in the model. As much is what the other saves beside it, a constant inside it paid for by
-    half a log of the measurements. Source: Schwarz (1978).
+    Of a formula between two offered values both may be selected. residual: of a model with all candidates.
     """
-    kept = dict(candidates)
-    for name, other in permutations(candidates, 2):
-        if name in kept and other in kept and _movable(kept[name]) and _acts(kept[name]) == _acts(kept[other]):
-            both = (*kept[name].effects, *kept[other].effects)
-            left = residual.without(both)
-            alone = refined(left, kept[name])
-            own = _nats(left, kept[name].effects)
-            saved = _saved(residual, kept[other], _nats(left, both) - own)
-            if _nats(left, alone.effects) - own > saved - 0.5 * _movable(kept[other]) * np.log(left.measured):
-                kept[name] = alone
-                del kept[other]
-    return kept
-
-
-def _saved(residual: Residual, candidate: Candidate, nats: float) -> float:
-    """What a candidate saves beside all others, its unknowns paid for by their priors, or each by half a log of the
-    measurements. residual: with it in the model. nats: what it saves beside another without priors, unpaid."""
-    if candidate.has_priors:
-        return scores(residual.without(candidate.effects), [candidate])[0].nats
-    return float(nats - 0.5 * len(candidate.effects) * np.log(residual.measured))
+    movable = [c for c in candidates.values() if _movable(c)]
+    for candidate in movable:
+        effects = [e for c in movable if _acts(c) == _acts(candidate) for e in c.effects]
+        yield refined(residual.without(effects), candidate)
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:

@@ -27,9 +27,7 @@ class Search:
     the numbers of what is chosen are fitted to all. stop_after: seconds after which no new round begins, None for no
     limit. max_effects: findings after which no new round begins. workers: GP runs side by side, which change no number.
     executor: runs them elsewhere.
-
-    shortlist: evolved hypotheses that are judged. considered: candidates from which they are taken, best first.
-    rivals: alternatives kept beside one.
+    considered: evolved programs that are offered to the selection at most, the best first.
     """
 
     runs: int = 8
@@ -46,9 +44,7 @@ class Search:
     nats_per_node: float = 2.0
     evolved_poses: int = 300
     scored_poses: int = 500
-    shortlist: int = 4
     considered: int = 48
-    rivals: int = 6
     executor: Workers | None = None
 
     @property
@@ -61,7 +57,7 @@ class Search:
         """The same on this machine, for what is too large to be sent to another."""
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
-    def cost(self, nodes: int, places: int) -> float:
+    def cost(self, nodes: float, places: int) -> float:
         """Nats of a program: of its nodes, and of the place that it acts at among so many."""
         return self.nats_per_node * nodes + math.log(places)
 

@@ -12,32 +12,24 @@ class Criteria:
 
     Tests of one candidate:
     significance: largest p-value on permuted residuals.
-    minimum_nats: least gain in description length, nats; pure noise reaches 4.2, five is a Bayes factor of 150, "very
-        strong" (Kass and Raftery 1995).
-    minimum_cv_t: least cross-validated gain, in standard errors of its mean; half of minimum_sigmas, as an effect of t
-        standard errors lowers the squared error by t² σ² and noise moves that by 2 t σ². Over random folds, and over
+    minimum_nats: least gain of any group in description length, and part of its price, nats; pure noise reaches 4.2,
+        five is a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
+    minimum_cv_t: least cross-validated gain, in standard errors of its mean; half of 3, as an effect of t standard
+        errors lowers the squared error by t² σ² and noise moves that by 2 t σ². Over random folds, and over
         stretches of rows where these are in order or read.
     clear_cv_t: the same for an unnamed expression, over none, over a named effect and over any part of it, standard
         errors: the two-sided 5 %, as the more ways there are, the more of them predict a little better.
-    minimum_sigmas: least size of the largest coefficient, in its standard errors.
     minimum_share: least share of its motion of the readings that nothing enabled explains; below it the rest is a
         hundred times as large, and a change of the model by a hundredth of that decides the number.
     scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
-    fewest_poses, fewest_share: least poses, and share of them, that each part of an unnamed expression acts at; a term
-        that acts at fewer is fitted to a few outlying poses.
     largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
 
     Naming:
-    likeness: correlation of projected columns above which two candidates are one finding at several places.
     head_start: nats by which an unnamed expression has to beat a named effect, the price of reading it.
-    naming_margin: nats that a name of the catalogue may cost against the expression it replaces.
+    naming_margin: nats that a reader loses by a curve that names no part, where its formulas are offered.
     tie: nats within which the expression that is shortest to read represents its like.
-    standard_errors: cross-validated loss that a law may have against the curve it replaces, standard errors of the
-        paired difference: the one-standard-error rule (Breiman et al. 1984, 3.4.3).
 
     Selection of groups:
-    part_nats: least gain of each place of a group at several, nats; the kind is paid for already.
-    swap_nats: nats needed to replace a group by another; a cheaper one that is no larger needs none.
     rival_nats: nats within which another in its place is a rival, a likelihood ratio of twenty ("strong", Jeffreys
         1961).
     one_pose_share: largest share of a group's gain that one pose brings; with more the group is bent to an outlier.
@@ -60,19 +52,12 @@ class Criteria:
     minimum_nats: float = 5.0
     minimum_cv_t: float = 1.5
     clear_cv_t: float = 2.0
-    minimum_sigmas: float = 3.0
     minimum_share: float = 0.01
     scored_share: float = 0.02
-    likeness: float = 0.95
     head_start: float = 5.0
     naming_margin: float = 8.0
     tie: float = 1.0
-    standard_errors: float = 1.0
-    fewest_poses: float = 5.0
-    fewest_share: float = 0.05
     largest_between: float = 4.0
-    part_nats: float = 1.0
-    swap_nats: float = 1.0
     rival_nats: float = 3.0
     one_pose_share: float = 0.5
     outlier_sigmas: float = 6.0
@@ -100,10 +85,6 @@ _WORDS: dict[str, Callable[[Test], str]] = {
     "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
     "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
     "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
-    "rival": lambda t: f"another effect in its place predicts better by {t.value:.1f} deviations",
-    "walk": lambda t: f"a random walk of the instrument saves {-t.value:.1f} nats more",
-    "coefficient": lambda t: f"coefficient {t.value:.1f} sigma, limit {t.limit}",
-    "sign": lambda t: "sign changes between folds",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",
     "repeats": lambda t: f"repeats counted once, it saves {t.value:.1f} nats, limit {t.limit}",
     "rows": lambda t: f"what drifts along the rows taken off, it saves {t.value:.1f} nats, limit {t.limit}",

@@ -53,7 +53,7 @@ _OWN: tuple[Family, ...] = (
     Family("instrument_elevation", "the encoder of the instrument's elevation has an index error or runs out", "Muralikrishnan et al. 2009", families_instrument.instrument_elevation, offered=families_instrument.or_beyond(families_instrument.instrument_elevation)),
     Family("instrument_axes", "the instrument's axes and its beam are not square to each other", "Muralikrishnan et al. 2009", families_instrument.instrument_axes, offered=families_instrument.or_beyond(families_instrument.instrument_axes)),
     Family("instrument_field", "a smooth error of the instrument over its volume: refraction, a camera's lens", "ISO 10360-10; VDI/VDE 2634", families_instrument.instrument_field, offered=families_instrument.or_beyond(families_instrument.instrument_field)),
-    Family("instrument_walk", "the instrument wanders at random during the session", "ISO 10360-10", families_instrument.instrument_walk),
+    Family("instrument_walk", "the instrument wanders at random during the session", "ISO 10360-10", families_instrument.instrument_walk, offered=families_instrument.instrument_walks),
     Family("drift", "instrument or base creeps during the session", "ISO 230-3", families_session.drift, clamped=True),
     Family("set_up_step", "the instrument or the base was moved between two rows", "ISO 10360-10", families_session.setup_step),
     Family("tool_slip", "the reflector or the tool shifted between two rows", "ISO 10360-10", families_session.tool_slip),

@@ -45,6 +45,9 @@ elevation that it reads. A table in the frame of the robot itself has its origin
 WAVES = 8
 """Waves of a walk along the rows: the eighth carries a 225th of the variance of the first."""
 
+FINE_WAVES = 32
+"""Waves of a walk in detail: eight leave a fortieth of its variance, in which a step passes for more than the rest."""
+
 
 @dataclass(frozen=True)
 class _Sizes:
@@ -209,6 +212,14 @@ def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) ->
             for k, (order, part) in enumerate(zip(orders, spread, strict=True), 1)
         )  # fmt: skip
         yield Candidate(name, effects, "instrument_walk", 5.0)
+
+
+def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
+    """The walks that a search is offered: of few waves, and of as many as leave no step of it for other effects."""
+    yield from instrument_walk(mechanism, states)
+    waves = min(FINE_WAVES, len(states) // 4)
+    for fine in instrument_walk(mechanism, states, waves) if waves > WAVES else ():
+        yield replace(fine, name=f"{fine.name} in detail")
 
 
 def _centred(column: str, values: Array) -> str:

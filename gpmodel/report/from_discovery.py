@@ -174,7 +174,7 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
         p_value=hypothesis.p_value,
         shuffles=hypothesis.shuffles,
         tests=_tests(hypothesis),
-        accepted=hypothesis.added,
+        accepted=hypothesis.accepted,
         why=hypothesis.why,
     )
 

@@ -15,6 +15,7 @@ MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
 _FOUND_BY = {
     "catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand",
+    "formula": "a search of short formulas",
     "surface": "a free function of its inputs; no shorter law predicts as well",
 }  # fmt: skip
 _SOURCES = {

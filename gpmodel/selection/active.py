@@ -4,6 +4,7 @@ With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I
 C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -138,11 +139,10 @@ class Active:
 
     @cached_property
     def evidence(self) -> float:
-        """Log marginal likelihood of the cleaned target, nats, less what the groups cost to name."""
+        """Log marginal likelihood of the cleaned target, nats."""
         freedom, count = self.pool.rows.freedom, len(self.rhs)
-        cost = float(sum(self.pool.cost[g] for g in self.variances))
         volume = (freedom - count) * float(np.log(self.sigma2)) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
-        return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi))) - cost
+        return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
         """s and q (1, K) of an active group, or of some of its columns, with itself taken out."""
@@ -177,6 +177,35 @@ class Active:
         gains, at = best(s, q, self.pool.cap[groups])
         return dict(zip(self.variances, zip(gains.tolist(), at.tolist(), strict=True), strict=True))
 
-    def net_nats(self, g: int) -> float:
-        """What a group in the model gains beyond its cost."""
-        return self.gains[g][0] - float(self.pool.cost[g])
+    @cached_property
+    def found(self) -> tuple[int, ...]:
+        """Selected groups: those in the model that are not always included."""
+        return tuple(g for g in self.variances if not self.pool.groups[g].always_included)
+
+    @property
+    def objective(self) -> float:
+        """L: log marginal likelihood of the cleaned target less the price of every selected group, nats."""
+        return self.evidence - sum(self.price(g) for g in self.found)
+
+    @property
+    def utility(self) -> float:
+        """The objective less what a reader loses by curves that name no part, nats."""
+        return self.objective - float(sum(self.pool.reading[g] for g in self.found))
+
+    def net_gain(self, g: int) -> float:
+        """Gain of a group in the model less its price, nats."""
+        return self.gains[g][0] - self.price(g)
+
+    def price(self, g: int) -> float:
+        """Price of a group, nats: ln n for each further one of its sites, of n that there are."""
+        further = len(np.unique(self.part_of_column(g))) - 1
+        return float(self.pool.price[g]) + max(further, 0) * self.price_of_site(g)
+
+    def price_of_site(self, g: int) -> float:
+        """ln n, nats, of a group at several of n sites: each is one of so many."""
+        return math.log(max(len(self.pool.groups[g].parts), 1))
+
+    def part_of_column(self, g: int) -> IntArray:
+        """Number of the part that each remaining column of a group at several sites belongs to; empty for others."""
+        sizes = [len(part.effects) for part in self.pool.groups[g].parts]
+        return np.repeat(np.arange(len(sizes)), sizes)[self.chosen[g]] if sizes else np.zeros(0, dtype=np.int64)

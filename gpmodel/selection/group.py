@@ -9,6 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import GEOMETRY_REACH
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
@@ -17,6 +18,8 @@ CAP = 5e-3
 """Radians or metres, as √a: no undeclared effect of a machine in service moves its place further."""
 DECLARED_CAP = 0.3
 """Largest √a of an effect that is known to be there, in its own unit."""
+FEW = 2
+"""Unknowns up to which a group is read as one effect: a number, or a sine and cosine. More of them make a curve."""
 FLAT = 1e-6
 """Relative variance of a basis below which it is a constant, which the geometry holds."""
 
@@ -67,6 +70,12 @@ class Group(Candidate):
         """Its effects with the standard deviations √a spread_k as their priors."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
+
+
+def is_curve(candidate: Candidate) -> bool:
+    """Whether a candidate says how an error looks and names no part: a smooth term, or one of a generic family."""
+    known = family(candidate.family)
+    return candidate.found_by == "surface" or (known is not None and known.generic)
 
 
 def spread_of(effect: Effect, shapes: Shapes) -> float:

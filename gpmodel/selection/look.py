@@ -11,12 +11,12 @@ from gpmodel.calibration.priors import off_mean
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.selection.active import LEAST_NOISE, Active
-from gpmodel.selection.exchange import Alternative, exchanged
+from gpmodel.selection.alternatives import Alternative, alternatives
 from gpmodel.selection.group import Group, Shapes
-from gpmodel.selection.moves import stepwise, with_optimal_variances
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.refit import Expansion, far_out, refit
 from gpmodel.selection.rows import Rows
+from gpmodel.selection.sparse_bayes import reestimate, select
 
 MOST_LOOKS = 3
 """Linearisations at most; the second usually finds nothing to change."""
@@ -27,10 +27,11 @@ UNKNOWN = 1e-6
 
 @dataclass(frozen=True)
 class Screening:
-    """What stays the same: the shapes of the poses that are chosen on, the limits."""
+    """Shapes of bases over the training poses, the limits, and the names of curves whose formulas are offered."""
 
     shapes: Shapes
     criteria: Criteria
+    with_formulas: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -45,21 +46,16 @@ class Look:
 def looked(screening: Screening, groups: Sequence[Group], state: Expansion) -> Look:
     """The last look: from what was chosen before, again until the next would see the same problem."""
     for _ in range(MOST_LOOKS):
-        active, rivals = exchanged(stepwise(_started(screening, groups, state)))
+        active = select(_started(screening, groups, state))
         before, state = state, _refitted(active, screening, state)
         if _same(before, state):
             break
-    return Look(active, rivals, state)
-
-
-def added(screening: Screening, groups: Sequence[Group], state: Expansion) -> Expansion:
-    """The exact fit with what forward and backward selection alone choose of groups."""
-    return _refitted(stepwise(_started(screening, groups, state)), screening, state)
+    return Look(active, alternatives(active), state)
 
 
 def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> Active:
     """What some groups leave."""
-    return with_optimal_variances(_started(screening, beside, state))
+    return reestimate(_started(screening, beside, state))
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
@@ -69,7 +65,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
     noise = blocks_of(problem, fitting.bundle, fitting.ratio)
     rows = Rows(model.mechanism, problem, target, noise, screening.shapes)
-    pool = GroupPool(rows, groups, screening.criteria)
+    pool = GroupPool(rows, groups, screening.criteria, screening.with_formulas)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
         if group.always_included or group.name in state.variances:

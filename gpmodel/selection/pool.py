@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
-from gpmodel.selection.group import Group
+from gpmodel.selection.group import FEW, Group, is_curve
 from gpmodel.selection.rows import Atoms, Rows
 
 CHUNK = 400
@@ -33,12 +33,15 @@ class SizeClass:
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    criteria: the limits by which groups come in and go. cost: (G,) nats of each, and the head start of named effects
-    for one without a name. kind: (G,) number of each one's family and inputs, -1 without a name. rhs: (E,) products of
-    the distinct unit columns with the target, whitened and cleaned.
+    criteria: limits of the selection. cost: (G,) nats, with the head start of named effects for a group without a name.
+    price: (G,) cost and the least gain of any group. reading: (G,) what a reader loses by a curve, where models are
+    compared. kind: (G,) number of family and inputs, -1 without a name.
+    rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
     """
 
-    def __init__(self, rows: Rows, groups: Sequence[Group], criteria: Criteria) -> None:
+    def __init__(
+        self, rows: Rows, groups: Sequence[Group], criteria: Criteria, with_formulas: frozenset[str] = frozenset()
+    ) -> None:
         self.rows, self.groups, self.criteria = rows, tuple(groups), criteria
         number: dict[object, int] = {}
         self.effects: list[Effect] = []
@@ -53,6 +56,9 @@ class GroupPool:
             self.index.append(np.array(places, dtype=np.int64))
         self.spreads = [np.array(g.spreads) for g in self.groups]
         self.cost = np.array([g.cost + criteria.head_start * (not g.family) for g in self.groups])
+        self.price = self.cost + criteria.minimum_nats
+        curves = [g.name in with_formulas and is_curve(g) and len(g.effects) > FEW for g in self.groups]
+        self.reading = criteria.naming_margin * np.array(curves, dtype=float)
         self.cap = np.array([g.cap for g in self.groups])
         kinds: dict[object, int] = {}
         named = [(g.family, g.inputs) if g.family else None for g in self.groups]

@@ -15,9 +15,9 @@ from gpmodel.model.effect import Effect
 from gpmodel.selection.by_chance import best_by_chance
 from gpmodel.selection.group import Group
 from gpmodel.selection.look import Look, Screening
-from gpmodel.selection.moves import found
 from gpmodel.selection.offers import shared_kinds
 from gpmodel.selection.refit import Expansion
+from gpmodel.table.split import JUDGED
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,26 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Among:
-    """What a choice is made among: groups that are in whatever they are worth, single ones that are offered from the
-    start, free functions and waves that what was left asked for. grids, seed: of the waves and the orders that chance
-    is asked of."""
+class Offered:
+    """The groups that a selection may choose from.
+
+    always: always included. single: of the catalogue and evolved. proposed: smooth terms, sinusoids and formulas that a
+    residual asked for. grids: of sinusoids.
+    """
 
     screening: Screening
     always: tuple[Group, ...]
     single: tuple[Group, ...]
-    found: tuple[Group, ...]
+    proposed: tuple[Group, ...]
     grids: Sequence[FrequencyGrid]
-    seed: int
+
+    def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
+        """The same where formulas of some curves are offered, too: these pay for reading from then on."""
+        return replace(self, screening=replace(self.screening, with_formulas=self.screening.with_formulas | curves))
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
         """All of them, those of one kind at several joints as one more each."""
-        return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.found]
+        return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.proposed]
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class Selection:
     """The groups that were chosen, by gain, among which, and the last look at them."""
 
     kept: tuple[Kept, ...]
-    among: Among
+    offered: Offered
     look: Look
 
     @property
@@ -69,29 +74,24 @@ class Selection:
         return self.look.state
 
     @property
-    def evidence(self) -> float:
-        """Log marginal likelihood, costs counted."""
-        return self.look.active.evidence
+    def names(self) -> frozenset[str]:
+        """Names of the selected groups."""
+        return frozenset(kept.group.name for kept in self.kept)
 
     @cached_property
     def by_chance(self) -> Array:
         """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
-        screening, rng = self.among.screening, np.random.default_rng(self.among.seed)
+        screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable(self.state.fitting.poses.dataset, screening.criteria)
         with threadpool_limits(limits=1, user_api="blas"):
-            return best_by_chance(self.look.active, self.among.grids, together, rng, screening.criteria.shuffles)
-
-    def likelier_by(self, other: "Selection") -> float:
-        """Nats of its evidence over another one's; 0 where they left other poses out and are not to be compared."""
-        alike = bool((self.state.fitting.use == other.state.fitting.use).all())
-        return self.evidence - other.evidence if alike else 0.0
+            return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.criteria.shuffles)
 
 
-def summarised(among: Among, look: Look) -> Selection:
+def summarised(offered: Offered, look: Look) -> Selection:
     """What was chosen, from the groups in the model and their rivals."""
     active = look.active
     kept: list[Kept] = []
-    for g in found(active):
+    for g in active.found:
         group, variance, pick = active.pool.groups[g], active.variances[g], active.chosen[g].tolist()
         effects, spreads = tuple(group.effects[k] for k in pick), tuple(group.spreads[k] for k in pick)
         group = replace(group, effects=effects, spreads=spreads)
@@ -99,4 +99,4 @@ def summarised(among: Among, look: Look) -> Selection:
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
         kept.append(Kept(group, active.gains[g][0], variance, others, determined))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), among, look)
+    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), offered, look)

@@ -1,6 +1,6 @@
-"""Selection of groups: linearise, choose, solve the exact chain, look again."""
+"""Selection of groups: linearise, propose, select, solve the exact chain; until nothing changes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -12,19 +12,27 @@ from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers, called
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.forks import ALONE
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.states import States
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
-from gpmodel.selection.look import Screening, added, left_by, looked
+from gpmodel.selection.look import Look, Screening, left_by, looked
 from gpmodel.selection.offers import Offering, singles, without_copies
 from gpmodel.selection.refit import Expansion
-from gpmodel.selection.result import Among, Selection, summarised
+from gpmodel.selection.result import Offered, Selection, summarised
 from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
+
+Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
+"""Groups that the residual of a selection asks for, and the names of curves whose formulas are among them."""
+
+
+def nothing_proposed(chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
+    """No groups."""
+    return (), frozenset()
 
 
 def select(
@@ -33,23 +41,39 @@ def select(
     offering: Offering,
     *,
     criteria: Criteria | None = None,
-    seed: int = 0,
     workers: Workers = ALONE,
+    propose: Proposer = nothing_proposed,
 ) -> Selection:
-    """Choose the groups that the marginal likelihood wants beside the calibration's own effects.
+    """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
 
-    Free functions are looked for in what the geometry leaves, they and waves in what stepwise selection leaves of that,
-    and once more in what the choice of all these leaves: a ripple may hide behind two others.
-    poses: those the calibration was fitted to. criteria: limits of the choice and the number of permuted residuals that
-    the groups are scored on; seed: of their order. workers: of the searches for waves and for free functions.
+    Smooth terms are proposed for the residual of the calibration; they and sinusoids for that of every selection.
+    poses: those the calibration was fitted to. workers: search for proposals. propose: further ones, such as formulas
+    of the selected curves.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        return _select(calibration, poses, offering, criteria or Criteria(), seed, workers)
+        chosen = nothing_selected(calibration, poses, criteria or Criteria(), offering.grids)
+        groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
+        new, before = _smooth_terms(chosen.look.active, offering), None
+        while True:
+            chosen = _among(chosen, groups, new)
+            if chosen.names == before:
+                return chosen
+            before = chosen.names
+            active = chosen.look.active
+            proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
+            smooth, sinusoids = called(workers, proposals)
+            known = {group.name for group in active.pool.groups}
+            further, curves = propose(chosen)
+            new = [g for g in (*smooth, *sinusoids, *further) if g.name not in known]
+            if not new:
+                return chosen
+            chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
 
 
-def _select(
-    calibration: Calibration, poses: Poses, offering: Offering, criteria: Criteria, seed: int, workers: Workers
+def nothing_selected(
+    calibration: Calibration, poses: Poses, criteria: Criteria, grids: Sequence[FrequencyGrid]
 ) -> Selection:
+    """The effects of a calibration alone, always included, linearised where it has them."""
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
     bundle = sharing(poses.dataset)
@@ -59,46 +83,24 @@ def _select(
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
-    single = singles(offering, calibration.model.mechanism, screening.shapes)
-    free = _free(left_by(screening, base, state), offering)
-    among = Among(screening, base, tuple(single), tuple(free), offering.grids, seed)
-    groups = among.groups(calibration.model.mechanism)
-    state = added(screening, groups, state)
-    left = left_by(screening, [g for g in groups if g.always_included or g.name in state.variances], state)
-    chosen = _selected(_with_more(among, left, offering, workers), state)
-    if chosen.state.variances.keys() == state.variances.keys():
-        return chosen
-    more = _with_more(chosen.among, chosen.look.active, offering, workers)
-    return _selected(more, chosen.state) if more.found != chosen.among.found else chosen
+    return Selection((), Offered(screening, base, (), (), grids), Look(left_by(screening, base, state), {}, state))
 
 
-def _with_more(among: Among, left: Active, offering: Offering, workers: Workers) -> Among:
-    """With the free functions and waves that what is left asks for."""
-    waves, free = called(workers, [partial(waves_left, left, offering.grids), partial(_free, left, offering)])
-    names = {g.name for g in (*among.single, *among.found)}
-    return replace(among, found=(*among.found, *(g for g in (*waves, *free) if g.name not in names)))
+def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group]) -> Selection:
+    """Select from where a selection ended, among its groups and new ones. Every group may come and go."""
+    offered = before.offered
+    unique = {group.name: group for group in (*groups, *offered.proposed, *new)}
+    proposed = without_copies(group for name, group in unique.items() if name not in {g.name for g in groups})
+    offered = replace(offered, single=tuple(groups), proposed=tuple(proposed))
+    mechanism = before.state.fitting.model.mechanism
+    return summarised(offered, looked(offered.screening, offered.groups(mechanism), before.state))
 
 
-def select_again(before: Selection, offering: Offering, laws: Mapping[tuple[str, ...], Candidate]) -> Selection:
-    """Choose once more from where a choice ended, beside what it was offered and is still wanted.
-
-    laws: by the names of the kept groups that each stands for, in whose places the choice begins with it; they are
-    among what `offering` builds. Groups come and go as in any choice.
-    """
-    with threadpool_limits(limits=1, user_api="blas"):
-        among, state = before.among, before.state
-        new = singles(offering, state.fitting.model.mechanism, among.screening.shapes)
-        single, found = ([g for g in groups if offering.wanted(g)] for groups in (among.single, among.found))
-        among = replace(among, single=tuple(without_copies([*single, *new])), found=tuple(found))
-        said = {name for names in laws for name in names}
-        variances = {name: a for name, a in state.variances.items() if name not in said}
-        instead = {law.name: max(state.variances[name] for name in names) for names, law in laws.items()}
-        return _selected(among, replace(state, variances=variances | instead))
-
-
-def _selected(among: Among, state: Expansion) -> Selection:
-    """What is chosen of groups from a state on."""
-    return summarised(among, looked(among.screening, among.groups(state.fitting.model.mechanism), state))
+def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
+    """Smooth terms of one and two inputs that the residual of a model asks for."""
+    if not offering.inputs:
+        return []
+    return [group for group in surfaces_left(active, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
@@ -113,10 +115,3 @@ def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     points = there.states.seen.points.copy()
     points[slice(None) if there.states.rows is None else there.states.rows] = observed.tip[:, :3, 3]
     return replace(there.states, seen=replace(there.states.seen, points=points))
-
-
-def _free(left: Active, offering: Offering) -> list[Group]:
-    """The free functions that what a model leaves asks for."""
-    if not offering.inputs:
-        return []
-    return [group for group in surfaces_left(left, offering.sites, offering.inputs) if offering.wanted(group)]

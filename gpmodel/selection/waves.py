@@ -20,8 +20,8 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP, Group, Shapes, group_of
-from gpmodel.selection.moves import with_optimal_variances
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.sparse_bayes import reestimate
 
 AT_ONCE = 500_000
 """Sines worked on at once, 4 MB."""
@@ -139,7 +139,7 @@ def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
         names.add(group.name)
         pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
         wider = replace(active, pool=pool).added(len(pool.groups) - 1, 1e-10)
-        active, fresh = with_optimal_variances(wider), set()
+        active, fresh = reestimate(wider), set()
     return found
 
 

@@ -56,7 +56,7 @@ def test_rivals_move_the_other_findings_as_fits_with_them_say() -> None:
         assert (judged.likely, dict(judged.moved)) == (pytest.approx(likely[0]), pytest.approx(moved))
         assert judged.rivals == ((rival, pytest.approx(errors[rival])),)
     alone = averaged(without, acceptance.tested(without, pool[FOUND], score, by_chance, before), [])
-    assert (alone.likely, alone.rivals, alone.outdone) == (1.0, (), False)
+    assert (alone.likely, alone.rivals) == (1.0, ())
 
 
 def test_a_model_that_leaves_as_much_is_as_likely() -> None:

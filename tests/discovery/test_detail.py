@@ -10,9 +10,9 @@ from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.additive import additive
-from gpmodel.discovery.choice import Choice
+from gpmodel.discovery.choose import Problem, choose
 from gpmodel.discovery.detail import detailed
+from gpmodel.discovery.judge import judge
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
@@ -93,8 +93,8 @@ def test_what_is_judged_and_handed_on_is_the_fit_with_all_its_harmonics() -> Non
         return calibrate(ErrorModel(arm, (*geometry, *(e for c in found for e in c.effects))), truth.poses, start=start)
 
     standard = fit(())
-    choice = Choice(standard, fit, truth.poses, tuple(catalogue), Search(runs=0), Criteria(shuffles=19))
-    judged = additive(choice, ())
+    problem = Problem(standard, fit, truth.poses, tuple(catalogue), Search(runs=0), Criteria(shuffles=19))
+    judged = judge(problem, choose(problem, (), frozenset())[0], np.zeros(0))
     accepted = {e.name for h in judged.hypotheses if h.accepted for e in h.candidate.effects}
     assert "fine error curve of the angle, J2, sin 79" in accepted
     assert {e.name for e in judged.calibration.model.effects} == accepted | {e.name for e in geometry}

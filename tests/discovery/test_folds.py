@@ -145,10 +145,9 @@ def test_what_was_evolved_is_asked_of_repetitions_that_evolve_where_others_do_no
 ) -> None:
     like = found("windup", 0)
     finding = like.findings[0]
-    law = replace(finding.hypothesis, candidate=replace(finding.candidate, family="" if evolved else "windup"))
-    tried = replace(finding.hypothesis, offered=True)
-    rounds = (replace(like.rounds[0], hypotheses=(tried,)),)
-    like = replace(like, findings=(replace(finding, hypothesis=law),), rounds=rounds, steps=like.steps[:3])
+    made = replace(finding.candidate, family="", found_by="evolved") if evolved else finding.candidate
+    law = replace(finding.hypothesis, candidate=made)
+    like = replace(like, findings=(replace(finding, hypothesis=law),), steps=like.steps[:3])
     ways = Told(like, first), Told(like, second)
     answer = discover_by_folds(Told(like, 1.0), ways, like.poses, 5, Criteria(), ALONE.here)
     assert len(ways[1].asked) == times

@@ -10,15 +10,14 @@ from effect_cases import bare, measure, mechanism, sized
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.refinement import profile, refined, refined_fit, told_apart
+from gpmodel.discovery.refinement import profile, refined, refined_at_one_site, refined_fit
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.inner import NonlinearParameters
-from gpmodel.formula.expression import Expression
-from gpmodel.model.effect import Effect, effect_at
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.dataset import Dataset
@@ -115,37 +114,15 @@ def at_lag(minutes: float) -> Candidate:
     return lag.at(lag.inner.at([minutes]))
 
 
-def test_two_offered_values_beside_one_law_are_one() -> None:
+def test_constants_of_two_offered_values_at_one_site_move_to_the_one_between() -> None:
     true, tilt = at_lag(44.0), offered("tilt of J1 (temperature")[0]
     assert true.inner is not None
     asked = {"a": at_lag(25.0), "b": tilt, "c": at_lag(80.0)}
     theta = sized("irb6400r", true.effects, session(), 2.0)
-    found = told_apart(left_by(tuple(asked.values()), true.effects, theta), asked)
-    (name,) = found.keys() - {"b"}
-    inner = found[name].inner
-    assert inner is not None
-    assert np.allclose(inner.values, 44.0, rtol=0.1)
-
-
-def test_a_slow_part_against_a_fast_one_stays_two() -> None:
-    slow, fast = at_lag(100.0), at_lag(2.0)
-    asked, both = {"a": slow, "b": fast}, (*slow.effects, *fast.effects)
-    sizes = np.array([sized("irb6400r", c.effects, session(), 2.0)[0] for c in (slow, fast)])
-    for sign, left in ((-1.0, ["a", "b"]), (0.0, ["a"])):
-        assert list(told_apart(left_by((slow, fast), both, sizes * (1.0, sign)), asked)) == left
-
-
-def test_a_curve_beside_a_law_is_paid_for_by_its_priors() -> None:
-    """It has 65 nats; half a log of the measurements for each of its forty unknowns would be 118."""
-    law = next(c for c in offered("warm-up of the zero within") if c.name.endswith("J1"))
-    drive = law.effects[0].terms[0]
-    terms = [f"{f}({k}*J1)" for k in range(1, 21) for f in ("sin", "cos")]
-    curve = Candidate(
-        "curve", tuple(effect_at(t, drive.slot, drive.axis, Expression(t), prior=6e-6) for t in terms), "", 0.0
-    )
-    theta = np.random.default_rng(8).normal(scale=6e-6, size=40)
-    asked = {"law": law, "curve": curve}
-    assert "curve" in told_apart(left_by((law, curve), curve.effects, theta), asked)
+    moved = list(refined_at_one_site(left_by(tuple(asked.values()), true.effects, theta), asked))
+    values = [c.inner.values[0] for c in moved if c.inner is not None and c.name.startswith("growth")]
+    assert len(values) == 2
+    assert np.allclose(values, 44.0, rtol=0.1)
 
 
 @pytest.mark.parametrize(("millimetres", "widest"), [(1.0, 0), (0.05, 20)])

@@ -9,6 +9,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.generate import make
 from gpmodel.api.discover import discover
+from gpmodel.api.table import read_table
 from gpmodel.discovery.search import Search
 
 
@@ -18,3 +19,13 @@ def test_what_a_walk_of_few_waves_leaves_is_no_step(seed: int, tmp_path: Path) -
     make("tracker_walk_seven", seed, tmp_path)
     answer = discover(tmp_path / "robot.urdf", tmp_path / "table.csv", search=Search(runs=0))
     assert {finding.catalogue for finding in answer.findings} == {"instrument_walk"}
+
+
+@pytest.mark.long
+def test_a_drift_that_bends_in_every_direction_is_one_finding(tmp_path: Path) -> None:
+    """The line along one axis and the rest of the drift had been selected together, and kept the whole out."""
+    make("drift", 61, tmp_path)
+    table = read_table(tmp_path / "table.csv", tmp_path / "robot.urdf", in_order=True)
+    answer = discover(tmp_path / "robot.urdf", table, search=Search(runs=0))
+    (finding,) = answer.findings
+    assert finding.catalogue == "set_up_drift"

@@ -10,7 +10,6 @@ from loop_cases import ARM
 from residual_cases import NAMES, pool, seen
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.walk import beyond_a_walk
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, reads_a_clock
 from gpmodel.evidence.residual import Residual, residual_of
@@ -55,30 +54,6 @@ def wandering(seed: int) -> Residual:
     poses = prepare(truth.model.mechanism, data)
     fit = calibrate(ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism)), poses)
     return residual_of(fit, poses, Criteria(), 0)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_step_nor_approach_says_more_of_a_walk_than_the_walk(seed: int) -> None:
-    residual = wandering(seed)
-    laws = [c for c in pool() if c.family in ("set_up_step", "warm_up", "tool_slip")]
-    best = max(laws, key=lambda c: scores(residual, [c])[0].nats)
-    assert scores(residual, [best])[0].nats > 20.0
-    beyond = beyond_a_walk(residual, best)
-    assert beyond is not None
-    assert beyond < -5.0
-
-
-@pytest.mark.parametrize("planted", ["set-up moved after row 41, Tz", "drift of the set-up, Tx"])
-def test_a_law_of_the_rows_that_is_there_says_more_than_a_walk(planted: str) -> None:
-    own = next(c for c in pool() if c.name == planted)
-    beyond = beyond_a_walk(seen(planted), own)
-    assert beyond is not None
-    assert beyond > 10.0
-
-
-def test_what_reads_no_row_is_not_asked_about_walks() -> None:
-    planted = NAMES[1]
-    assert beyond_a_walk(seen(planted), next(c for c in pool() if c.name == planted)) is None
 
 
 @pytest.mark.parametrize("seed", range(4))

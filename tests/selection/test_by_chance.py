@@ -6,13 +6,13 @@ from group_cases import bars, problem
 
 from gpmodel.evidence.gain import best
 from gpmodel.selection.by_chance import permuted, with_the_best
-from gpmodel.selection.moves import with_optimal_variances
+from gpmodel.selection.sparse_bayes import reestimate
 from gpmodel.table.bundles import bundles
 
 
 def test_permuted_residuals_are_as_large_as_the_noise() -> None:
     """Of few poses a fit takes a good part of the noise: what it leaves is smaller."""
-    active = with_optimal_variances(problem()[0])
+    active = reestimate(problem()[0])
     trials = permuted(active, np.arange(20), np.random.default_rng(0), 400)
     explained = trials.mean(axis=1, keepdims=True)
     assert np.mean((trials - explained) ** 2) == pytest.approx(active.sigma2, rel=0.1)

@@ -77,7 +77,7 @@ def holds(kind: str, seed: int, refits: list[float]) -> None:
     machine, poses = MACHINES[kind](seed)
     standard = calibrate(ErrorModel(machine, geometric_effects(machine)), poses)
     refits.clear()
-    chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)), seed=1)
+    chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)))
     assert refits
     assert refits[-1] < 1.005, f"{kind} {seed}"
     assert max(refits) < 1.05, f"{kind} {seed}: of a first look, far from the point it was linearised at"

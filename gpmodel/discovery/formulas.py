@@ -1,5 +1,6 @@
-"""The shortest law of a curve: what was chosen as a sum of many terms, said in one."""
+"""Propose formulas for the curves of a selection, and constants of its nonlinear groups where they are most likely."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -8,14 +9,10 @@ from itertools import chain, combinations, count
 import numpy as np
 
 from gpmodel.calibration.gauge import moving_sites
-from gpmodel.discovery.judge import plainest
-from gpmodel.discovery.one_place import TOGETHER, is_curve, places
 from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measured
 from gpmodel.discovery.targets import targets
-from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.cross_validation import better_by
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.laws import laws_at, shorter
@@ -23,19 +20,65 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import names
-from gpmodel.formula.length import length
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
+from gpmodel.selection.group import is_curve
 from gpmodel.selection.programs import as_candidate, without_poles
+from gpmodel.selection.result import Kept
+
+PLAIN = 2
+"""Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
+
+TOGETHER, NUMBERS = 2, 3
+"""Inputs of a formula of groups at one site; unknowns of named groups that a formula may replace."""
+
+MOST_DETERMINED = 20.0
+"""Unknowns of a curve that the data determine, up to which a formula is searched: the most that a smooth curve has."""
 
 MOST_INPUTS = 6
 """Inputs of what was evolved, of which a law in three may say as much: the others may be there by chance."""
 
-CLEARLY = 2.0
-"""Standard errors by which a law predicts better than a curve that saves more: its constants have seen all poses."""
+
+def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
+    """Curves of a selection that a formula may replace, by the names of the groups that each is made of.
+
+    Smooth terms and named curves of few determined unknowns; evolved programs of several terms, or new ones. Groups at
+    one site that read two inputs together are one more.
+    """
+    found: dict[tuple[str, ...], Candidate] = {
+        (c.name,): c
+        for c, k in kept
+        if (PLAIN < k.determined <= MOST_DETERMINED and c.inner is None)
+        or (not c.family and (len(c.effects) > 1 or c.name in fresh))
+    }
+    learned = (replace(c, effects=k.effects) for c, k in kept if k.determined <= MOST_DETERMINED)
+    return found | dict(_at_one_site(learned))
+
+
+def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
+    """Candidates at one site that read two inputs together, by their names: functions of both and of one may stand for
+    one formula. Named ones stay if they read two or have more unknowns than a formula."""
+    at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
+    for one in candidates:
+        at[places(one)].append(one)
+    for sites, parts in at.items():
+        read = {name for c in parts for name in c.inputs}
+        effects = tuple(e for c in parts for e in c.effects)
+        named = all(c.family and not is_curve(c) for c in parts)
+        most = (1 if len(effects) <= NUMBERS else 0) if named else TOGETHER
+        if len(sites) == 1 and len(parts) > 1 and len(read) <= most:
+            names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
+            said = " and ".join(names)
+            whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
+            yield names, whole
+
+
+def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
+    """Slots, axes and weights at which a candidate acts."""
+    return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
 
 
 @dataclass(frozen=True)
@@ -61,27 +104,18 @@ class ShortLaw:
     task: LawTask
     candidate: Candidate
 
-    @property
-    def unread(self) -> float:
-        """Half the nats of the nodes that nobody reads as such: origins and scales of its inputs."""
-        return 0.5 * self.task.problem.parsimony * (self.program.complexity - length(self.program))
-
     def simplified(self) -> Candidate:
         """The effect as computer algebra writes it; it takes longer than all that is asked of a law before."""
         program, task = simplify(self.program), self.task
-        return as_candidate(program, task.site, task.written, self.candidate.cost) or self.candidate
+        found = as_candidate(program, task.site, task.written, self.candidate.cost)
+        return replace(found, found_by="formula") if found else self.candidate
 
 
-def compact_laws(
-    left: Residual, curves: Sequence[Candidate], search: Search
-) -> Iterator[tuple[Candidate, Residual, tuple[ShortLaw, ...]]]:
-    """Every curve for which laws were found: the curve, the residual without it, and laws of one term, in its inputs
-    and at its place, that may say what it says.
+def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
+    """Formulas of one term in the inputs and at the site of each curve, and shorter ones of the best.
 
-    left: what the model leaves that has all the curves. The laws are searched side by side, once more with the poses
-    that stand out of the curve taken as they are, where there are any; those that the likeliest law explains are no
-    outliers of it, nor of the curve beside it. A law's cost is that of its nodes and of the place: the curve's own, and
-    of terms without a name one of all places.
+    left: residual of a model with all the curves. The searches run side by side, once more with the poses that stand
+    out of the curve as they were measured: a formula may be sharper than its curve.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -91,53 +125,14 @@ def compact_laws(
     for curve, tasks, out, (residual, *sharp) in zip(curves, posed, doubted, views, strict=True):
         ways = [partial(_as_laws, residual, curve, task, search) for task in tasks]
         searched = [list(as_laws(law.program for law in found[next(numbers)])) for as_laws in ways]
-        if not (laws := list(chain.from_iterable(searched))):
-            continue
-        if sharp:
+        laws = list(chain.from_iterable(searched))
+        yield from laws
+        if laws and sharp:
             trusted = out & explained(sharp[0].without(curve.effects), [law.candidate for law in laws])
             residual = taken_as_measured(left, trusted)
         residual = residual.without(curve.effects)
         for as_laws, some in zip(ways, searched, strict=True):
-            laws += _shortened(some, residual, as_laws) if some else []
-        yield curve, residual, tuple(laws)
-
-
-def replacement(curve: Candidate, residual: Residual, laws: Sequence[ShortLaw]) -> ShortLaw | None:
-    """The plainest of the laws that save most in the place of a curve, where it predicts as well within one standard
-    error.
-
-    Where it does not predict better by two, the one that saves most has to save so much more as ``_margin`` says. Among
-    them an origin or a scale of an input counts half. residual: without the curve. Source: the one-standard-error rule,
-    Breiman et al. (1984), 3.4.3.
-    """
-    criteria = residual.criteria
-    own = scores(residual, (curve,))[0].nats
-    candidates = [law.candidate for law in laws]
-    found = scores(residual, candidates)
-    most = max(score.nats for score in found)
-    read = [replace(score, nats=score.nats + law.unread) for law, score in zip(laws, found, strict=True)]
-    ranked = sorted(zip(candidates, read, strict=True), key=lambda one: -one[1].nats)
-    law = laws[candidates.index(plainest(criteria, ranked)[0])]
-    worse = better_by(residual, curve.effects, law.candidate.effects) / criteria.standard_errors
-    return law if worse < 1.0 and (most >= own + _margin(curve, criteria) or worse < -CLEARLY) else None
-
-
-def leeway(curves: Iterable[Candidate], criteria: Criteria) -> float:
-    """Nats of evidence by which a choice with laws in the places of curves may fall short of one with the curves: by
-    what each law need not save, and what it costs to have no name."""
-    return max(0.0, sum(criteria.head_start * bool(c.family) - _margin(c, criteria) for c in curves))
-
-
-def _margin(curve: Candidate, criteria: Criteria) -> float:
-    """Nats by which a law has to save more: than what has a name or several, by the head start of named effects for
-    each; than a free function, by less than the price of a name; than one evolved term, by what is no tie, and than
-    several, which are longer to read, by less than that."""
-    said = {curve.family} if curve.family else {effect.family for effect in curve.effects}
-    if said.issubset(names()):
-        return criteria.head_start * len(said)
-    if is_curve(curve):
-        return -criteria.naming_margin
-    return criteria.tie if len(curve.effects) == 1 else -criteria.tie
+            yield from _shortened(some, residual, as_laws) if some else ()
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
@@ -198,7 +193,7 @@ def _as_laws(
         cost = curve.cost + search.cost(nodes, 1) if curve.family else search.cost(nodes, places)
         candidate = as_candidate(program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
-            yield ShortLaw(program, task, candidate)
+            yield ShortLaw(program, task, replace(candidate, found_by="formula"))
 
 
 def _shortened(

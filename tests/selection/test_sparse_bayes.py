@@ -1,25 +1,29 @@
-"""One group in the place of several, and what a name is worth while groups are chosen."""
+"""Selection from any start: the true groups are in, where no single addition leads to them; prices of groups."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from effect_cases import measure, mechanism
+from effect_cases import bare, measure, mechanism, sized
 from group_cases import ARM, STANDING, offered, started
 
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import drive_effect, effect_at
-from gpmodel.selection import merge
+from gpmodel.model.error_model import prepare
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, group_of, joined
-from gpmodel.selection.merge import curves_to_laws, merged, replace_catch_alls
-from gpmodel.selection.moves import backward_eliminated, forward_selected, found, with_optimal_variances
 from gpmodel.selection.offers import Offering, of_evolved
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.programs import laws
+from gpmodel.selection.sparse_bayes import grow, prune, reestimate, select
+
+LIFT, ELBOW = "shoulder_lift_joint", "elbow_joint"
+BASE, WAVE, CROSS = "base compliance", f"eccentricity, 1 per turn, {LIFT}", "shoulder under the elbow's torque"
 
 
 def at_one_place() -> tuple[Active, dict[str, int]]:
@@ -42,13 +46,13 @@ def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_wha
     several = ["joint compliance, J3", f"error curve of the angle, {joints}", "hardening stiffness, J3"]
     for name in several:
         active = active.added(number[name], 1e-7)
-    active = backward_eliminated(with_optimal_variances(active))
+    active = prune(reestimate(active))
     assert {number[name] for name in several} <= set(active.variances)
-    one = merged(active)
+    one = select(active)
     assert set(one.variances) - set(active.variances) == {number["true"]}
     assert not {number[name] for name in several} & set(one.variances)
-    assert one.evidence > active.evidence
-    assert merged(one) is one
+    assert one.objective > active.objective
+    assert select(one).variances.keys() == one.variances.keys()
 
 
 def hinge(cost: float) -> Candidate:
@@ -91,7 +95,7 @@ def test_terms_that_share_no_input_are_laws_of_their_own() -> None:
     assert laws(bridged, nats) == (bridged,)
 
 
-def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
+def test_a_curve_gives_way_to_a_formula_with_what_grows_with_it() -> None:
     """A hinge by two that say it together, neither of them alone."""
     arm = mechanism(ARM)
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("max(J3, 0.5) - 0.7*J3"))], [2e-3], 5)
@@ -102,27 +106,11 @@ def test_a_curve_gives_way_to_a_law_with_what_grows_beside_it() -> None:
     )
     (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
     active, number = started(truth, [group for group in (line, law, curve) if group is not None])
-    curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
+    curved = prune(reestimate(active.added(number[curve.name], 1e-7)))
     assert set(curved.variances) - set(active.variances) == {number[curve.name]}
-    spelled = curves_to_laws(curved)
+    spelled = select(curved)
     assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
-    assert spelled.evidence > curved.evidence
-    assert curves_to_laws(spelled) is spelled
-
-
-def test_nothing_is_grown_beside_a_law_that_saves_nothing_in_the_place_of_a_curve(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    arm = mechanism(ARM)
-    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("sin(2*J3)"))], [2e-3], 5)
-    shapes = Shapes(truth.poses.states)
-    law = group_of(Candidate("law", (effect_at("law", "J5.moving", "Ry", Expression("sin(37*J3)")),), "", 3.0), shapes)
-    (curve,) = (g for g in offered(Offering(STANDING), arm, shapes) if g.name == "error curve of the angle, J3")
-    active, number = started(truth, [group for group in (law, curve) if group is not None])
-    curved = backward_eliminated(with_optimal_variances(active.added(number[curve.name], 1e-7)))
-    assert number[curve.name] in curved.variances
-    monkeypatch.setattr(merge, "forward_selected", lambda *_, **__: pytest.fail("selected beside a law that is out"))
-    assert curves_to_laws(curved) is curved
+    assert spelled.objective > curved.objective
 
 
 def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
@@ -151,9 +139,31 @@ def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_ea
         group("one", 3.0, "sin(J2)"), group("other", 3.0, "sin(3*J5)"),
     ]  # fmt: skip
     active, number = started(truth, groups)
-    broad = with_optimal_variances(active.added(number["broad"], 1e-7))
-    greedy = forward_selected(active, but={number["broad"]})
-    assert {greedy.pool.groups[g].name for g in found(greedy)} == {"nearly"}
-    apart = replace_catch_alls(broad)
-    assert {apart.pool.groups[g].name for g in found(apart)} == {"one", "other"}
-    assert apart.evidence > max(broad.evidence, greedy.evidence)
+    broad = reestimate(active.added(number["broad"], 1e-7))
+    greedy = grow(active, frozenset({number["broad"]}))
+    assert {greedy.pool.groups[g].name for g in greedy.found} == {"nearly"}
+    apart = select(broad)
+    assert {apart.pool.groups[g].name for g in apart.found} == {"one", "other"}
+    assert apart.objective > max(broad.objective, greedy.objective)
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_what_explains_it_takes_the_place_of_what_explains_it_with_less_beside_it(seed: int) -> None:
+    """A tilting base turns by the shoulder's torque, which is the elbow's and a cosine of the shoulder. Where a wave of
+    the shoulder hides most of that cosine, the elbow's torque at the shoulder needs a small wave beside it and the tilt
+    the whole one: held to its size, the wave would keep the tilt out."""
+    arm, data = mechanism("ur5"), bare("ur5", 150, seed, payload=False)
+    states = prepare(arm, data).states
+    pool = {c.name: c for c in catalogue.candidates(arm, states)}
+    pool[CROSS] = Candidate(CROSS, (drive_effect(CROSS, arm.joints[1], Expression(f"torque_{ELBOW}")),), "", 5.0)
+    waves = np.column_stack([np.sin(states[LIFT]), np.cos(states[LIFT]), np.ones(len(states))])
+    apart = np.linalg.lstsq(waves, states[f"torque_{LIFT}"] - states[f"torque_{ELBOW}"], rcond=None)[0][:2]
+    tilt = sized("ur5", pool[BASE].effects, data, 0.1)
+    effects = [*pool[BASE].effects, *pool[WAVE].effects]
+    truth = measure("ur5", effects, np.concatenate([tilt, -1.3 * tilt[0] * apart]), seed, dataset=data)
+
+    groups = [group_of(pool[name], Shapes(truth.poses.states)) for name in (BASE, WAVE, CROSS)]
+    active, number = started(truth, [g for g in groups if g is not None])
+    chosen = select(reestimate(active.added(number[WAVE], 1e-9).added(number[CROSS], 1e-9)))
+    assert {number[BASE], number[WAVE]} <= set(chosen.variances)
+    assert number[CROSS] not in chosen.variances

@@ -1,0 +1,144 @@
+"""Choose all that is missing together: the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
+from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.formulas import PLAIN, ShortLaw, curves_of, formulas
+from gpmodel.discovery.readable import readable_inputs
+from gpmodel.discovery.refinement import refined_at_one_site
+from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import family
+from gpmodel.families.inner import remembered
+from gpmodel.families.offer import Offer
+from gpmodel.model.error_model import Poses
+from gpmodel.model.sites import sites_of
+from gpmodel.selection.group import Group, group_of
+from gpmodel.selection.offers import Offering, of_evolved, of_offers
+from gpmodel.selection.result import Kept, Selection
+from gpmodel.selection.select import select
+from gpmodel.selection.waves import grids_of
+from gpmodel.table.split import JUDGED
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What groups are chosen for.
+
+    standard: calibration of the standard model. fit: calibrates the training poses with candidates, from a fit to go on
+    from. offers: the catalogue and what its user names. pointed: inputs that stand out of the histograms, None without
+    evolution. late: whether the time is up.
+    """
+
+    standard: Calibration
+    fit: Callable[[Sequence[Candidate], Calibration], Calibration]
+    train: Poses
+    offers: Sequence[Offer]
+    search: Search
+    criteria: Criteria
+    pointed: frozenset[str] | None = None
+    late: Callable[[], bool] = lambda: False
+
+    def asks_for(self, group: Group) -> bool:
+        """Whether a group may be offered: one that follows an input by no mechanism needs a histogram that points."""
+        known = family(group.family)
+        proxy = known is not None and known.needs_pointing
+        return self.pointed is None or not proxy or not self.pointed.isdisjoint(group.inputs)
+
+    def residual(self, calibration: Calibration) -> Residual:
+        """Residual of a calibration at the training poses."""
+        return residual_of(calibration, self.train, self.criteria, JUDGED)
+
+    def fitted(self, chosen: Selection) -> "FittedSelection":
+        """A selection as candidates, fitted together."""
+        candidates = {kept.group.name: as_candidate(kept, self.train) for kept in chosen.kept}
+        found = tuple(candidates.values())
+        return FittedSelection(chosen, candidates, self.residual(self.fit(found, self.standard)))
+
+
+@dataclass(frozen=True)
+class FittedSelection:
+    """A selection, its groups as candidates by name, and the residual of a fit with all of them."""
+
+    chosen: Selection
+    candidates: dict[str, Candidate]
+    left: Residual
+
+
+@dataclass
+class Proposals:
+    """Formulas of the curves of a selection, and nonlinear constants where they are most likely; each asked for once.
+
+    fresh: names of programs evolved since the last choice. laws: every formula that was proposed, by name.
+    """
+
+    problem: Problem
+    fresh: frozenset[str]
+    asked: set[tuple[str, ...]] = field(default_factory=set)
+    laws: dict[str, ShortLaw] = field(default_factory=dict)
+    last: FittedSelection | None = None
+
+    def __call__(self, chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
+        """Groups for the residual of a selection, and the curves whose formulas are among them."""
+        self.last = fitted = self.problem.fitted(chosen)
+        shapes = chosen.offered.screening.shapes
+        kept = list(zip(fitted.candidates.values(), chosen.kept, strict=True))
+        curves = {names: c for names, c in curves_of(kept, self.fresh).items() if names not in self.asked}
+        self.asked.update(curves)
+        searched = () if self.problem.late() else formulas(fitted.left, list(curves.values()), self.problem.search)
+        laws = {law.candidate.name: law for law in searched}
+        self.laws |= laws
+        moved = refined_at_one_site(fitted.left, fitted.candidates)
+        groups = (group_of(c, shapes) for c in (*(law.candidate for law in laws.values()), *moved))
+        return [group for group in groups if group is not None], frozenset(name for names in curves for name in names)
+
+
+def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]) -> tuple[FittedSelection, Proposals]:
+    """Select among all that is offered but for groups at joints that stand still, and fit the selection.
+
+    Terms that were evolved together are offered one by one where one of them has a name by itself. fresh: names of
+    programs evolved since the last choice.
+    """
+    mechanism, states = problem.standard.model.mechanism, problem.train.states
+    still = still_joints(mechanism, problem.train.dataset)
+    inputs = readable_inputs(states, np.arange(len(states)))[0].names
+    sites = moving_sites(mechanism, problem.train.dataset)
+    grids = grids_of(problem.offers, mechanism, states)
+    grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
+
+    def wanted(group: Group) -> bool:
+        return problem.asks_for(group) and not all(stands_still(e.slots, still) for e in group.effects)
+
+    cost = partial(problem.search.cost, places=len(sites_of(mechanism)))
+    offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), sites, inputs, grids, wanted)
+    proposals = Proposals(problem, fresh)
+    chosen = select(
+        problem.standard, problem.train, offering, criteria=problem.criteria, workers=problem.search.here,
+        propose=proposals,
+    )  # fmt: skip
+    last = proposals.last
+    return last if last is not None and last.chosen is chosen else problem.fitted(chosen), proposals
+
+
+def as_candidate(kept: Kept, poses: Poses) -> Candidate:
+    """A kept group as a candidate: a curve with its learned priors, one of at most two unknowns without, unless
+    somebody stated how large they are; the constants of what it remembers are its own."""
+    group = kept.group
+    plain = len(group.effects) <= PLAIN and not group.believed
+    effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
+    derived = plain and set(group.inputs).isdisjoint(poses.dataset.extras)
+    inner = group.inner or (remembered(group.name, effects, poses.states.unit_of_constant) if derived else None)
+    return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, inner)
+
+
+def simplified(fitted: FittedSelection, laws: Iterable[ShortLaw]) -> FittedSelection:
+    """The selection with its formulas as computer algebra writes them; their values are the same."""
+    written = {law.candidate.name: law.simplified() for law in laws if law.candidate.name in fitted.candidates}
+    return replace(fitted, candidates={name: written.get(name, c) for name, c in fitted.candidates.items()})

@@ -1,0 +1,198 @@
+"""Sparse Bayesian learning over groups of columns: add, delete, re-estimate, and one exchange move.
+
+    y = Σ_g X_g u_g + e,   u_g ~ N(0, a_g I),   e ~ N(0, σ² I)
+    L = ln p(y | a, σ²) - Σ_g price_g over the groups that are not always included        [nats]
+
+`grow` climbs L by single groups. Two groups may share what a third explains alone, and no single step leads from one
+model to the other: `exchanges` removes groups, forbids them, and grows again. Models are compared by their utility: L
+less what a reader loses by each curve that names no part. A weak curve without a formula stays; a formula takes the
+place of a curve where it explains nearly as much.
+Sources: Tipping and Faul (2003), for groups of columns in place of single ones; MacKay (1992); tabu: Glover (1989).
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gpmodel.arrays import IntArray
+from gpmodel.evidence.gain import with_own_noise
+from gpmodel.selection.active import LEAST_NOISE, Active
+from gpmodel.selection.group import FEW
+from gpmodel.selection.scan import scan
+
+TOLERANCE = 0.05
+"""Nats: a smaller rise of L ends a loop."""
+SWEEPS = 30
+"""Re-estimations at most; they end by themselves far earlier."""
+SHORT_LIST = 100
+"""Groups that are scanned again after a full scan, until none of them has a net gain."""
+FREE = 1e4
+"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
+PLAUSIBLE = 0.05
+"""Share of what a removal costs that the three best groups must gain one by one for a regrowth to be tried."""
+
+
+def select(model: Active) -> Active:
+    """Maximise the utility over all groups of the pool, from the model that grows. Deterministic."""
+    model = named_by_site(grow(model))
+    while better := next((t for t in exchanges(model) if t.utility > model.utility + TOLERANCE), None):
+        model = better
+    return model
+
+
+def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool = False) -> Active:
+    """Add the group of largest net gain, re-estimate, prune; until no group that is not forbidden has a net gain.
+
+    reading: curves pay what a reader loses by them, as where models are compared.
+    """
+    model = prune(reestimate(model))
+    refused = set(forbidden)
+    among: IntArray | None = None
+    while True:
+        gains, variances, fit = scan(model, among)
+        gains[[*model.variances, *refused]] = -np.inf
+        net = gains - model.pool.price - reading * model.pool.reading
+        if net.max() < 0.0:
+            net = with_own_noise(net, fit, model.mismatch)
+        g = int(np.argmax(net))
+        if not net[g] > 0.0:
+            if among is None:
+                return model
+            among = None
+            continue
+        if among is None:
+            among = np.argsort(-net)[:SHORT_LIST]
+        trial = prune(reestimate(model.added(g, float(variances[g])), 4))
+        if (
+            trial.objective > model.objective + TOLERANCE
+            and g in trial.variances
+            and not rests_on_one_pose(model, trial)
+        ):
+            model = trial
+        else:
+            refused.add(g)
+
+
+def exchanges(model: Active) -> Iterator[Active]:
+    """Models grown again without each group, the weakest first, and without all groups that act at one site.
+
+    Growth begins with the group of largest net gain where the remaining groups may take any size: a group held to its
+    size keeps out what would change it. Each model is followed by the one grown without the groups that came in: a pair
+    may hide behind its best approximation.
+    """
+    alone = [frozenset({g}) for g in sorted(model.found, key=model.net_gain)]
+    for removed in (*alone, *_at_one_site(model)):
+        fewer = reestimate(_without(model, removed), 4)
+        grown = _regrown(fewer, removed, model.utility - fewer.utility)
+        if grown is None:
+            continue
+        yield grown
+        new = frozenset(grown.variances) - frozenset(model.variances)
+        again = _regrown(_without(grown, new), new | removed, 0.0) if new else None
+        if again is not None:
+            yield again
+
+
+def _regrown(fewer: Active, forbidden: frozenset[int], lost: float) -> Active | None:
+    """The model grown without some groups; None where the three best of the others cannot make up for the loss."""
+    free = _relaxed(fewer)
+    gains, variances, fit = scan(free)
+    gains[[*fewer.variances, *forbidden]] = -np.inf
+    net = with_own_noise(gains - fewer.pool.price - fewer.pool.reading, fit, free.mismatch)
+    if not float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost:
+        return None
+    best = int(np.argmax(net))
+    return named_by_site(grow(free.added(best, float(variances[best])), forbidden, reading=True))
+
+
+def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
+    """Update all variances and the noise together in log a, halving the step where the evidence falls."""
+    step = 1.0
+    for _ in range(sweeps):
+        target = {g: variance for g, (_, variance) in model.gains.items()}
+        sigma2 = max(model.energy / max(model.pool.rows.freedom - model.unknowns, 1.0), LEAST_NOISE**2)
+        moved = {g: a * (target[g] / a) ** step for g, a in model.variances.items()}
+        trial = replace(model, variances=moved, sigma2=model.sigma2 * (sigma2 / model.sigma2) ** step)
+        gained = trial.evidence - model.evidence
+        if gained < -1e-9:
+            step *= 0.5
+            if step < 0.05:
+                return model
+            continue
+        model, step = trial, min(1.0, 1.5 * step)
+        if gained < TOLERANCE:
+            return model
+    return model
+
+
+def prune(model: Active) -> Active:
+    """Delete groups with a net loss, the worst first, and idle sites of groups at several sites."""
+    while (worst := min(model.found, key=model.net_gain, default=None)) is not None and model.net_gain(worst) < 0.0:
+        model = reestimate(model.without(worst), 3)
+    return _without_idle_sites(model)
+
+
+def named_by_site(model: Active) -> Active:
+    """Name groups of several sites site by site where each site has a net gain of its own.
+
+    A kind at all joints and the same kind at each joint explain the data alike; models are compared in this form, so
+    that each named site pays its price.
+    """
+    number = {group.name: g for g, group in enumerate(model.pool.groups)}
+    for g in model.found:
+        parts = model.pool.groups[g].parts
+        sites = np.unique(model.part_of_column(g)) if parts else ()
+        trial = model.without(g)
+        for part in sites:
+            trial = trial.added(number[parts[part].name], model.variances[g] / len(parts))
+        trial = reestimate(trial)
+        if len(sites) and all(trial.net_gain(h) >= 0.0 for h in trial.variances if h not in model.variances):
+            model = trial
+    return model
+
+
+def rests_on_one_pose(before: Active, after: Active) -> bool:
+    """Whether one pose alone brings most of what a move gains: a group fitted to an outlier."""
+    gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
+    return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
+
+
+def _relaxed(model: Active) -> Active:
+    """The model with the selected groups of few columns free to be of any size."""
+    pool = model.pool
+    small = {g for g in model.found if len(pool.groups[g].effects) <= FEW}
+    return replace(model, variances={g: a * FREE if g in small else a for g, a in model.variances.items()})
+
+
+def _without(model: Active, removed: frozenset[int]) -> Active:
+    for g in removed:
+        model = model.without(g)
+    return model
+
+
+def _at_one_site(model: Active) -> list[frozenset[int]]:
+    """Sets of two or more selected groups that act at the same site."""
+    at: dict[str, set[int]] = {}
+    for g in model.found:
+        group = model.pool.groups[g]
+        sites = {group.parts[part].where for part in model.part_of_column(g)} if group.parts else {group.where}
+        at.setdefault(sites.pop() if len(sites) == 1 else group.where, set()).add(g)
+    return [frozenset(several) for several in at.values() if len(several) > 1]
+
+
+def _without_idle_sites(model: Active) -> Active:
+    """Groups of several sites without the sites that gain too little at the common variance."""
+    for g in list(model.variances):
+        of_column = model.part_of_column(g)
+        for part in np.unique(of_column)[::-1]:
+            mine = np.flatnonzero(of_column == part)
+            if len(mine) == len(of_column):
+                break
+            s, q = model.own(g, mine)
+            a = model.variances[g]
+            if 0.5 * float(np.sum(a * q**2 / (1 + a * s) - np.log1p(a * s))) < model.price_of_site(g):
+                left = of_column != part
+                model = replace(model, chosen={**model.chosen, g: model.chosen[g][left]})
+                of_column = of_column[left]
+    return model
