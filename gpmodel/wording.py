@@ -131,6 +131,17 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
+def some(items: Sequence[object], most: int = 8) -> str:
+    """The first items, and how many more there are."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return ", ".join(map(str, items[:most])) + more
+
+
+def left_out(rows: Sequence[int], of: int) -> str:
+    """How many readings no fit and no error counts, and their rows: `1 of 60 readings left out (row 18)`."""
+    return f"{len(rows)} of {of} readings left out (row{'s' if len(rows) > 1 else ''} {some(rows)})"
+
+
 def percent(share: float | None) -> str:
     """A share as whole percent; one decimal below 1 %."""
     if share is None or not math.isfinite(share):

@@ -48,7 +48,6 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import fleet as pages
 from gpmodel.report.build import Ladder
-from gpmodel.report.fitted import statistics_mm
 from gpmodel.report.origin import Origin
 
 COMMAND = "gpmodel.fleet"
@@ -228,13 +227,13 @@ def _machine_parts(
     out = []
     for name, (serial, machine), extra in zip(folder_names(list(found)), found.items(), own, strict=True):
         ladder, data = machine.calibrated, machine.calibrated.poses.dataset
-        errors = {step.name: statistics_mm(step.heldout_error).rms_mm for step in ladder.steps}
+        errors = {step.step: step.heldout.rms_mm for step in ladder.records()}
         out.append(
             MachinePart(
                 serial=serial, folder=name, effects=tuple(dict.fromkeys(without_phase(e.name) for e in extra)),
                 file=data.source, sha256=data.sha256, poses=len(data), train=len(ladder.train),
                 sigma_mm=1e3 * ladder.final.sigma, standard_mm=errors["standard"],
-                own_mm=statistics_mm(ladder.steps[-2].heldout_error).rms_mm, fleet_mm=errors[PRIOR],
+                own_mm=errors[ladder.steps[-2].name], fleet_mm=errors[PRIOR],
             )
         )  # fmt: skip
     return tuple(out)

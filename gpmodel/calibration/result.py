@@ -85,6 +85,11 @@ class Calibration(Uncertainty):
     reason: str
 
     @property
+    def fitted_error(self) -> Array:
+        """3-D errors of the poses that were fitted, without the outliers, m."""
+        return np.delete(self.error, self.outliers)
+
+    @property
     def dropped(self) -> tuple[str, ...]:
         """Names of the effects that the poses could not determine."""
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)

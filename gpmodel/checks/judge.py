@@ -11,7 +11,8 @@ from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
-from gpmodel.checks.mixed_up import mixed_up, spread_of
+from gpmodel.checks.misfit import spread_of
+from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import not_read, notes
 from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
 from gpmodel.errors import InputError

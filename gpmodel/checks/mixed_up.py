@@ -1,62 +1,66 @@
 """Columns mixed up or in the wrong unit, recognised by how much better another reading fits the mechanism."""
 
-from collections.abc import Iterator
+from itertools import chain
+from operator import itemgetter
 
 import numpy as np
-from scipy import optimize
 
 from gpmodel.arrays import Array, IntArray
+from gpmodel.checks.misfit import Registered, core, flange, gross, least_misfit, registered, spread_of
+from gpmodel.checks.readings import of_joints, of_lengths, of_the_mechanism
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.numerics.outliers import OUTLIER_SHARE
 from gpmodel.table.dataset import Dataset
+from gpmodel.wording import some
 
 TURNS = 4 * np.pi
 """Radians: no joint of a robot turns more than twice either way."""
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
-"""Share of the workspace, and metres, that registration and tool leave of a table before another reading is tried:
-ten times what a bad robot is off by."""
+"""Share of the workspace, and metres, that registration and tool leave of a table before any reading of any column is
+tried: ten times what a bad robot is off by. Below it see `checks.weak_columns`."""
 FAR_BETTER = 5.0
 """Times better another reading has to fit: a mechanism described wrongly is not fitted so much better by chance."""
 GOOD_SHARE = 0.05
 """Share of the spread of the points that the right reading leaves at most."""
-MOST_SHARE = 0.85
-"""Share of the poses that decide: up to 15 % may be gross errors."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
 """Share of the spread, and metres, left where no reading fits and the table is refused: no robot that moves is so far
 off."""
-FEWEST_ROWS, MOST_ROWS = 6, 60
-"""Poses between which readings are compared: fewer than six fit anything, more than sixty say nothing new."""
-LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
-"""Metres of the units that tables of lengths are written in."""
+FEWEST_ROWS, MOST_ROWS, MOST_IN_ORDER = 6, 60, 400
+"""Poses between which readings are compared: fewer than six fit anything, more than sixty show nothing new. Rows, one
+after the other, in which a lost one is looked for."""
+FEWEST_OF_A_PART, LEAST_PART = 12, 0.35
+"""Rows, and share of them, that fit one registration and tool where the others are called bad: nine unknowns fit three
+rows whatever they hold."""
+TINY, GIANT = 5e-3, 30.0
+"""Metres that the longest link of no robot is below, and above."""
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     """What looks mixed up, and how to write it; None where the table fits the mechanism as it stands.
 
-    Only where registration and tool alone leave far more than any real mechanism's errors, at most of the poses,
-    other readings are tried: joint values in the other angle unit, lengths in another unit, a mirrored x y z, a
-    joint's sign, two joints swapped. One that leaves FAR_BETTER times less is what the table must have meant. Of
-    several arms only degrees read as radians are looked for.
+    Where registration and tool alone leave far more than any real mechanism's errors, at most of the poses, other
+    readings are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
+    pose before or after, two set-ups in one, and many bad readings. One that leaves FAR_BETTER times less is what the
+    table must have meant. Of several arms only degrees read as radians are looked for.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
-    rows = _comparable_rows(data)
+    rows = comparable_rows(data)
     if len(rows) < FEWEST_ROWS or branched(mechanism):
         return _degrees_read_as_radians(largest) if largest > TURNS else None
-    q, p, now = _typical(mechanism, data.q[rows], data.position[rows])
-    spread, reach = spread_of(p), spread_of(se3.chain(mechanism.transforms(q))[-1][:, :3, 3])
-    if now < max(POOR_LENGTH, POOR_SHARE * min(spread, reach)):
-        return None
-    best, text = now, None
-    for meaning, other_q, other_p in _readings(mechanism, q, p, revolute, spread, reach):
-        if least_misfit(mechanism, other_q, other_p) > best / FAR_BETTER:
-            continue
-        left = misfit(mechanism, other_q, other_p)
-        if left < best / FAR_BETTER and left < GOOD_SHARE * spread_of(other_p):
-            best = left
-            text = f"{meaning}; registration alone then leaves {1e3 * left:.3g} mm, as it stands {1e3 * now:.3g} mm"
+    few = rows[:: max(1, len(rows) // MOST_ROWS)]
+    frames = flange(mechanism, data.q[few])
+    most, errors = typical(frames, data.position[few])
+    q, p, now = data.q[few][most], data.position[few][most], root_mean_square(errors[most])
+    spread, reach = spread_of(p), spread_of(frames[most, :3, 3])
+    poor = now >= max(POOR_LENGTH, POOR_SHARE * min(spread, reach))
+    text = _better(mechanism, q, p, now, (spread, reach)) if poor else None
+    if text is None and (poor or np.mean(errors > gross(errors)) > OUTLIER_SHARE):
+        text = _of_the_rows(mechanism, data, rows[:MOST_IN_ORDER], root_mean_square(errors))
+    if not poor:
+        return text
     if text is None and largest > TURNS:
         return _degrees_read_as_radians(largest)
     hopeless = now > max(HOPELESS_LENGTH, HOPELESS_SHARE * spread) and all(j.measured for j in mechanism.joints)
@@ -68,63 +72,112 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     return text
 
 
-def _comparable_rows(data: Dataset) -> IntArray:
-    """Some rows with a whole position, all of the most frequent set-up and tool."""
+def _better(mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float]) -> str | None:
+    """The reading that fits best, where one fits FAR_BETTER. sizes: spread of the points and of the flange, m."""
+    best, text = now, None
+    longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
+    readings = [of_joints(mechanism, q, p), of_lengths(q, p, *sizes)]
+    if not TINY < longest < GIANT:
+        readings = [of_the_mechanism(mechanism.name, q, p)]
+    for reading in chain.from_iterable(readings):
+        frames = flange(mechanism, reading.q, reading.scale)
+        if least_misfit(frames, reading.position) > best / FAR_BETTER:
+            continue
+        left = root_mean_square(registered(frames, reading.position).errors(frames, reading.position))
+        if left < best / FAR_BETTER and left < GOOD_SHARE * spread_of(reading.position):
+            best, text = left, reading.meaning
+    if text is None:
+        return None
+    return f"{text}; registration alone then leaves {1e3 * best:.3g} mm, as it stands {1e3 * now:.3g} mm"
+
+
+def comparable_rows(data: Dataset) -> IntArray:
+    """Rows with a whole position, all of the most frequent set-up and tool."""
     places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
     usual = np.array(places) == max(set(places), key=places.count)
-    rows = np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
-    return rows[:: max(1, len(rows) // MOST_ROWS)]
+    return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
-def _typical(mechanism: Mechanism, q: Array, position: Array) -> tuple[Array, Array, float]:
-    """The poses without those that fit worst, and their misfit: gross errors are no mix-up of columns."""
-    now, error = misfit_by_pose(mechanism, q, position)
-    for _ in range(2):
-        most = np.sort(np.argsort(error)[: max(FEWEST_ROWS, round(MOST_SHARE * len(error)))])
-        q, position = q[most], position[most]
-        now, error = misfit_by_pose(mechanism, q, position)
-    return q, position, now
+def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
+    """The poses (K,) without those that fit worst, by index, and the errors (N,), m, of all by what is fitted to these:
+    gross errors are no mix-up of columns."""
+    most = np.arange(len(frames))
+    for _ in range(3):
+        found = registered(frames[most], position[most])
+        errors = found.errors(frames, position)
+        best, most = most, np.sort(np.argsort(errors)[: max(FEWEST_ROWS, round((1.0 - OUTLIER_SHARE) * len(most)))])
+    return best, errors
 
 
-def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
-    """RMS distance, m, that registration and one tool point leave: q (N, n), position (N, 3)."""
-    return misfit_by_pose(mechanism, q, position)[0]
+def _of_the_rows(mechanism: Mechanism, data: Dataset, rows: IntArray, now: float) -> str | None:
+    """A row lost, two set-ups in one, or many bad readings: a large part of the rows that fits by itself tells."""
+    frames, p, row = flange(mechanism, data.q[rows]), data.position[rows], data.row[rows]
+    parts = []
+    for shift in (0, 1, -1):
+        paired = _paired(frames, p, shift)
+        found, good = core(*paired)
+        left = root_mean_square(found.errors(*paired)[good])
+        if good.sum() >= max(FEWEST_OF_A_PART, LEAST_PART * len(rows)) and left <= now / FAR_BETTER:
+            parts.append((int(good.sum()), shift, found))
+    if not parts:
+        return None
+    _, shift, found = max(parts, key=itemgetter(0))
+    return _lost_row(found, frames, p, row) or (_bad_rows(frames, p, row, found) if shift == 0 else None)
 
 
-def misfit_by_pose(mechanism: Mechanism, q: Array, position: Array) -> tuple[float, Array]:
-    """The same, and the distance (N,) left at each pose.
-
-    Searched from all sides of the flange: where it turns about one centre, a point on the wrong side fits best near by.
-    """
-    frames: Array = se3.chain(mechanism.transforms(q))[-1]
-
-    def residual(point: Array) -> Array:
-        tips = frames[:, :3, 3] + frames[:, :3, :3] @ point
-        turn, shift = se3.fit_rotation(tips, position)
-        return (position - tips @ turn.T - shift).ravel()
-
-    best, error = np.inf, np.zeros(len(q))
-    for start in np.vstack([np.zeros(3), 0.2 * np.eye(3), -0.2 * np.eye(3)]):
-        found = optimize.least_squares(residual, start, x_scale=0.1, max_nfev=12)
-        if (rms := float(np.sqrt(2 * found.cost / len(q)))) < best:
-            best, error = rms, np.linalg.norm(found.fun.reshape(-1, 3), axis=1)
-        if best < POOR_LENGTH:
-            break
-    return best, error
+def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
+    """Poses and the positions `shift` rows after them."""
+    count = len(p) - abs(shift)
+    start, after = max(-shift, 0), max(shift, 0)
+    return frames[start : start + count], p[after : after + count]
 
 
-def least_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
-    """RMS distance, m, below which no registration and tool point can come: position as any linear function of the
-    flange's position and of all entries of its rotation, p = s + A t + B vec R."""
-    frames = se3.chain(mechanism.transforms(q))[-1]
-    columns = np.hstack([np.ones((len(q), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(len(q), 9)])
-    left = position - columns @ np.linalg.lstsq(columns, position, rcond=None)[0]
-    return root_mean_square(np.linalg.norm(left, axis=1))
+def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str | None:
+    """From which row on positions belong to the pose before or after; None where that does not explain nearly all."""
+    errors = np.full((3, len(p)), np.inf)
+    for shift in (-1, 0, 1):
+        errors[shift + 1, max(shift, 0) : len(p) + min(shift, 0)] = found.errors(*_paired(frames, p, shift))
+    missed = errors > gross(errors.min(axis=0))
+    if missed[1].mean() <= OUTLIER_SHARE:
+        return None
+    before = np.hstack([np.zeros((3, 1)), np.cumsum(missed, axis=1)])
+    wrong = {
+        (first, then, at): (before[first, at] + before[then, -1] - before[then, at]) / len(p)
+        for first in range(3)
+        for then in range(3)
+        for at in range(len(p))
+        if first != then or (at == 0 and then != 1)
+    }
+    (first, then, at), share = min(wrong.items(), key=lambda item: item[1])
+    if share > OUTLIER_SHARE:
+        return None
+    where = f"from about row {row[at]} on " if at else ""
+    way = "before" if then > first or (first == then and then == 2) else "after"
+    return (
+        f"{where}every position looks as if it belonged to the pose {way}: a row was lost; put joint values and "
+        "positions side by side again"
+    )
 
 
-def spread_of(points: Array) -> float:
-    """RMS distance of points (N, k) from their centre."""
-    return root_mean_square(np.linalg.norm(points - points.mean(axis=0), axis=1))
+def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str | None:
+    """Two set-ups in one, where the others fit a registration of their own; else bad readings, by row."""
+    error = found.errors(frames, p)
+    bad = error > gross(error)
+    if bad.mean() <= OUTLIER_SHARE:
+        return None
+    rows = some(row[bad].tolist())
+    if bad.sum() >= FEWEST_OF_A_PART:
+        other, same = core(frames[bad], p[bad])
+        left = root_mean_square(other.errors(frames[bad][same], p[bad][same]))
+        if same.mean() > 1.0 - OUTLIER_SHARE and left < root_mean_square(error[bad]) / FAR_BETTER:
+            return (
+                f"two set-ups or tools in one table: {int(bad.sum())} rows ({rows}) fit a registration of their own; "
+                "name each set-up in a column 'setup', or each tool in a column 'tool'"
+            )
+    return (
+        f"{int(bad.sum())} of {len(p)} readings are up to {1e3 * error[bad].max():.3g} mm off (rows {rows}): too many "
+        "to leave out; expected positions measured in these poses"
+    )
 
 
 def _degrees_read_as_radians(largest: float) -> str:
@@ -132,40 +185,3 @@ def _degrees_read_as_radians(largest: float) -> str:
         f"joint values reach {largest:.4g} rad ({largest / (2 * np.pi):.3g} turns); "
         f"they look like degrees: write [deg] in their headers"
     )
-
-
-def _readings(
-    mechanism: Mechanism, q: Array, p: Array, revolute: Array, spread: float, reach: float
-) -> Iterator[tuple[str, Array, Array]]:
-    joints = mechanism.joints
-    for factor, given, meant in ((np.pi / 180, "radians", "deg"), (180 / np.pi, "degrees", "rad")):
-        scaled = np.where(revolute, q * factor, q)
-        what = f"joint values given as {given} look like {'degrees' if meant == 'deg' else 'radians'}"
-        yield f"{what}: write [{meant}] in their headers", scaled, p
-        for i in np.flatnonzero(revolute):
-            one = q.copy()
-            one[:, i] *= factor
-            yield f"column '{joints[i].name}' looks like [{meant}], given as {given}", one, p
-    for ratio in sorted({a / b for a in LENGTHS.values() for b in LENGTHS.values()} - {1.0}):
-        if 0.2 < spread * ratio / max(reach, 1e-9) < 5.0:
-            yield f"x, y and z look {_wrong_by(ratio)}", q, p * ratio
-        for k, axis in enumerate("xyz"):
-            if ratio in (1e3, 1e-3, 25.4, 1 / 25.4):
-                one = p.copy()
-                one[:, k] *= ratio
-                yield f"column '{axis}' looks {_wrong_by(ratio)}", q, one
-    yield "two of the columns x, y, z look swapped, or one has the wrong sign", q, p * np.array([-1.0, 1.0, 1.0])
-    for k, joint in enumerate(joints):
-        flipped = q.copy()
-        flipped[:, k] *= -1
-        yield f"column '{joint.name}' looks counted the other way round", flipped, p
-    for k in range(len(joints) - 1):
-        order = np.arange(len(joints))
-        order[[k, k + 1]] = k + 1, k
-        yield f"columns '{joints[k].name}' and '{joints[k + 1].name}' look swapped", q[:, order], p
-
-
-def _wrong_by(ratio: float) -> str:
-    pairs = [(a, b) for a in LENGTHS for b in LENGTHS if np.isclose(LENGTHS[a] / LENGTHS[b], ratio, rtol=1e-9)]
-    size = f"{ratio:g} times too small" if ratio > 1 else f"{1 / ratio:g} times too large"
-    return f"{size}, as {' or '.join(f'[{meant}] given as [{given}]' for meant, given in pairs)}"

@@ -30,8 +30,8 @@ def notes(
     repeats, m, None without."""
     bare, fit = fits
     yield (
-        f"registration and tool alone leave {1e3 * root_mean_square(bare.error):.4g} mm RMS, the standard model "
-        f"{1e3 * root_mean_square(fit.error):.4g} mm, on the poses it is fitted to"
+        f"registration and tool alone leave {1e3 * root_mean_square(bare.fitted_error):.4g} mm RMS, the standard model "
+        f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm, on the poses it is fitted to"
     )
     poses, values = different_poses(data), measured_values(data)
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"

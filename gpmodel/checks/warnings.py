@@ -1,6 +1,6 @@
 """What is odd about a table that can be fitted all the same."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.table.bundles import SAME_JOINT, original, replicates
 from gpmodel.table.dataset import TOUCHED, Dataset
+from gpmodel.wording import left_out, some
 
 SMALL_RANGE = np.radians(20.0)
 """A joint that moves less makes sines look like straight lines."""
@@ -58,7 +59,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Cali
 
 def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
     """Name the causes of a large residual: of the table, the instrument, or a soft machine; called: what was fitted."""
-    left = root_mean_square(fit.error)
+    left = root_mean_square(fit.fitted_error)
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
         wrong = f"a wrong label or length ({', '.join(touched)})" if touched else "a wrong column"
@@ -106,7 +107,7 @@ def _implausible_repeats(data: Dataset) -> Iterator[str]:
     far = away > outlier_limit(away[again])
     if far.any():
         yield (
-            f"rows {_some(data.row[far].tolist())} repeat a pose but lie up to {1e3 * away.max():.3g} mm from its "
+            f"rows {some(data.row[far].tolist())} repeat a pose but lie up to {1e3 * away.max():.3g} mm from its "
             f"other rows where {1e3 * np.median(away[again]):.3g} mm is usual"
         )
 
@@ -131,19 +132,14 @@ def _repeats(data: Dataset) -> Iterator[str]:
     copied = np.flatnonzero(first < np.arange(len(data)))
     if len(copied):
         pairs = [f"{data.row[first[k]]} and {data.row[k]}" for k in copied]
-        yield f"rows {_some(pairs)} hold the same measurement twice; copied rows make errors look smaller"
-
-
-def _some(items: Sequence[object], most: int = 8) -> str:
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(map(str, items[:most])) + more
+        yield f"rows {some(pairs)} hold the same measurement twice; copied rows make errors look smaller"
 
 
 def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
     if len(fit.outliers):
         worst = 1e3 * fit.error[fit.outliers].max()
-        usual = 1e3 * np.median(fit.error)
+        usual = 1e3 * np.median(fit.fitted_error)
         yield (
-            f"rows {_some(data.row[fit.outliers].tolist())} are outliers: up to {worst:.3g} mm off where "
-            f"{usual:.3g} mm is usual with complete geometry; they will not be fitted"
+            f"{left_out(data.row[fit.outliers].tolist(), len(data))}: up to {worst:.3g} mm off where {usual:.3g} mm is "
+            "usual with complete geometry"
         )

@@ -11,6 +11,9 @@ from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.terminal import echo
 from gpmodel.mechanism.source import LoadedMechanism
 
+UNFIT = 2
+"""Exit status where nothing should be fitted to a table."""
+
 
 @click.command()
 @shared.table_argument
@@ -23,7 +26,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 def check(
     table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], instrument: str | None, folder: Path | None,
     quiet: bool, **sights: str | None,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Judge TABLE: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
     Ends with status 2 where nothing should be fitted to the table. With --out: check.json.
@@ -36,3 +39,4 @@ def check(
         judged.report(folder)
     if not quiet:
         echo(judged.summary())
+    return UNFIT if judged.unfit else 0

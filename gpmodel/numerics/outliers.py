@@ -8,7 +8,7 @@ from gpmodel.arrays import Array, Mask
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which an error is an outlier: of the lengths of 3-D normal errors, one in 10⁵."""
 
-OUTLIER_SHARE = 0.1
+OUTLIER_SHARE = 0.15
 """At most this share of the poses is left out of a fit: more are no outliers but another model."""
 
 SMALLEST_SPREAD = 1e-9

@@ -1,6 +1,6 @@
 """What every report says, whatever call made it: the one builder, of a ladder of fits and the model that is shipped."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,21 @@ class Ladder:
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
+    def records(self) -> Iterator[StepRecord]:
+        """Errors of each step, the outliers left out of all of them."""
+        counts = np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
+        held = np.setdiff1d(np.arange(len(self.poses)), self.train)
+        for step in self.steps:
+            heldout = held if len(step.heldout_error) == len(held) else np.arange(len(self.poses))
+            yield StepRecord(
+                step=step.name,
+                train=fitted.statistics_mm(step.train_error[counts[self.train]]),
+                heldout=fitted.statistics_mm(step.heldout_error[counts[heldout]]),
+                rank=step.calibration.rank,
+                dropped=step.calibration.dropped,
+                effect=step.finding,
+            )
+
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     """The part of a Report that every call has, under the table's own names; each adds what is its own."""
@@ -66,7 +81,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         seed=origin.seed,
         data=data_record(poses, len(ladder.train), ladder.outliers),
         mechanism=mechanism_record(final.model.mechanism, names),
-        ladder=tuple(_step(step) for step in ladder.steps),
+        ladder=tuple(ladder.records()),
         parameters=fitted.parameters(final, names, frozenset(e.name for e in ladder.named)),
         placement=fitted.placement(final),
         rank_curve=fitted.rank_curve(final),
@@ -130,14 +145,3 @@ def _left(judged: Sequence[Judged]) -> dict[str, float]:
             values = kind.residual(observed.tips, observed.own)[error <= outlier_limit(error)]
             left.setdefault(kind.name, []).append(values[np.isfinite(values)])
     return {name: root_mean_square(np.concatenate(values)) for name, values in left.items() if any(map(len, values))}
-
-
-def _step(step: Step) -> StepRecord:
-    return StepRecord(
-        step=step.name,
-        train=fitted.statistics_mm(step.train_error),
-        heldout=fitted.statistics_mm(step.heldout_error),
-        rank=step.calibration.rank,
-        dropped=step.calibration.dropped,
-        effect=step.finding,
-    )

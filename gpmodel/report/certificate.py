@@ -39,14 +39,15 @@ def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
     return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
-def errors_before_and_after(report: Report) -> Array | None:
+def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
     """Errors (N, 2), mm, at the held-out poses, or the fitted ones where none were held out; None with fewer than two.
 
-    Before is registration and tool alone: what the machine does with its nominal geometry.
+    every: outliers too. Before is registration and tool alone: what the machine does with its nominal geometry.
     """
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
-    seen = [p for p in steps if (p.heldout or not report.held) and p.before is not None and p.after is not None]
+    seen = [p for p in steps if p.heldout or not report.held]
+    seen = [p for p in seen if (every or not p.outlier) and p.before is not None and p.after is not None]
     return np.array([(p.before, p.after) for p in seen], dtype=float) if len(seen) > 1 else None
 
 
@@ -97,7 +98,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
     return Certificate(
         title=f"Calibration certificate: {particulars.machine or report.mechanism.name}",
         particulars=particulars.lines(),
-        scope=(*_scope(report), ("tolerance", _judged(errors, tolerance_mm))),
+        scope=(*_scope(report), ("tolerance", _judged(errors_before_and_after(report, every=True), tolerance_mm))),
         poses=f"{count} {unit} {kind}" if report.held else f"{count} {unit}, {kind}",
         statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),
@@ -138,7 +139,7 @@ def _scope(report: Report) -> tuple[Line, ...]:
     if joints:
         lines.append(("joints covered", ", ".join(joints)))
     if report.data.outliers:
-        lines.append(("left out of a fit as outliers, by row", ", ".join(map(str, report.data.outliers))))
+        lines.append(("outliers", wording.left_out(report.data.outliers, report.data.poses)))
     return tuple(lines)
 
 

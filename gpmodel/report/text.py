@@ -144,8 +144,7 @@ def _doubts(report: Report) -> Iterator[str]:
     if report.dropped():
         yield wrapped(words.dropped(report))
     if report.data.outliers:
-        rows = ", ".join(map(str, report.data.outliers))
-        yield wrapped(f"outliers, left out of a fit: rows {rows}")
+        yield wrapped(f"{wording.left_out(report.data.outliers, report.data.poses)}: no fit and no error counts them")
     if report.data.heldout and report.ladder and not report.held:
         yield wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
     if report.unobservable:

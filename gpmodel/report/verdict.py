@@ -29,17 +29,17 @@ def of_discovery(report: Report) -> str:
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
         left = f"{wording.length(before)} RMS on {_where(report)}{_beside_noise(report, before)}"
-        return f"Nothing was added: these poses show no missing effect, {left}."
+        return f"Nothing was added: these poses show no missing effect, {left}.{_left_out(report)}"
     effects = f"{_count(len(report.effects))} effect{'s' if len(report.effects) > 1 else ''}"
     were = "were" if len(report.effects) > 1 else "was"
     if report.confirmation is not None and not report.confirmation.passed:
         return (
             f"{effects} {were} found but not confirmed on {_where(report)}: the standard model is kept, "
             f"{wording.length(before)}{_beside_noise(report, before)}."
-        ).capitalize()
+        ).capitalize() + _left_out(report)
     confirmed = f" and {'are' if len(report.effects) > 1 else 'is'} confirmed" if report.confirmation else ""
     change = f"{wording.change(before, after)} on {_where(report)}{_beside_noise(report, after)}"
-    return f"{effects.capitalize()} {were} missing{confirmed}: {change}."
+    return f"{effects.capitalize()} {were} missing{confirmed}: {change}.{_left_out(report)}"
 
 
 def behind(report: Report) -> str:
@@ -102,6 +102,12 @@ def _where(report: Report) -> str:
     return "held-out poses" if report.held else "the poses fitted to"
 
 
+def _left_out(report: Report) -> str:
+    """The outliers by row, as a further sentence; empty without any."""
+    rows = report.data.outliers
+    return f" {wording.left_out(rows, report.data.poses)}." if rows else ""
+
+
 def _beside_noise(report: Report, rms: float | None) -> str:
     """How an error stands beside the noise floor; empty where that is unknown.
 
@@ -127,7 +133,7 @@ def of_calibration(report: Report) -> str:
     beside = f" and {last.step}" if last.step == PRIOR else ""
     change = wording.change(first.errors.rms_mm, last.errors.rms_mm)
     where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
-    return f"Calibrated with {what}{beside}: {change} on {where}."
+    return f"Calibrated with {what}{beside}: {change} on {where}.{_left_out(report)}"
 
 
 def of_evolution(report: Report) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -115,10 +115,10 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         there = "in these readings too" if record.instrument else "not in these readings, and left out"
         yield "instrument's errors", there
     if record.data.outliers:
-        yield "outliers, left out", _rows(record.data.outliers)
+        yield "outliers", wording.left_out(record.data.outliers, len(record.poses))
     beyond = [p.row for p in record.poses if p.outside]
     if beyond:
-        yield "outside the model's ranges", _rows(beyond)
+        yield "outside the model's ranges", f"rows {wording.some(beyond)}"
     if record.repeatability is not None:
         yield "pose repeatability RP, mean", f"{wording.millimetres(record.repeatability.rp_mean_mm)} mm"
     yield "a moved zero is seen from", ", ".join(_visible(record))
@@ -128,11 +128,6 @@ def _visible(record: Verification) -> Iterator[str]:
     for zero in record.visible:
         seen = "not at all (registration or tool stand for it)" if zero.size is None else None
         yield f"{zero.joint} {seen or wording.measured(zero.size, None, zero.unit)}"
-
-
-def _rows(rows: Sequence[int]) -> str:
-    more = f" and {len(rows) - MOST_PRINTED} more" if len(rows) > MOST_PRINTED else ""
-    return f"rows {', '.join(map(str, rows[:MOST_PRINTED]))}{more}"
 
 
 def _errors(record: Verification, errors: ErrorsMm) -> str:

@@ -1,0 +1,80 @@
+"""Tables read otherwise than they were meant: the right reading is named, and nothing is fitted."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli_cases import robot
+
+from gpmodel.checks.mixed_up import mixed_up
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.numerics.se3 import exp
+from gpmodel.planning.simulate import Simulation
+from gpmodel.table.dataset import Dataset
+
+
+def with_joints(made: Simulation, q: np.ndarray) -> Dataset:
+    return replace(made.dataset, q=q)
+
+
+def coupled(made: Simulation) -> Dataset:
+    """The pendant of a parallel bar shows J3 less J2."""
+    q = made.dataset.q.copy()
+    q[:, 2] -= q[:, 1]
+    return with_joints(made, q)
+
+
+def far_apart_swapped(made: Simulation) -> Dataset:
+    return with_joints(made, made.dataset.q[:, [0, 3, 2, 1, 4, 5]])
+
+
+def one_lost(made: Simulation) -> Dataset:
+    """From row 31 on each position stands beside the joint values of the next pose."""
+    keep = np.delete(np.arange(60), 30)
+    return replace(made.dataset.subset(keep), q=np.delete(made.dataset.q, 59, axis=0), row=np.arange(1, 60))
+
+
+def two_stands(made: Simulation) -> Dataset:
+    moved = exp(np.array([0.1, 0.3, 0.0, 0.0, 0.0, 0.4]))
+    second = made.dataset.position @ moved[:3, :3].T + moved[:3, 3]
+    return replace(made.dataset, position=np.where(np.arange(60)[:, None] < 35, made.dataset.position, second))
+
+
+CASES: dict[str, tuple[Callable[[Simulation], Dataset], str]] = {
+    "coupled": (coupled, "column 'joint_3' looks as if it were to be 'joint_3' + 'joint_2'"),
+    "J2 and J4": (far_apart_swapped, "columns 'joint_2' and 'joint_4' look swapped"),
+    "one reading lost": (one_lost, "on every position looks as if it belonged to the pose"),
+    "two stands": (two_stands, "two set-ups or tools in one table: 25 rows"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_right_reading_is_named(case: str) -> None:
+    make, said = CASES[case]
+    mechanism, made = robot(60, name="ur5")
+    names = {joint.name: f"joint_{i}" for i, joint in enumerate(mechanism.joints, 1)}
+    text = mixed_up(mechanism, make(made)) or ""
+    for name, short in names.items():
+        text = text.replace(f"'{name}'", f"'{short}'")
+    assert said in text
+
+
+class InMillimetres:
+    """A mechanism whose lengths were written in mm where m are meant."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.mechanism, name)
+
+    def transforms(self, q: np.ndarray) -> np.ndarray:
+        out = self.mechanism.transforms(q).copy()
+        out[..., :3, 3] *= 1e3
+        return out
+
+
+def test_lengths_of_the_description_in_another_unit_are_not_blamed_on_the_table() -> None:
+    mechanism, made = robot(60, name="ur5")
+    assert "the lengths of ur5 look 1000 times too large" in (mixed_up(InMillimetres(mechanism), made.dataset) or "")  # type: ignore[arg-type]
