@@ -13,7 +13,6 @@ from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.readable import readable_inputs
-from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
@@ -22,6 +21,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, shared_kinds, singles
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.price import Price
 from gpmodel.selection.rows import Rows
 from gpmodel.table.bundles import replicates
 
@@ -54,7 +54,7 @@ def problem(repeats: int = 2) -> tuple[Active, np.ndarray]:
     shapes = Shapes(poses.states)
     groups = [*geometry_groups(model.effects), *offered(Offering(STANDING), arm, shapes)[::40]]
     target = linear.residual + np.random.default_rng(0).normal(0, 1e-4, len(linear.residual))
-    active = Active(GroupPool(Rows(arm, linear, target, noise, shapes), groups, Criteria()), {}, {}, 4e-10)
+    active = Active(GroupPool(Rows(arm, linear, target, noise, shapes), groups, Price()), {}, {}, 4e-10)
     for g, a in ((0, 1e-6), (1, 1e-6), (5, 1e-8), (9, 1e-9)):
         active = active.added(g, a)
     return active, target
@@ -68,7 +68,7 @@ def started(truth: Truth, groups: Sequence[Group]) -> tuple[Active, dict[str, in
     noise = blocks_of(linear, replicates(truth.poses.dataset))
     geometry = geometry_groups(fit.model.effects)
     rows = Rows(arm, linear, linear.residual + linear.columns[:, linear.placement :] @ fit.theta, noise, shapes)
-    active = Active(GroupPool(rows, [*geometry, *groups], Criteria()), {}, {}, NOISE**2)
+    active = Active(GroupPool(rows, [*geometry, *groups], Price()), {}, {}, NOISE**2)
     for g in range(len(geometry)):
         active = active.added(g, 1e-6)
     return active, {g.name: i for i, g in enumerate([*geometry, *groups])}
@@ -82,4 +82,4 @@ def bars() -> tuple[Active, Poses, Calibration]:
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), poses)
     linear = linearise(fit.model, poses, fit.theta, fit.placement, 1.0, np.ones(len(poses), bool))
     rows = Rows(arm, linear, linear.residual, blocks_of(linear, np.arange(len(poses)), 0.0), Shapes(poses.states))
-    return Active(GroupPool(rows, list(geometry_groups(fit.model.effects)), Criteria()), {}, {}, 9e-10), poses, fit
+    return Active(GroupPool(rows, list(geometry_groups(fit.model.effects)), Price()), {}, {}, 9e-10), poses, fit

@@ -1,6 +1,6 @@
 """Choose all that is missing together: the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -15,13 +15,13 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import family
 from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.group import Group, group_of
 from gpmodel.selection.offers import Offering, of_evolved, of_offers
+from gpmodel.selection.price import Price
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of
@@ -33,8 +33,8 @@ class Problem:
     """What groups are chosen for.
 
     standard: calibration of the standard model. fit: calibrates the training poses with candidates, from a fit to go on
-    from. offers: the catalogue and what its user names. pointed: inputs that stand out of the histograms, None without
-    evolution. late: whether the time is up.
+    from. offers: the catalogue and what its user names. input_prices: nats by input, from the histograms of references.
+    late: whether the time is up.
     """
 
     standard: Calibration
@@ -43,14 +43,8 @@ class Problem:
     offers: Sequence[Offer]
     search: Search
     criteria: Criteria
-    pointed: frozenset[str] | None = None
+    input_prices: Mapping[str, float] = field(default_factory=dict)
     late: Callable[[], bool] = lambda: False
-
-    def asks_for(self, group: Group) -> bool:
-        """Whether a group may be offered: one that follows an input by no mechanism needs a histogram that points."""
-        known = family(group.family)
-        proxy = known is not None and known.needs_pointing
-        return self.pointed is None or not proxy or not self.pointed.isdisjoint(group.inputs)
 
     def residual(self, calibration: Calibration) -> Residual:
         """Residual of a calibration at the training poses."""
@@ -114,14 +108,14 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
 
     def wanted(group: Group) -> bool:
-        return problem.asks_for(group) and not all(stands_still(e.slots, still) for e in group.effects)
+        return not all(stands_still(e.slots, still) for e in group.effects)
 
     cost = partial(problem.search.cost, places=len(sites_of(mechanism)))
     offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), sites, inputs, grids, wanted)
     proposals = Proposals(problem, fresh)
     chosen = select(
-        problem.standard, problem.train, offering, criteria=problem.criteria, workers=problem.search.here,
-        propose=proposals,
+        problem.standard, problem.train, offering, prices=Price(problem.criteria, problem.input_prices),
+        workers=problem.search.here, propose=proposals,
     )  # fmt: skip
     last = proposals.last
     return last if last is not None and last.chosen is chosen else problem.fitted(chosen), proposals

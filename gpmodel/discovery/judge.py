@@ -9,8 +9,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
 from gpmodel.discovery.averaging import averaged
 from gpmodel.discovery.choose import FittedSelection, Problem
-from gpmodel.discovery.detail import detailed
-from gpmodel.discovery.refinement import refined_fit
+from gpmodel.discovery.refinement import detailed, refined_fit
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
@@ -32,14 +31,6 @@ class Judged:
     null_nats: Array
 
 
-@dataclass(frozen=True)
-class Nulls:
-    """Largest gains on permuted residuals: (T,) of any group of a selection, (S,) of any evolved program."""
-
-    selection: Array
-    evolution: Array
-
-
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judged:
     """Test every selected group given all the others, eliminate those that fail, and weigh the alternatives.
 
@@ -48,7 +39,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     both nulls, since it was searched for twice.
     """
     kept = {k.group.name: k for k in last.chosen.kept}
-    nulls = Nulls(last.chosen.by_chance, evolved_null)
+    nulls = last.chosen.by_chance, evolved_null
     residual = lru_cache(1)(problem.residual)
     fine = detailed(last.left, last.candidates)
     calibration = last.left.calibration
@@ -71,15 +62,15 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, problem.fit)
     residual(calibration)  # once, before workers look at it side by side
     judged = of_each(candidates, with_alternatives)
-    return Judged(tuple(judged.values()), calibration, nulls.selection)
+    return Judged(tuple(judged.values()), calibration, nulls[0])
 
 
-def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: Nulls) -> Hypothesis:
-    """The tests of a selected group. residual: of the model without it."""
+def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
+    """Test a selected group. residual: of the model without it. nulls: of the selection, and of evolution."""
     before = cross_validated(residual.at_own_noise(), ())
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
-    by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), nulls.selection)
-    if kept.group.found_by == "evolved" and len(nulls.evolution):
-        by_chance = larger(by_chance, chance(nats, nulls.evolution))
+    by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), nulls[0])
+    if kept.group.found_by == "evolved" and len(nulls[1]):
+        by_chance = larger(by_chance, chance(nats, nulls[1]))
     return tested(residual, candidate, score, by_chance, before)

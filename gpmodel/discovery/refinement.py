@@ -5,7 +5,7 @@ that what is left of the residual is a function of the constants alone. Source: 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -13,8 +13,10 @@ from scipy.optimize import minimize
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.curves import continued
 from gpmodel.families.inner import DIGITS, NonlinearParameters
 from gpmodel.model.effect import Effect
 from gpmodel.numerics import rank as ident
@@ -56,6 +58,22 @@ class Profile:
         """The rows from the first to the last that may be it, at 95 %."""
         there = self.rows[self.nats >= self.nats.max() - ROW_LOSS]
         return int(there.min()), int(there.max())
+
+
+def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
+    """The findings, fine curves with twice their harmonics where the new ones lower the description length.
+
+    A drive has lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of the time.
+    left: the residual of a model with all findings.
+    """
+    out = dict(found)
+    for name, candidate in found.items():
+        more = continued(candidate)
+        if 2 * len(more) <= len(left.poses) and more:
+            new = Candidate(name, more, candidate.family, 0.0)
+            if scores(left, [new])[0].nats > left.criteria.minimum_nats:
+                out[name] = replace(candidate, effects=(*candidate.effects, *more))
+    return out
 
 
 def refined_fit(

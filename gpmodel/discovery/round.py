@@ -15,6 +15,7 @@ from gpmodel.discovery.result import Finding, Round
 from gpmodel.discovery.state import State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
+from gpmodel.evolution.input_histogram import input_prices
 from gpmodel.families.candidate import Candidate
 from gpmodel.progress import Teller
 from gpmodel.table.split import JUDGED
@@ -31,14 +32,13 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     state.say(f"round {number}: residual {1e3 * residual.rms:.3f} mm")
     exploration = _explored(state, residual, number)
     new = _promising(state, residual, exploration)
-    pointed = _pointed(state, exploration)
-    if state.rounds and not new and pointed == state.pointed:
+    if state.rounds and not new:
         state.rounds.append(Round(number, (), exploration, (), state.rounds[-1].null_nats))
         return calibration
     state.say(f"round {number}: choosing groups of effects together")
     problem = Problem(
         standard_fit, lambda found, start: state.fit_sample(state.model(found), start) if found else standard_fit,
-        poses, state.offers, state.search, state.criteria, pointed, lambda: state.late,
+        poses, state.offers, state.search, state.criteria, _input_prices(state, exploration), lambda: state.late,
     )  # fmt: skip
     fresh = frozenset(c.name for c in new)
     fitted, proposals = choose(problem, (*state.evolved, *new), fresh)
@@ -65,11 +65,9 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
     return tuple(name for name in before if name not in {h.candidate.name for h in accepted})
 
 
-def _pointed(state: State, exploration: Exploration) -> frozenset[str] | None:
-    """Inputs that the histograms point at, this round's included; None without evolution."""
-    if not state.search.runs:
-        return state.pointed
-    return (state.pointed or frozenset()) | set(exploration.histogram.significant)
+def _input_prices(state: State, exploration: Exploration) -> dict[str, float]:
+    """Nats by input, from what evolved programs of all rounds refer to."""
+    return input_prices([*(r.exploration.histogram for r in state.rounds), exploration.histogram])
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:

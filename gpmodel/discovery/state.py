@@ -80,13 +80,6 @@ class State:
         return tuple(c for r in self.rounds for c in r.evolved)
 
     @property
-    def pointed(self) -> frozenset[str] | None:
-        """Inputs that the histogram of any round pointed at; None where nothing was evolved that could point."""
-        if not any(sum(r.exploration.histogram.runs.values()) for r in self.rounds):
-            return None
-        return frozenset(name for r in self.rounds for name in r.exploration.histogram.significant)
-
-    @property
     def late(self) -> bool:
         """Whether the time is up."""
         return time.monotonic() > self.ends

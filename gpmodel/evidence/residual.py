@@ -113,16 +113,6 @@ class Residual:
         left.setflags(write=False)
         return left, np.linalg.norm(left, axis=0)
 
-    def poses_at_work(self, effects: Sequence[Effect]) -> Array:
-        """At how many poses each effect (E,) says what nothing enabled says: (Σ e)² / Σ e², e its energy per pose.
-
-        One where all of it sits at a single pose, N where all poses share alike.
-        """
-        left = self.projected(effects)[0][: self.measured] ** 2
-        energy: Array = np.zeros((len(self.poses), left.shape[1]))
-        np.add.at(energy, self.problem.pose_of_row, left)
-        return np.asarray(energy.sum(axis=0) ** 2 / np.maximum(np.sum(energy**2, axis=0), 1e-300))
-
     def without(self, effects: Sequence[Effect]) -> "Residual":
         """The residual with some effects of its model taken out."""
         given = [e.name for e in effects]

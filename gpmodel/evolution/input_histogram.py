@@ -1,5 +1,6 @@
 """The histogram of referenced inputs (thesis Figs 5.9, 5.12, 5.13) over many runs, against what chance refers to."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
@@ -89,6 +90,27 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
         _by_strength(real, null, names),
         significance,
     )
+
+
+def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
+    """-ln(n p) of each of n inputs, nats: the price of reading it, from what evolved programs refer to.
+
+    p is in proportion to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2): k of N programs
+    evolved on residuals refer to the input, k' of N' on permuted ones. Without runs every input costs nothing.
+    """
+    references: dict[str, list[int]] = {}
+    runs = sum(sum(h.runs.values()) for h in histograms)
+    null_runs = sum(sum(h.shuffled_runs.values()) for h in histograms)
+    for h in histograms:
+        real = tuple(map(sum, zip(*h.counts.values(), strict=True))) or (0,) * len(h.inputs)
+        for name, found, null in zip(h.inputs, real, h.referring_by_chance(), strict=True):
+            both = references.setdefault(name, [0, 0])
+            both[0], both[1] = both[0] + found, both[1] + null
+    if not runs or not null_runs:
+        return {}
+    factor = {n: (k + 1) / (runs + 2) * (null_runs + 2) / (null + 1) for n, (k, null) in references.items()}
+    mean = sum(factor.values()) / len(factor)
+    return {name: math.log(mean / value) for name, value in factor.items()}
 
 
 def without_runs(inputs: Sequence[str], significance: float) -> Histogram:

@@ -67,7 +67,7 @@ _OWN: tuple[Family, ...] = (
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),
     Family("preload", "a ball joint yields once what pulls at it comes near the force that holds it", "Robertson 2003, 3.1 (preload by magnets)", families_load.preload),
-    Family("following", "the place follows an angle or a column of the table; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_curves.following, generic=True, needs_pointing=True),
+    Family("following", "the place follows an angle or a column of the table; which part does is not known", "recorded discovery: the measured UR10 and UR5", families_curves.following, generic=True),
     Family("set_up_wander", "the set-up wanders slowly along the rows", "ISO 230-3", families_curves.wander, generic=True, wanders=True),
     Family("session_curve", "a joint drifts along the rows", "ISO 230-3", families_curves.session, generic=True),
     Family("structure_compliance", "a link, bearing or the foundation yields along one axis under the load there", "Klimchik 2014", families_curves.compliances, generic=True),

@@ -26,9 +26,8 @@ class Family:
     grids: waves of it at more rates than can be named, which a selection of groups looks through.
     offered: the instances that a search is offered, where these are not those that can be named.
 
-    generic: it says how an error looks and names no part; only a search is offered it. needs_pointing: it stands
-    for any dependence on its inputs, and is offered only where a histogram points at one of them. clamped: well
-    beyond the ranges it was fitted in it keeps its value. refit_constants: constants written in its bases were
+    generic: it says how an error looks and names no part; only a search is offered it. clamped: well beyond the
+    ranges it was fitted in it keeps its value. refit_constants: constants written in its bases were
     chosen from many and belong to the last fit. yields: a part without a drive gives way to its load, so that
     its number is positive. wanders: it went there and back during the session, by no law that
     says where it is afterwards.
@@ -41,7 +40,6 @@ class Family:
     grids: Callable[[Mechanism, States], Iterable[FrequencyGrid]] = lambda *_: ()
     offered: Builder | None = None
     generic: bool = False
-    needs_pointing: bool = False
     clamped: bool = False
     refit_constants: bool = False
     yields: bool = False

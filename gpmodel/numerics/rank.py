@@ -205,9 +205,3 @@ def rank_curve(ranking: Ranking, data: Folded, fixed: int) -> tuple[RankChoice, 
             spread = float(np.std(each, ddof=1) / np.sqrt(len(each))) if len(each) > 1 else 0.0
             curve[tuple(kept)] = RankChoice(limit, fixed + len(kept), error, spread)
     return tuple(curve.values())
-
-
-def canonical_correlation(first: Array, second: Array) -> float:
-    """Smallest correlation between the smaller span and the larger, of orthonormal columns (M, a) and (M, b)."""
-    inside = second.T @ first
-    return float(np.linalg.svd(inside, compute_uv=False).min()) if inside.size else 0.0

@@ -33,7 +33,7 @@ class Active:
     @property
     def criteria(self) -> Criteria:
         """The limits by which groups come in and go."""
-        return self.pool.criteria
+        return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
         """The model with group g, all its effects or a part of them, at a prior variance of `variance`."""
@@ -42,7 +42,7 @@ class Active:
 
     def beside_nothing(self) -> "Active":
         """The model in a pool that has nothing else to offer, whose products are a fraction of the others'."""
-        pool = GroupPool(self.pool.rows, [self.pool.groups[g] for g in self.variances], self.criteria)
+        pool = GroupPool(self.pool.rows, [self.pool.groups[g] for g in self.variances], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         return Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
 

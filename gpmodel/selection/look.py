@@ -14,6 +14,7 @@ from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.alternatives import Alternative, alternatives
 from gpmodel.selection.group import Group, Shapes
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.price import Price
 from gpmodel.selection.refit import Expansion, far_out, refit
 from gpmodel.selection.rows import Rows
 from gpmodel.selection.sparse_bayes import reestimate, select
@@ -27,11 +28,15 @@ UNKNOWN = 1e-6
 
 @dataclass(frozen=True)
 class Screening:
-    """Shapes of bases over the training poses, the limits, and the names of curves whose formulas are offered."""
+    """Shapes of bases over the training poses, and the prices of groups."""
 
     shapes: Shapes
-    criteria: Criteria
-    with_formulas: frozenset[str] = frozenset()
+    prices: Price
+
+    @property
+    def criteria(self) -> Criteria:
+        """The limits of the selection."""
+        return self.prices.limits
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
     noise = blocks_of(problem, fitting.bundle, fitting.ratio)
     rows = Rows(model.mechanism, problem, target, noise, screening.shapes)
-    pool = GroupPool(rows, groups, screening.criteria, screening.with_formulas)
+    pool = GroupPool(rows, groups, screening.prices)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
     for g, group in enumerate(groups):
         if group.always_included or group.name in state.variances:

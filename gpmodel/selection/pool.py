@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
-from gpmodel.selection.group import FEW, Group, is_curve
+from gpmodel.selection.group import Group
+from gpmodel.selection.price import Price
 from gpmodel.selection.rows import Atoms, Rows
 
 CHUNK = 400
@@ -33,16 +33,13 @@ class SizeClass:
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    criteria: limits of the selection. cost: (G,) nats, with the head start of named effects for a group without a name.
-    price: (G,) cost and the least gain of any group. reading: (G,) what a reader loses by a curve, where models are
-    compared. kind: (G,) number of family and inputs, -1 without a name.
-    rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
+    cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. kind: (G,) number of
+    family and inputs, -1 without a name. rhs: (E,) products of the distinct unit columns with the target, whitened and
+    cleaned.
     """
 
-    def __init__(
-        self, rows: Rows, groups: Sequence[Group], criteria: Criteria, with_formulas: frozenset[str] = frozenset()
-    ) -> None:
-        self.rows, self.groups, self.criteria = rows, tuple(groups), criteria
+    def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:
+        self.rows, self.groups, self.prices = rows, tuple(groups), prices
         number: dict[object, int] = {}
         self.effects: list[Effect] = []
         self.index: list[IntArray] = []
@@ -55,10 +52,9 @@ class GroupPool:
                 places.append(number[effect.terms])
             self.index.append(np.array(places, dtype=np.int64))
         self.spreads = [np.array(g.spreads) for g in self.groups]
-        self.cost = np.array([g.cost + criteria.head_start * (not g.family) for g in self.groups])
-        self.price = self.cost + criteria.minimum_nats
-        curves = [g.name in with_formulas and is_curve(g) and len(g.effects) > FEW for g in self.groups]
-        self.reading = criteria.naming_margin * np.array(curves, dtype=float)
+        self.cost = np.array([prices.to_describe(g) for g in self.groups])
+        self.price = np.array([prices.to_enter(g) for g in self.groups])
+        self.reading = np.array([prices.to_read(g) for g in self.groups])
         self.cap = np.array([g.cap for g in self.groups])
         kinds: dict[object, int] = {}
         named = [(g.family, g.inputs) if g.family else None for g in self.groups]

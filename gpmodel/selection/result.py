@@ -53,7 +53,9 @@ class Offered:
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
         """The same where formulas of some curves are offered, too: these pay for reading from then on."""
-        return replace(self, screening=replace(self.screening, with_formulas=self.screening.with_formulas | curves))
+        prices = self.screening.prices
+        prices = replace(prices, with_formulas=prices.with_formulas | curves)
+        return replace(self, screening=replace(self.screening, prices=prices))
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
         """All of them, those of one kind at several joints as one more each."""

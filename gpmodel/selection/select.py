@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 from gpmodel.calibration.iterate import Fitting
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers, called
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.forks import ALONE
@@ -20,6 +19,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, geometry_groups
 from gpmodel.selection.look import Look, Screening, left_by, looked
 from gpmodel.selection.offers import Offering, singles, without_copies
+from gpmodel.selection.price import Price
 from gpmodel.selection.refit import Expansion
 from gpmodel.selection.result import Offered, Selection, summarised
 from gpmodel.selection.surfaces import surfaces_left
@@ -40,7 +40,7 @@ def select(
     poses: Poses,
     offering: Offering,
     *,
-    criteria: Criteria | None = None,
+    prices: Price | None = None,
     workers: Workers = ALONE,
     propose: Proposer = nothing_proposed,
 ) -> Selection:
@@ -51,7 +51,7 @@ def select(
     of the selected curves.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        chosen = nothing_selected(calibration, poses, criteria or Criteria(), offering.grids)
+        chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
         new, before = _smooth_terms(chosen.look.active, offering), None
         while True:
@@ -71,13 +71,13 @@ def select(
 
 
 def nothing_selected(
-    calibration: Calibration, poses: Poses, criteria: Criteria, grids: Sequence[FrequencyGrid]
+    calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
     """The effects of a calibration alone, always included, linearised where it has them."""
     use = np.ones(len(poses), dtype=bool)
     use[calibration.outliers] = False
     bundle = sharing(poses.dataset)
-    screening = Screening(Shapes(_predicted_states(calibration, poses)), criteria)
+    screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
     fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
     theta, placement = calibration.theta, calibration.placement

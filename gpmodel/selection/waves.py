@@ -137,7 +137,7 @@ def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
             break
         found.append(group)
         names.add(group.name)
-        pool = GroupPool(rows, [*active.pool.groups, group], active.criteria)
+        pool = GroupPool(rows, [*active.pool.groups, group], active.pool.prices)
         wider = replace(active, pool=pool).added(len(pool.groups) - 1, 1e-10)
         active, fresh = reestimate(wider), set()
     return found

@@ -11,8 +11,8 @@ from effect_cases import bare, measure, mechanism
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.choose import Problem, choose
-from gpmodel.discovery.detail import detailed
 from gpmodel.discovery.judge import judge
+from gpmodel.discovery.refinement import detailed
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of

@@ -23,7 +23,7 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.numerics.rank import canonical_correlation, orthonormal
+from gpmodel.numerics.rank import orthonormal
 from gpmodel.table.split import folds
 
 
@@ -33,7 +33,7 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
     best = candidates[int(np.argmax([s.nats for s in scores(there, candidates)]))]
     own = next(c for c in candidates if c.name == planted)
     spans = [orthonormal(there.projected(c.effects)[0]) for c in (best, own)]
-    assert canonical_correlation(*spans) > 0.95
+    assert np.linalg.norm(spans[0].T @ spans[1], 2) > 0.95
 
 
 @pytest.mark.parametrize("planted", NAMES)
@@ -113,18 +113,6 @@ def test_better_by_is_the_paired_deviation_of_squared_errors() -> None:
     assert better_by(there, own, other) == pytest.approx(expected)
     assert better_by(there, own) > 2 > better_by(there, other)
     assert better_by(there, own, own) == 0.0
-
-
-def test_poses_at_work_count_where_an_effect_says_something() -> None:
-    there = seen(NAMES[1])
-    wide, spike, few = (
-        effect_at(text, "J4.moving", "Rx", Expression(text))
-        for text in ("sin(2*J4)", "exp(-(row - 17)**2)", "step(row - 82.5)")
-    )
-    counts = there.poses_at_work([wide, spike, few])
-    assert 25 < counts[0] < 90
-    assert counts[1] < 3
-    assert 2 < counts[2] < 9
 
 
 def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:

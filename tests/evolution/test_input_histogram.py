@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.input_histogram import RunRecord, histogram
+from gpmodel.evolution.input_histogram import RunRecord, histogram, input_prices, without_runs
 from gpmodel.formula.parse import parse
 
 INPUTS = ("J1", "J2", "J3", "J4")
@@ -78,3 +78,17 @@ def test_without_shuffled_runs_nothing_is_claimed() -> None:
 def test_no_runs_is_an_error() -> None:
     with pytest.raises(InputError, match="no run"):
         histogram([], INPUTS, 0.05)
+
+
+def test_the_price_of_an_input_is_what_references_say_against_their_null() -> None:
+    real, null = ["sin(J2)"] * 8, ["sin(J1)", "cos(J2)", "J3", "J4"]
+    found = histogram(
+        [*records(real, np.ones(8), shuffled=False), *records(null, np.ones(4), shuffled=True)], INPUTS, 0.05
+    )
+    prices = input_prices([found])
+    factor = {"J2": 9 / 10 * 6 / 2, "J1": 1 / 10 * 6 / 2}
+    mean = (factor["J2"] + 3 * factor["J1"]) / 4
+    assert prices["J2"] == pytest.approx(np.log(mean / factor["J2"]))
+    assert prices["J1"] == prices["J3"] == pytest.approx(np.log(mean / factor["J1"]))
+    assert sum(np.exp(-value) for value in prices.values()) == pytest.approx(len(INPUTS))
+    assert input_prices([without_runs(INPUTS, 0.05)]) == {}

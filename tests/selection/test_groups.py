@@ -23,6 +23,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering
+from gpmodel.selection.price import Price
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select
@@ -33,7 +34,7 @@ PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J
 def chosen(truth: Truth) -> Selection:
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
     asked = offering(truth.model.mechanism, truth.poses)
-    return select(calibrate(model, truth.poses), truth.poses, asked, criteria=Criteria(shuffles=19))
+    return select(calibrate(model, truth.poses), truth.poses, asked, prices=Price(Criteria(shuffles=19)))
 
 
 @cache

@@ -19,6 +19,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Shapes, group_of, joined
 from gpmodel.selection.offers import Offering, of_evolved
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.price import Price
 from gpmodel.selection.programs import laws
 from gpmodel.selection.sparse_bayes import grow, prune, reestimate, select
 
@@ -117,7 +118,7 @@ def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
     active, number = at_one_place()
     pool = active.pool
     unnamed = replace(pool.groups[number["true"]], family="")
-    both = GroupPool(pool.rows, [*pool.groups, unnamed], pool.criteria)
+    both = GroupPool(pool.rows, [*pool.groups, unnamed], pool.prices)
     assert both.cost[-1] - both.cost[number["true"]] == Criteria().head_start
     assert unnamed.cost == pool.groups[number["true"]].cost
 
@@ -167,3 +168,15 @@ def test_what_explains_it_takes_the_place_of_what_explains_it_with_less_beside_i
     chosen = select(reestimate(active.added(number[WAVE], 1e-9).added(number[CROSS], 1e-9)))
     assert {number[BASE], number[WAVE]} <= set(chosen.variances)
     assert number[CROSS] not in chosen.variances
+
+
+def test_an_input_that_programs_refer_to_makes_what_reads_it_cheaper() -> None:
+    active, number = at_one_place()
+    dear = Price(of_input={"torque_J3": 2.0, "J3": -1.0})
+    for name, nats in (
+        ("joint compliance, J3", 2.0),
+        ("error curve of the angle, J3", -1.0),
+        ("geometry, angles", 0.0),
+    ):
+        group = active.pool.groups[number[name]]
+        assert dear.to_enter(group) - Price().to_enter(group) == pytest.approx(nats)

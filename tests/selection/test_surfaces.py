@@ -19,6 +19,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.price import Price
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
 from gpmodel.selection.surfaces import FreeFunction, Places, Sines
@@ -51,7 +52,7 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
         function = FreeFunction.of(tuple(Sines.of(n, states[n], 0.9) for n in names))
         group = function.group(sites[k], 0.0, active.pool.rows.shapes)
         assert group is not None
-        pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.criteria)
+        pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.pool.prices)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
         products = places.products(function.values(), active.sigma2, slice(k, k + 1))
         gained, _ = best(*rotated(*products), np.array([CAP]))
@@ -75,7 +76,7 @@ def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
     law: str, place: tuple[str, str], inputs: set[str]
 ) -> None:
     standard, poses, offered = planted(law, place)
-    kept = select(standard, poses, offered, criteria=Criteria(shuffles=9)).kept
+    kept = select(standard, poses, offered, prices=Price(Criteria(shuffles=9))).kept
     assert set(kept[0].group.inputs) == inputs
     assert kept[0].group.where == " ".join(place)
     assert sum(set(k.group.inputs) != inputs for k in kept) == 0
@@ -84,6 +85,6 @@ def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
 def test_a_curve_that_is_not_wanted_is_not_offered_elsewhere() -> None:
     standard, poses, offered = planted("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"))
     said = replace(offered, wanted=lambda group: set(group.inputs) != {"J2", "J5"})
-    kept = select(standard, poses, said, criteria=Criteria(shuffles=9)).kept
+    kept = select(standard, poses, said, prices=Price(Criteria(shuffles=9))).kept
     assert kept
     assert all(set(k.group.inputs) != {"J2", "J5"} for k in kept)

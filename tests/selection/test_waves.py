@@ -18,6 +18,7 @@ from gpmodel.selection.active import Active
 from gpmodel.selection.group import group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.price import Price
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of, most_by_chance, spectrum
@@ -37,7 +38,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
         for rate in (7.0, 101.37, 250.5):
             group = group_of(grid.at(rate), rows.shapes)
             assert group is not None
-            pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Criteria())
+            pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Price())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
             assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
 
@@ -63,9 +64,8 @@ def test_a_ripple_at_any_number_per_turn_is_found_and_named(family: str, rate: f
     ripple = grids(ARM, family)[1].at(rate).effects
     truth = measure(ARM, ripple, sized(ARM, ripple, data, 0.1), 5, dataset=data)
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
-    selection = select(
-        calibrate(model, truth.poses), truth.poses, Offering(STANDING, grids=everything), criteria=Criteria(shuffles=9)
-    )
+    fit, prices = calibrate(model, truth.poses), Price(Criteria(shuffles=9))
+    selection = select(fit, truth.poses, Offering(STANDING, grids=everything), prices=prices)
     (kept,) = selection.kept
     said = re.fullmatch(rf"{family.replace('_', ' ')}, ([\d.]+) per turn, (\w+)", kept.group.name)
     assert said
