@@ -12,7 +12,7 @@ from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
 from gpmodel.application.later import Session, errors_at
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.verify import misses_of, verified
+from gpmodel.application.verify import afterwards, misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
 from gpmodel.extras import extra_for
@@ -103,13 +103,15 @@ def verify_saved(
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
     check_told_of(dataset, told)
-    rows = evenly(len(dataset))
+    fresh = afterwards(saved, dataset)
+    old = np.setdiff1d(np.arange(len(dataset)), fresh)
+    rows = fresh[evenly(len(fresh))]
     found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order))
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets.subset(rows))
-    asked = replace(asked, tolerance=limit, missed=missed, rows=len(dataset))
-    if len(rows) < len(dataset) and not dataset.observations:
-        asked = replace(asked, others=_others(found.session, dataset, rows))
+    asked = replace(asked, tolerance=limit, missed=missed, rows=len(fresh), fitted=tuple(dataset.row[old].tolist()))
+    if len(rows) < len(fresh) and not dataset.observations:
+        asked = replace(asked, others=_others(found.session, dataset, np.union1d(rows, old)))
     return VerifyResult(verification(found, asked))
 
 

@@ -22,7 +22,7 @@ from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.errors import InputError
 from gpmodel.numerics import rank
-from gpmodel.numerics.interval import chance_of_ratio
+from gpmodel.numerics.interval import chance_of_less, chance_of_ratio
 from gpmodel.table.bundles import different_poses, sharing
 
 NORMAL = 3.0
@@ -88,7 +88,17 @@ class Recheck:
 
     @property
     def chance(self) -> float:
-        """Of so large a |z|² while the model holds.
+        """Of so large a |z|² while the model holds."""
+        return chance_of_ratio(self.chi_square / self.degrees, *self._as_many)
+
+    @property
+    def chance_of_less(self) -> float:
+        """Of so small a |z|² while the model holds and the noise is that of the fit."""
+        return chance_of_less(self.chi_square / self.degrees, *self._as_many)
+
+    @property
+    def _as_many(self) -> tuple[float, float]:
+        """Degrees of freedom of |z|² and of σ that a normal distribution would have.
 
         Tails heavier than normal, of kurtosis κ, make a sum of squares vary as one of 2 / (κ - 1) as many degrees of
         freedom does (Box 1953).
@@ -96,7 +106,7 @@ class Recheck:
         squares = self.z**2
         kurtosis = np.mean(squares**2) / max(float(np.mean(squares)) ** 2, np.finfo(float).tiny)
         share = 2.0 / (max(float(kurtosis), NORMAL) - 1.0)
-        return chance_of_ratio(self.chi_square / self.degrees, share * self.degrees, share * self.freedom)
+        return share * self.degrees, share * self.freedom
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:

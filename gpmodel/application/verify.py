@@ -16,7 +16,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import possible_changes
 from gpmodel.application.recheck import Recheck, recheck
 from gpmodel.application.usable import outside, placed_now, usable
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.errors import InputError
@@ -33,7 +33,9 @@ HALF = 0.5
 UNEXPLAINED = 0.01
 """Share of chi-square that changes may leave which are all that changed: their squares, when a joint was crashed."""
 
-
+COMPUTED = 0.02
+"""Share of the noise that readings miss the model by which were computed with it: no instrument is fifty times better
+than that of the fit."""
 FAR = 5e-4
 """Metres, RMS, beyond which a tool point is found anew and not corrected: half a millimetre on an arm of 0.2 m turns by
 what its square moves the point by, a micrometre."""
@@ -64,15 +66,25 @@ class Verified:
         return self.found.session
 
 
-def _same(one: Dataset, other: Dataset) -> bool:
-    """Whether both are of one file, or have the same numbers in all rows."""
-    if one.sha256 and one.sha256 == other.sha256:
-        return True
-    read = ([d.q, d.position, *(v for _, v in sorted({**d.readings, **d.distances}.items()))] for d in (one, other))
-    first, second = read
-    return len(first) == len(second) and all(
-        np.array_equal(a, b, equal_nan=True) for a, b in zip(first, second, strict=True)
+def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
+    """Rows (K,) of a table that are none of the rows the model was fitted to: other joint values or readings.
+
+    Raises InputError where there are none.
+    """
+    every = np.arange(len(dataset))
+    if saved.measured is None:
+        return every
+    known, here = saved.measured.dataset, {**dataset.readings, **dataset.distances}
+    there = {**known.readings, **known.distances}
+    shared = sorted(set(here) & set(there))
+    fitted, rows = (
+        [row.tobytes() for row in np.column_stack([d.q, d.position, d.rotation, *(v[name] for name in shared)]) + 0.0]
+        for d, v in ((known, there), (dataset, here))
     )
+    fresh = every[[row not in set(fitted) for row in rows]] if len(rows) else every
+    if not len(fresh):
+        raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
+    return fresh
 
 
 def verified(saved: SavedModel, dataset: Dataset) -> Verified:
@@ -82,11 +94,14 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
     few, or their columns are mixed up.
     """
-    if saved.measured is not None and _same(dataset, saved.measured.dataset):
-        raise InputError(f"{dataset.source} is the table the model was fitted to; expected poses measured afterwards")
     if mixed := mixed_up(saved.mechanism, dataset):
         raise InputError(f"{dataset.source}: {mixed}")
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
+    if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
+        raise InputError(
+            f"{dataset.source}: the positions were computed, not measured: they miss the model's own predictions by "
+            f"{share:.2g} of its noise; expected positions measured afterwards"
+        )
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     other_tool = _another_tool(found, alone.placement)
     found = found if other_tool is None else other_tool

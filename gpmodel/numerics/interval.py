@@ -48,3 +48,10 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
     if np.isinf(freedom):
         return float(special.chdtrc(numbers, ratio * numbers))
     return float(special.fdtrc(numbers, freedom, ratio))
+
+
+def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
+    """Of a mean square as of `chance_of_ratio` that many times the variance, or less."""
+    if np.isinf(freedom):
+        return float(special.chdtr(numbers, ratio * numbers))
+    return float(special.fdtr(numbers, freedom, ratio))

@@ -76,7 +76,8 @@ class Verification:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
     kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged;
-    others: the rest, which the tolerance is of as well.
+    others: the rest, which the tolerance is of as well. fitted: rows of the fit, left out. chance_of_less: of so small
+    a chi-square.
     """
 
     command: str
@@ -103,6 +104,8 @@ class Verification:
     kinds: tuple[KindRecord, ...] = ()
     rows: int = 0
     others: Others | None = None
+    fitted: tuple[int, ...] = ()
+    chance_of_less: Share = 1.0
     schema: int = SCHEMA
     kind: str = KIND
     versions: dict[str, str] = field(default_factory=dict)
@@ -148,7 +151,7 @@ class Verification:
 @dataclass(frozen=True)
 class VerifyRequest:
     """What was asked. missed: (N,) m by which compensated targets were missed. rows: of the table. others: those that
-    are not judged."""
+    are not judged. fitted: rows of the fit, left out."""
 
     command: str
     model_file: str
@@ -157,6 +160,7 @@ class VerifyRequest:
     missed: Array | None = None
     rows: int = 0
     others: Others | None = None
+    fitted: tuple[int, ...] = ()
 
 
 def verification(found: Verified, asked: VerifyRequest) -> Verification:
@@ -204,6 +208,8 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         kinds=tuple(_kinds(found, promised)),
         rows=asked.rows,
         others=asked.others,
+        fitted=asked.fitted,
+        chance_of_less=found.found.chance_of_less,
         versions=versions(),
     )  # fmt: skip
 

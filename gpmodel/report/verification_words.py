@@ -20,6 +20,8 @@ from gpmodel.report.verification import PoseRecord, Verification
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+TOO_GOOD = 1e-6
+"""Chance of so small a chi-square below which it is remarked on: never by chance."""
 MOST_ROWS, MOST_PRINTED = 400, 8
 """Rows on the page and on a terminal, the worst; verify.csv has all of them."""
 UNLIKELY = 0.001
@@ -61,7 +63,22 @@ def verdict(record: Verification) -> str:
         )
         if (record.without.rms_mm or 0.0) > LOST:
             said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
-    return f"{said} {tolerance(record)}".strip()
+    return " ".join(filter(None, (*_before(record), said, tolerance(record))))
+
+
+def _before(record: Verification) -> Iterator[str]:
+    """What the verdict is not of, and readings that are too good."""
+    if record.fitted:
+        several = "s are" if len(record.fitted) > 1 else " is"
+        yield f"{len(record.fitted)} row{several} of the fit and left out ({wording.some(record.fitted)})."
+    if rows := record.data.outliers:
+        worst = max((p.with_mm or 0.0 for p in record.poses if p.outlier), default=0.0)
+        yield f"{wording.left_out(rows, len(record.poses))}: up to {size(record, worst)} off."
+    if record.chance_of_less < TOO_GOOD:
+        yield (
+            f"Nearer to the model than its noise allows (chi-square {record.chi_square:.3g} of {record.degrees}): "
+            "another instrument, or positions that were computed?"
+        )
 
 
 def tolerance(record: Verification) -> str:

@@ -1,47 +1,49 @@
-"""A long table: the verdict rests on some of its rows, the tolerance on all."""
+"""Rows of the fit, computed positions and gross errors verify nothing, and the verdict says so first."""
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 import pytest
-from cli_cases import robot
+from cli_cases import numbers, one_line, run, table, write
 
 import gpmodel as gp
-from gpmodel.api import verification
-from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import observe, prepare
-from gpmodel.report.verification import read_verification
-from gpmodel.table.dataset import Dataset, unmeasured
+
+EVERY = table(80)
+POINTS = ["x [mm]", "y [mm]", "z [mm]"]
 
 
-@pytest.fixture
-def later(monkeypatch: pytest.MonkeyPatch) -> tuple[gp.Model, Dataset]:
-    """A model, and 80 later poses of which every second is judged; two of the others are 5 mm off."""
-    monkeypatch.setattr(verification, "evenly", lambda count: np.arange(0, count, 2))
-    arm, made = robot(60, seed=3, noise=2e-5)
-    rng = np.random.default_rng(9)
-    poses = unmeasured([j.name for j in arm.joints], random_poses(arm, 80, rng))
-    points = observe(made.model, prepare(arm, poses), made.theta, made.placement).tip[:, :3, 3]
-    points = points + rng.normal(0.0, 2e-5, points.shape)
-    points[[31, 33], 0] += 5e-3
-    return gp.calibrate(arm, made.dataset, holdout=0.0).model, replace(poses, position=points, source="later.csv")
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fitted")
+    gp.calibrate("irb6400r", EVERY.iloc[:55], holdout=0.0).model.save(folder / "model.json")
+    return folder / "model.json"
 
 
-def test_a_tolerance_is_of_all_rows(later: tuple[gp.Model, Dataset], tmp_path: Path) -> None:
-    model, data = later
-    found = model.verify(data, tolerance="1 mm")
-    assert (found.holds, found.passed, len(found.record.poses)) == (True, False, 40)
-    assert "2 of 80 poses are beyond 1 mm, the worst, row 3" in found.verdict
-    assert found.record.worst[0] in (32, 34)
-    found.report(tmp_path / "out")
-    assert read_verification(tmp_path / "out") == found.record
-    gp.certificate(tmp_path / "out", tolerance="4 mm").report(tmp_path / "paper")
-    assert "fail: 2 of 80 poses are beyond 4 mm" in (tmp_path / "paper" / "certificate.html").read_text()
+@pytest.mark.parametrize("old", [slice(0, 25), slice(30, 55)])
+def test_rows_of_the_fit_alone_are_refused(model: Path, old: slice, tmp_path: Path) -> None:
+    part = write(EVERY.iloc[old], tmp_path / "part.csv")
+    assert "is the table the model was fitted to" in one_line(run("verify", model, part), 2)
 
 
-def test_all_rows_within_a_tolerance_pass(later: tuple[gp.Model, Dataset]) -> None:
-    model, data = later
-    found = model.verify(data, tolerance="9 mm")
-    assert found.passed
-    assert "Every pose is within 9 mm, the worst has 5.0" in found.verdict
+def test_rows_of_the_fit_among_later_ones_are_left_out_and_counted(model: Path) -> None:
+    mixed = gp.verify(model, EVERY.iloc[45:])
+    alone = gp.verify(model, EVERY.iloc[55:])
+    assert mixed.verdict.startswith("10 rows are of the fit and left out (1, 2, 3")
+    assert mixed.record.chi_square == pytest.approx(alone.record.chi_square)
+    assert alone.verdict.startswith("The model holds")
+
+
+def test_positions_that_the_model_computed_are_refused(model: Path, tmp_path: Path) -> None:
+    joints = EVERY.iloc[55:].drop(columns=POINTS)
+    own = gp.load_model(model).predict(joints)
+    made = pd.concat([joints.reset_index(drop=True), own[POINTS].astype(float).round(3)], axis=1)
+    said = one_line(run("verify", model, write(made, tmp_path / "own.csv")), 2)
+    assert "the positions were computed, not measured" in said
+
+
+def test_gross_errors_are_named_before_the_model_is_said_to_hold(model: Path) -> None:
+    bad = EVERY.iloc[55:].astype(dict.fromkeys(POINTS, float))
+    bad.iloc[[3, 9], bad.columns.get_indexer(["x [mm]"])] = numbers(bad, "x [mm]")[[3, 9]][:, None] + 50.0
+    said = gp.verify(model, bad).verdict
+    assert said.startswith("2 of 25 readings left out (rows 4, 10): up to 50")
+    assert "The model holds" in said
