@@ -1,11 +1,13 @@
 """Independent tasks on other machines, by a dask scheduler."""
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, WriteError
 from gpmodel.executor import AHEAD, Found, Task, Workers
 from gpmodel.forks import Forks
 
@@ -13,8 +15,8 @@ if TYPE_CHECKING:
     from distributed import Client
     from distributed import Future as DaskFuture
 
-PATIENCE = "10s"
-"""For which a scheduler may be silent."""
+PATIENCE = 10.0
+"""Seconds for which a scheduler may be silent, or have no workers."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,27 @@ class Cluster:
             self.client.cancel([f for f in finished.futures], asynchronous=False)
 
 
+def _answering(connect: Callable[[], "Client"]) -> "Client":
+    """The client that `connect` makes. Raises TimeoutError where whoever listens does not answer: the handshake of a
+    client has no limit."""
+    made: list[Client | Exception] = []
+
+    def attempt() -> None:
+        try:
+            made.append(connect())
+        except (OSError, ValueError) as error:
+            made.append(error)
+
+    waiting = threading.Thread(target=attempt, daemon=True)
+    waiting.start()
+    waiting.join(2 * PATIENCE)
+    if not made:
+        raise TimeoutError(f"silent for {2 * PATIENCE:g} s")
+    if isinstance(made[0], Exception):
+        raise made[0]
+    return made[0]
+
+
 @contextmanager
 def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
     """Where tasks go: copies of this process; `tcp://host:8786`, a running dask scheduler; `local:2`, its processes.
@@ -64,7 +87,8 @@ def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
     if kind == "local" and not (count.isdecimal() and 0 < int(count) <= 1024):
         raise InputError(f"{address!r}, expected local:N with N processes, or tcp://host:port", "scheduler")
     try:
-        from distributed import Client, LocalCluster
+        from distributed import CancelledError, Client, LocalCluster
+        from distributed.comm.core import CommClosedError
     except ImportError:
         raise InputError("needs dask; pip install 'gpmodel[cluster]'", "scheduler") from None
     try:
@@ -72,12 +96,21 @@ def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
             place: LocalCluster | str = LocalCluster(n_workers=int(count), threads_per_worker=1, dashboard_address=None)
         else:
             place = address
-        client = Client(place, timeout=PATIENCE)
+        client = _answering(partial(Client, place, timeout=f"{PATIENCE:g}s"))
     except (OSError, ValueError) as error:
         raise InputError(f"no dask scheduler answers at {address} ({error})", "scheduler") from None
     with client:
         try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            said = f"the dask scheduler at {address} has no workers; start one, as in dask worker {address}"
+            raise InputError(said, "scheduler") from None
+        try:
             yield Cluster(client)
+        except (CancelledError, CommClosedError) as error:
+            raise WriteError(
+                f"--scheduler: the dask scheduler at {address} is gone ({error}); start it again"
+            ) from None
         finally:
             if not isinstance(place, str):
                 place.close()

@@ -3,13 +3,13 @@
 import hashlib
 import json
 import math
-import re
 import stat
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gpmodel.characters import steers
 from gpmodel.errors import InputError
 from gpmodel.files import plain, write_text
 
@@ -43,24 +43,6 @@ def read_text(path: Path, largest: int, expected: str) -> str:
         return read_limited(path, largest, expected).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is no text in UTF-8 ({error.reason}); expected {expected}") from None
-
-
-_FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
-"""What no text in generated source needs: quotes, backslashes, line ends, signs that begin or end a comment."""
-
-
-def harmless(text: str) -> str:
-    """Clean a text for source of any language: letters, digits, spaces and a few signs; the rest as underscores.
-
-    >>> harmless('torque_J2 [N*m] */ system("id")')
-    'torque_J2 [N·m] ·/ system(_id_)'
-    """
-    return _FOREIGN.sub("_", text.replace("*", "·"))
-
-
-def commented(note: str) -> list[str]:
-    """Write the lines of a note as comments of TOML, YAML and CSV, each of them harmless."""
-    return [f"# {harmless(line)}" for line in note.splitlines()]
 
 
 SEAL = "sha256"
@@ -102,7 +84,7 @@ def read_toml(path: Path, expected: str) -> dict[str, Any]:
     """The content of a TOML file. Raises InputError, saying what was `expected`: cannot be read, too large, no TOML."""
     try:
         content = tomllib.loads(read_text(path, LARGEST_TOML, expected))
-        _check_integers(content)
+        _check_values(content)
         return content
     except InputError:
         raise
@@ -112,11 +94,14 @@ def read_toml(path: Path, expected: str) -> dict[str, Any]:
         raise InputError(f"{path}: is no TOML ({error}); expected {expected}") from None
 
 
-def _check_integers(value: object) -> None:
+def _check_values(value: object) -> None:
+    """Raises ValueError for a text or key that ends a line or steers a terminal, or a number that no float holds."""
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         raise ValueError("an integer that is too large")
-    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
-        _check_integers(part)
+    if isinstance(value, str) and steers(value):
+        raise ValueError(f"control characters in {value[:40]!a}")
+    for part in (*value, *value.values()) if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_values(part)
 
 
 def _finite(text: str) -> float:

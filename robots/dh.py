@@ -48,12 +48,12 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.mechanism.quantities import checked, checked_mass
 from gpmodel.table.toml_table import TomlTable
 from gpmodel.texts import read_toml
 from robots.branches import Branches, check_arms
 from robots.chain import SerialChain
-from robots.links import DOWN, Link, along, placement
+from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:
@@ -100,6 +100,8 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
     rows = top.tables("joint")
     if not rows:
         raise InputError(f"{top.where}: no [[joint]] rows; expected one for each joint, from the base")
+    if len(rows) > LONGEST_CHAIN:
+        raise InputError(f"{top.where}: {len(rows)} [[joint]] rows; expected at most {LONGEST_CHAIN}")
     links, signs, limits = [], [], []
     for number, row in enumerate(rows, start=1):
         link, after = _link(row, number, common.convention, before)
@@ -116,13 +118,7 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
     names = tuple(link.name for link in links)
     if len(set(names)) < len(names):
         raise InputError(f"{top.where}: joint names {', '.join(names)} repeat; expected each once")
-    coupling = np.diag(np.array(signs, dtype=np.float64))
-    for table in top.tables("coupling"):
-        joint, follows = table.choice("joint", names), table.choice("follows", names)
-        if joint == follows:
-            raise InputError(f"{table.where}: {joint} follows itself; expected another joint")
-        coupling[names.index(joint), names.index(follows)] += table.number("factor")
-        table.done()
+    coupling = _coupled(top, names, np.array(signs, dtype=np.float64))
     top.done()
     return SerialChain(
         name=common.name,
@@ -134,6 +130,29 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
         tool_frame=frame,
         gravity=common.gravity,
     )
+
+
+def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
+    """Motions (n, n) by joint coordinates. Raises InputError for two couplings of one pair, and where a joint that
+    follows is followed itself."""
+    coupling, pairs = np.diag(signs), dict[tuple[str, str], str]()
+    for table in top.tables("coupling"):
+        pair = table.choice("joint", names), table.choice("follows", names)
+        if pair[0] == pair[1]:
+            raise InputError(f"{table.where}: {pair[0]} follows itself; expected another joint")
+        if pair in pairs:
+            raise InputError(f"{table.where}: {pair[0]} follows {pair[1]} already; expected one [[coupling]] a pair")
+        factor = checked(table.number("factor"), "angle", f"{table.where}: factor")
+        coupling[names.index(pair[0]), names.index(pair[1])] = factor
+        pairs[pair] = table.where
+        table.done()
+    followers = {joint for joint, _ in pairs}
+    for (joint, follows), where in pairs.items():
+        if follows in followers:
+            raise InputError(
+                f"{where}: {joint} follows {follows}, which follows another joint; expected one that does not"
+            )
+    return coupling
 
 
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:

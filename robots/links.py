@@ -27,6 +27,8 @@ def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
     return se3.shift(xyz) @ along("Rz", yaw) @ along("Ry", pitch) @ along("Rx", roll)
 
 
+LONGEST_CHAIN = 64
+"""Moving joints; work and memory grow with their square. A snake robot has 20."""
 DOWN = (0.0, 0.0, -GRAVITY)
 
 

@@ -12,13 +12,11 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
 from robots.chain import SerialChain
-from robots.links import Link, along
+from robots.links import LONGEST_CHAIN, Link, along
 from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
-LONGEST_CHAIN = 64
-"""Moving joints; work and memory grow with their square. A snake robot has 20."""
 
 
 def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) -> SerialChain:

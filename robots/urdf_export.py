@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
-from gpmodel.texts import harmless
 from robots.links import Chain, along
 from robots.urdf_file import parse_xml
 from robots.urdf_tree import origin_of

@@ -107,8 +107,8 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 
 
 ORDER = (
-    "_version", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "forks", "cluster", "progress",
-    "numerics", "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks",
+    "_version", "characters", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "forks", "cluster",
+    "progress", "numerics", "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks",
     "planning", "evidence", "selection", "discovery", "records", "application", "hierarchy", "report", "api", "cli",
 )  # fmt: skip
 ALONE = {"evolution", "formula", "files", "errors", "arrays", "executor"}

@@ -107,7 +107,7 @@ def called(value: object, argument: str) -> Callable[..., object]:
 
 def file_path(value: object, argument: str) -> Path:
     """A path of a file or folder. Raises InputError naming the argument."""
-    if not isinstance(value, str | os.PathLike) or not str(value):
+    if not isinstance(value, str | os.PathLike) or not str(value) or "\0" in str(value):
         raise InputError(f"{shown(value)}, expected a path", argument)
     return Path(value)
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -136,8 +137,9 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
 
 def told_of_reading(source: TableLike, progress: Say) -> None:
     """Says that a table is read where that takes long."""
-    if isinstance(source, str | Path) and Path(source).is_file() and Path(source).stat().st_size > LARGE:
-        progress(Progress("reading the table"))
+    with suppress(OSError, ValueError):  # whoever reads it says what is wrong with it
+        if isinstance(source, str | Path) and Path(source).is_file() and Path(source).stat().st_size > LARGE:
+            progress(Progress("reading the table"))
 
 
 def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cells:

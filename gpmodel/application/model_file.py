@@ -13,6 +13,7 @@ from gpmodel.application.model_reader import converted, read_part
 from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
+from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
@@ -25,7 +26,7 @@ from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
 from gpmodel.model.naming import table_names
 from gpmodel.table.dataset import Dataset
-from gpmodel.texts import SEAL, harmless, seal
+from gpmodel.texts import SEAL, seal
 
 
 @dataclass(frozen=True)

@@ -63,16 +63,17 @@ def converted(content: object, kind: type[Part], word: str) -> Part:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$")
+        place = place.partition("`")[0]
         said = said.replace(
             f"Expected `str` matching regex {PLAIN!r}", "Expected text without quotes, backslashes, line ends"
         )
-        raise InputError(f"{place.rstrip('`').lstrip('.') or word}: {said}") from None
+        raise InputError(f"{place.lstrip('.') or word}: {said}") from None
 
 
 def _check_report(path: Path, digest: str) -> None:
     try:
-        report = parse_json((path.parent / REPORT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        report = parse_json(read_limited(path.parent / REPORT, LARGEST_FILE, "a report"))
+    except ValueError:
         return
     said = report.get(REPORTED) if isinstance(report, dict) else None
     if said and said != digest:

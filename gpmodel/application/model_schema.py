@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.quantities import LARGEST
 
 KIND, SCHEMA = "gpmodel model", 3
@@ -164,6 +165,10 @@ class ModelPart(msgspec.Struct, frozen=True):
         for label, transforms in (("registration", self.registration), ("tool", self.tool)):
             for name, rows in transforms.items():
                 _check_rigid(np.array(rows), f"{label}[{name!r}]")
+        for unknown in self.unknowns:
+            words = unknown.split(" ")
+            if len(words) < 2 or (words[0] in ("registration", "tool") and words[-1] not in AXES):
+                raise ValueError(f"{unknown!r}, expected what and its axis, as in 'tool Tx' - at `$.unknowns`")
         size = len(self.effects) + len(self.unknowns)
         lengths = {2: [size] * size, SCHEMA: [*range(1, size + 1)]}
         if [len(row) for row in self.covariance] != lengths[self.schema]:

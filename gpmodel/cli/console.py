@@ -20,6 +20,7 @@ from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
 from gpmodel.table.cells import read_frame
+from gpmodel.table.units import split_header
 from gpmodel.table.write import table_text
 
 PATIENCE = 10.0
@@ -36,6 +37,32 @@ def path_for(out: Path, default_name: str) -> Path:
     if out.suffix[1:].isalpha() and not table and not out.is_dir():
         raise InputError(f"{out}: a table is written as .csv; expected such a file, or a folder", "out")
     return out if table and not out.is_dir() else out / default_name
+
+
+MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
+"""Names of columns that an instrument fills."""
+
+
+def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
+    """As `path_for`; None without --out. Raises InputError, before the work, where a table with measurements is there
+    that is no output: what simulate writes has its truth beside it, what predict and compensate write has sigma.
+
+    source: a table that may be replaced, because its columns are kept.
+    """
+    path = None if out is None else path_for(out, default_name)
+    if (
+        path is None
+        or not path.is_file()
+        or path.with_suffix(".truth.json").exists()
+        or (source and source.exists() and path.samefile(source))
+    ):
+        return path
+    names: set[str] = set()
+    with contextlib.suppress(InputError):
+        names = {split_header(str(name))[0] for name in read_frame(path)[0]}
+    if "sigma" not in names and any(map(MEASURED.fullmatch, names)):
+        raise InputError(f"{path}: holds measurements, which would be lost; expected another name", "out")
+    return path
 
 
 def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source: Path | None = None) -> Path | None:

@@ -1,5 +1,6 @@
 """The command line: `gpmodel`, its commands imported only when called."""
 
+import logging
 import os
 import signal
 import sys
@@ -98,6 +99,7 @@ class CommandGroup(click.Group):
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unpacked goes
         terminal.begin()
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a home that is read-only is no news
         try:
             status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
             ended = status if isinstance(status, int) else DONE
@@ -116,6 +118,9 @@ class CommandGroup(click.Group):
             _end(BAD_INPUT, f"{error.format_message().rstrip('.')}{where}", arguments)
         except GpModelError as error:
             _end(BAD_INPUT, str(error), arguments)
+        except MemoryError as error:
+            said = f" ({error})" if str(error) else ""
+            _end(BAD_INPUT, f"not enough memory{said}; expected fewer poses or columns, or a larger machine", arguments)
         except OSError as error:
             _end(BAD_INPUT, str(InputError(f"'{error.filename or ''}': {error.strerror or error}")), arguments)
         except Exception as error:

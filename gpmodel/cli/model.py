@@ -9,7 +9,7 @@ from gpmodel.api.verify import verify as judge
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
 from gpmodel.cli import options as shared
-from gpmodel.cli.console import command_line, progress_line, session_note, write_frame
+from gpmodel.cli.console import command_line, place_for, progress_line, session_note, write_frame
 from gpmodel.cli.terminal import echo
 from gpmodel.files import write_text
 
@@ -34,6 +34,7 @@ def predict(
     `outside` names the inputs beyond the ranges the model was fitted in.
     """
     fitted = load_model(model)
+    place_for(out, "predicted.csv", poses)
     with progress_line(quiet) as say:
         predicted, error = fitted.judged(poses, as_measured, session, in_order, say)
         path = write_frame(predicted, out, "predicted.csv", poses)
@@ -88,10 +89,12 @@ def compensate(
     large move, joint limit, not reached.
     """
     fitted = load_model(model)
+    language = None if out is None else PROGRAMS.get(out.suffix.lower())
+    if not language:
+        place_for(out, "compensated.csv", targets)
     corrected = fitted.compensate(
         targets, max_move=max_move, point=point, session=session, in_order=in_order, seed=seed
     )  # fmt: skip
-    language = None if out is None else PROGRAMS.get(out.suffix.lower())
     path = out
     if out is not None and language:
         write_text(out, fitted.program(corrected, language, out.stem))

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.poses import AFTER, BEFORE, CONE, MOST, Criterion, choose_poses
-from gpmodel.cli.console import path_for, progress_line
+from gpmodel.cli.console import place_for, progress_line
 from gpmodel.cli.options import PATH, mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
@@ -46,13 +46,13 @@ def poses(
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
+    path = place_for(out, "poses.csv")
     with progress_line(quiet) as say:
         chosen = choose_poses(
             mechanism, count, criterion=criterion, after=after, suspect=suspect, above=above, box=box,
             instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
             seed=seed, progress=say,
         )  # fmt: skip
-    path = None if out is None else path_for(out, "poses.csv")
     if path is None:
         echo(chosen.to_csv(), nl=False)
         return

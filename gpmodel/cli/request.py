@@ -23,7 +23,8 @@ from gpmodel.hierarchy.folder import files_of
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
 from gpmodel.records.unfinished import Unfinished, unfinished
-from gpmodel.texts import parse_json, seal
+from gpmodel.report.saved import LARGEST_FILE
+from gpmodel.texts import parse_json, read_limited, seal
 
 Journal = TypeVar("Journal")
 NO_NUMBERS = ("resume", "folder", "quiet", "workers", "scheduler", "minutes")
@@ -197,8 +198,8 @@ def _typed_beside(ctx: click.Context) -> list[str]:
 def _made_by(result: Path) -> str | None:
     """The command that left a result, by its `kind`; None where there is none."""
     try:
-        return str(parse_json(result.read_bytes())["kind"]).removeprefix("gpmodel ")
-    except (OSError, ValueError, LookupError, TypeError):
+        return str(parse_json(read_limited(result, LARGEST_FILE, "a result"))["kind"]).removeprefix("gpmodel ")
+    except (ValueError, LookupError, TypeError):
         return None
 
 

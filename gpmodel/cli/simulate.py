@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from gpmodel.api.simulate import simulate as measure
-from gpmodel.cli.console import command_line, path_for, write_frame
+from gpmodel.cli.console import command_line, place_for, write_frame
 from gpmodel.cli.options import mechanism_options, out_file_option, quiet_option, seed_option
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
@@ -35,14 +35,14 @@ def simulate(
     The truth (NAME.truth.json) is a model `predict` and `compensate` read. NAME of an effect is a catalogue
     name or slot:axis:expression. Without --out the table is printed and there is no truth file.
     """
+    path = place_for(out, "simulated.csv")
     made = measure(
         mechanism, effects, poses=poses, noise=noise, instrument=instrument, geometry_sigma=geometry_sigma, 
         inputs=dict(map(_input, inputs)), seed=seed,
     )  # fmt: skip
-    if out is None:
+    if path is None:
         write_frame(made.to_dataframe(), None, "")
         return
-    path = path_for(out, "simulated.csv")
     truth = made.save(path, command=command_line(), seed=seed)
     if not quiet:
         echo(f"{poses} poses in {path}, the truth in {truth}")

@@ -3,13 +3,12 @@
 import errno
 import os
 import sys
-import unicodedata
 from contextlib import suppress
 
 import click
 
-_STEERING = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories of characters that steer a terminal, or that none can show."""
+from gpmodel.characters import printable
+
 _failed: list[str] = []
 """Why standard output took no more, in this run of the program."""
 
@@ -26,17 +25,6 @@ def begin() -> None:
 def failed() -> str:
     """Return why standard output took no more; empty where it took all, or its reader left."""
     return _failed[0] if _failed else ""
-
-
-def printable(text: str) -> str:
-    """Escape characters that steer a terminal; line ends and tabs stay.
-
-    >>> printable("a\\x1b[31m")
-    'a\\\\x1b[31m'
-    """
-    if text.isascii() and text.isprintable():
-        return text
-    return "".join(c if c in "\n\t" or unicodedata.category(c) not in _STEERING else ascii(c)[1:-1] for c in text)
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True, lead: str = "") -> None:

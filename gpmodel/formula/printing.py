@@ -8,9 +8,9 @@ from typing import Literal
 
 import sympy
 
+from gpmodel.characters import harmless
 from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, hypot, in_pieces, logical_not
 from gpmodel.formula.program import Program
-from gpmodel.texts import harmless
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
 """Names that mathematics sets as they are; of longer ones each letter would be a factor."""

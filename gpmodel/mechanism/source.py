@@ -11,11 +11,12 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from gpmodel.arrays import Array
+from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
 from gpmodel.mechanism.quantities import checked_mass
 from gpmodel.mechanism.workspace import links
-from gpmodel.texts import harmless, read_text
+from gpmodel.texts import read_text
 
 PROVIDERS = "gpmodel.mechanisms"
 
@@ -48,6 +49,8 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
     )
 
 
+RESERVED = ("x", "y", "z", "rx", "ry", "rz", "row", "payload", "group", "repeat", "setup", "tool")
+"""Names of columns and inputs that no joint can have."""
 FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
 """Bytes of a mechanism's description; the largest of example-robot-data, a humanoid with its hands, has 0.3 MB."""
@@ -80,7 +83,11 @@ class MechanismChoice:
         elif self.description is not None and Path(name).suffix.lower() in FILES:
             raise InputError(f"mechanism '{name}' is a file, and its description is missing")
         try:
-            return LoadedMechanism(choice, load_mechanism(name, frame=self.frame, payload_com=self.payload_com))
+            bare = load_mechanism(name, frame=self.frame, payload_com=self.payload_com)
+            if taken := [joint.name for joint in bare.joints if joint.name in RESERVED]:
+                said = f"joint '{taken[0]}' has the name of another column of a table; expected another name"
+                raise InputError(f"{name}: {said}, as axis_{taken[0]}")
+            return LoadedMechanism(choice, bare)
         except InputError as error:
             if not self.description:
                 raise

@@ -16,6 +16,11 @@ REGISTRATION, TOOL = "setup", "tool"
 """The labels of a table by which registrations and tools are told."""
 
 
+def made_of(parts: object, kind: type) -> bool:
+    """Whether it is a tuple of a kind alone."""
+    return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
+
+
 @dataclass(frozen=True)
 class Term:
     """`weight · basis` along one axis of the frame of one slot."""
@@ -28,7 +33,7 @@ class Term:
     def __post_init__(self) -> None:
         if self.axis not in AXES:
             raise InputError(f"axis '{self.axis}' is unknown; available: {', '.join(AXES)}")
-        if not callable(self.basis):
+        if not callable(self.basis) or not made_of(getattr(self.basis, "inputs", None), str):
             raise InputError(f"{self.basis!r} is no basis; expected an Expression, as in Expression('sin(2*J4)')")
 
 
@@ -42,11 +47,6 @@ class TakenUp:
     of: str
     label: str
     twist: tuple[float, ...]
-
-
-def made_of(parts: object, kind: type) -> bool:
-    """Whether it is a tuple of a kind alone."""
-    return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
 
 
 @dataclass(frozen=True)

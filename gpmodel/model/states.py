@@ -49,10 +49,15 @@ class States:
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def value(self, basis: Basis) -> Array:
-        """Values (N,) of a basis here, computed once: a calibration asks for hundreds of them at every step."""
+        """Values (N,) of a basis here, computed once: a calibration asks for hundreds of them at every step. Raises
+        InputError where a basis that is no expression gives another shape."""
         text = str(basis)
         if not isinstance(basis, Expression):
-            return basis(self)
+            if np.shape(values := basis(self)) != (len(self),):
+                raise InputError(
+                    f"basis {text}: values of shape {np.shape(values)}; expected ({len(self)},), one a pose"
+                )
+            return values
         if text not in self._known:
             self._known[text] = basis(self)
         return self._known[text]

@@ -1,7 +1,6 @@
 """verify.json: what poses measured afterwards say of a model, as frozen records; lengths in mm, all else SI."""
 
 import dataclasses
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,9 +22,11 @@ from gpmodel.report.build import OWN_UNIT
 from gpmodel.report.fitted import optional, statistics_mm
 from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
+from gpmodel.report.saved import LARGEST_FILE
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_poses import Repeatability
 from gpmodel.table.bundles import different_poses
+from gpmodel.texts import parse_json, read_limited
 
 NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
@@ -240,6 +241,6 @@ def read_verification(folder: Path) -> Verification | None:
     if not path.is_file():
         return None
     try:
-        return msgspec.convert(json.loads(path.read_bytes()), Verification)
-    except (OSError, ValueError, RecursionError) as error:
+        return msgspec.convert(parse_json(read_limited(path, LARGEST_FILE, "a verification")), Verification)
+    except ValueError as error:
         raise InputError(f"{path}: cannot be read ({error}); expected the JSON that verify wrote") from None

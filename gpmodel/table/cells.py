@@ -22,6 +22,11 @@ LARGEST = 1e20
 LARGEST_FILE = 128 << 20
 """Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
 
+MOST_COLUMNS = 1000
+"""Of a table; the work of reading grows with their number, and a model keeps 500 inputs."""
+LONGEST_HEADER = 100_000
+"""Characters of the first line: a hundred a column."""
+
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
@@ -54,9 +59,10 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
         _check_names(header.tolist(), path)
     else:
         frame = _read_text(raw, path)
-    rows = len(frame)
+    rows, names = len(frame), [str(name) for name in frame]
     frame = frame.dropna(how="all").dropna(axis="columns", how="all")
     frame.attrs["empty_rows"] = rows - len(frame)
+    frame.attrs["empty_columns"] = [name for name in names if name not in frame]
     if frame.empty:
         raise InputError(f"{path.name}: no rows below the header; expected one row per pose")
     return frame.reset_index(drop=True), digest
@@ -83,6 +89,9 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     if "\0" in text:
         raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
     header = text.lstrip().splitlines()[0]
+    if len(header) > LONGEST_HEADER:
+        said = f"expected at most {MOST_COLUMNS} columns in {LONGEST_HEADER}"
+        raise InputError(f"{path.name}, line 1: a header of {len(header)} characters; {said}")
     counts = {s: header.count(s) for s in (";", "\t", ",")}
     separator = max(counts, key=lambda s: counts[s])
     names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
@@ -121,7 +130,9 @@ def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path)
 
 
 def _check_names(header: list[str], path: Path) -> None:
-    """Raises InputError naming a header that appears twice, which pandas would rename."""
+    """Raises InputError: too many columns, or one that appears twice, which pandas would rename."""
+    if len(header) > MOST_COLUMNS:
+        raise InputError(f"{path.name}: {len(header)} columns; expected at most {MOST_COLUMNS}")
     written = [name.strip() for name in header if name.strip()]
     for name in written:
         if written.count(name) > 1:

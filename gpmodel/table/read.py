@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
+from gpmodel.characters import steers
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, followers
@@ -39,7 +40,8 @@ def dataset_from(
     in surplus, text among numbers, nothing measured.
     """
     columns = _split_columns(frame, path)
-    joints, used = _joint_columns(columns, mechanism.joints, path)
+    empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
+    joints, used = _joint_columns(columns, mechanism.joints, path, empty)
     n = len(frame)
     cells = _Cells(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n))
     following = followers(mechanism)
@@ -90,7 +92,7 @@ class _Cells:
     def take(self, name: str, unit: str | None, column: pd.Series, where: str) -> None:
         """Put a column where its name says it belongs."""
         if name in LABELS:
-            self.labels[name] = column.fillna("").astype(str).str.strip().to_numpy(dtype=str)
+            self.labels[name] = _labels(column, where)
         elif name in ("x", "y", "z"):
             self.position[:, "xyz".index(name)] = numbers(column, where) * _factor(unit, "length", where)
         elif name in ("rx", "ry", "rz"):
@@ -123,6 +125,15 @@ class _Cells:
         self.extra_names[word] = name
 
 
+def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
+    """The texts of a column (N,), spaces and line ends between words as one space. Raises InputError naming the row of
+    one with control characters."""
+    words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
+    if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
+        raise InputError(f"{where}, row {bad}: control characters in a label; expected plain text")
+    return np.array(words, dtype=str)
+
+
 def _not_negative(values: Array, where: str) -> Array:
     """Distances (N,). Raises InputError naming the row of a negative one."""
     if (values < 0).any():
@@ -152,7 +163,9 @@ def _check_near(path: Path, cells: _Cells) -> None:
 def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | None, pd.Series]]:
     columns: dict[str, tuple[str | None, pd.Series]] = {}
     for i, header in enumerate(frame.columns):
-        name, unit = split_header(str(header))
+        name, unit = split_header(" ".join(str(header).split()))
+        if steers(name):
+            raise InputError(f"{path.name}: column {i + 1} has control characters in its name; expected plain text")
         if not name or _NAMELESS.match(name):
             raise InputError(f"{path.name}: column {i + 1} has no name; expected a name and its unit in every header")
         if name in columns:
@@ -162,14 +175,20 @@ def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | Non
 
 
 def _joint_columns(
-    columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path
+    columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path, empty: list[str]
 ) -> tuple[dict[str, Array], set[str]]:
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
     numbered = not set(by_name) <= set(columns)
     expected = by_number if numbered else by_name
+    for column in columns:
+        meant = next((name for name in expected if name.casefold() == column.casefold() and column not in expected), "")
+        if meant:
+            raise InputError(f"{path.name}: column '{column}': written '{meant}' where it is meant so; expected that")
     missing = [name for name in expected if name not in columns]
+    if missing and missing[0] in empty:
+        raise InputError(f"{path.name}, column '{missing[0]}': empty in every row; expected a number in every row")
     if missing:
         units = "[mm] or [m]" if expected[missing[0]].kind == "prismatic" else "[deg] or [rad]"
         by_names = choices(expected[missing[0]].name, by_name)

@@ -26,7 +26,7 @@ def measured() -> pd.DataFrame:
 
 
 @pytest.mark.parametrize("command", ["predict", "compensate"])
-@pytest.mark.parametrize("columns", ["joints", "all"])
+@pytest.mark.parametrize("columns", ["joints", pytest.param("all", marks=pytest.mark.long)])
 def test_another_model_on_the_output_of_the_first_gives_its_own_numbers(
     command: str, columns: str, models: tuple[Path, Path], tmp_path: Path
 ) -> None:

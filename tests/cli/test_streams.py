@@ -103,7 +103,7 @@ SAVES = {
     "poses": (["poses", "--mechanism", "irb6400r", "-n", "5", "--out", "OUT/q.csv"], "q.csv"),
 }
 
-QUICK = ("simulate", "check", "predict")
+QUICK = ("simulate", "check")
 RUNS = [
     pytest.param(command, kind, marks=() if command in QUICK else pytest.mark.long)
     for command in SAVES

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.application.exports.chain import Chain
 from gpmodel.arrays import Array
+from gpmodel.characters import commented, harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.numerics import se3
-from gpmodel.texts import commented, harmless
 
 Convention = Literal["standard", "modified"]
 

@@ -15,11 +15,11 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.numerics import se3
 from gpmodel.table.units import factor, split_header
-from gpmodel.texts import harmless
 
 Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")

@@ -15,13 +15,13 @@ from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.texts import harmless
 from gpmodel.wording import length
 
 

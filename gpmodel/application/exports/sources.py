@@ -14,13 +14,13 @@ from gpmodel.application.exports.loads import Body
 from gpmodel.application.kinematics import LENGTH
 from gpmodel.application.usable import Clamped
 from gpmodel.arrays import Array
+from gpmodel.characters import harmless
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.printing import as_in_latex, in_latex, inline, latex_lines
 from gpmodel.formula.program import Builder, Program
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.naming import translate
-from gpmodel.texts import harmless
 
 _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), {2!r})"}
 

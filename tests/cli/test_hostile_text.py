@@ -1,0 +1,216 @@
+"""Hostile text in every text of every format, read by every command that takes it.
+
+No code of it runs, nothing of it steers the terminal or forges a line, nothing ends in a traceback.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cli_cases import robot, run, table, write
+
+from gpmodel.api.calibrate import calibrate
+from gpmodel.api.results import write_numbers
+from gpmodel.texts import SEAL, seal
+
+ARM = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
+HEXAPOD = (files("joints") / "data" / "hexapod.toml").read_text(encoding="utf-8")
+URDF = (
+    '<robot name="ROBOT"><link name="a"/><link name="LINK"/><joint name="JOINT" type="revolute"><parent link="a"/>'
+    '<child link="LINK"/><origin xyz="0.5 0 1" rpy="0 0.1 0"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint>'
+    "</robot>"
+)
+FORGED = "fit to calibrate with; no warnings"
+HOSTILE = {
+    "python": 'x"""\nopen("CANARY", "w")\n"""',
+    "expression": "__import__('os').system('touch CANARY')",
+    "c": '*/int system(const char*);__attribute__((constructor))static void p(void){system("touch CANARY");}/*',
+    "shell": "$(touch CANARY)`touch CANARY`; touch CANARY",
+    "html": '<script src="http://a"></script><img onerror=x>"\'&',
+    "placeholder": "*@TERMS@/ @NOTE@ {0} %s ${a}",
+    "terminal": "a\x1b[31mRED\x1b]0;title\x07\x9b2J\u202eb",
+    "line": f"a\n{FORGED}\r\nb\u2028c",
+    "long": "a" * 5000,
+}
+SOURCE = ("python", "c", "placeholder")
+"""Of these every export is made of a table or a description."""
+QUICK = ("python", "terminal")
+"""Of these the default suite takes the tables and descriptions that are refused or read at once."""
+
+MODEL = Path("model.json")
+KNOWN: dict[str, str] = {}
+"""What `saved` writes, made once."""
+Case = tuple[str, Callable[[str, Path], list[list[object]]]]
+
+
+def given_toml(text: str, key: str, folder: Path, source: str = ARM) -> Path:
+    """A description in which a key, or the name of a table, is the text."""
+    said = json.dumps(text, ensure_ascii=True)
+    lines = source.splitlines()
+    at = next((i for i, line in enumerate(lines) if line.split("=")[0].strip() == key), None)
+    if at is None:
+        lines.insert(0, f"{key} = {said}")
+    else:
+        lines[at] = f"{key} = {said}"
+    path = folder / "arm.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def described(key: str, source: str) -> Callable[[str, Path], list[list[object]]]:
+    def make(text: str, folder: Path) -> list[list[object]]:
+        arm, data = given_toml(text, key, folder, source), write(table(40), folder / "t.csv")
+        whole = [["calibrate", data, "--mechanism", arm, "--out", folder / "out"], ["export", folder / "out"]]
+        return [["check", data, "--mechanism", arm], ["simulate", "--mechanism", arm, "--poses", 3], *whole]
+
+    return make
+
+
+def in_urdf(place: str) -> Callable[[str, Path], list[list[object]]]:
+    def make(text: str, folder: Path) -> list[list[object]]:
+        said = text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("\n", "&#10;")
+        filled = URDF.replace(place, said)
+        path = folder / "arm.urdf"
+        path.write_text(filled, encoding="utf-8")
+        return [["simulate", "--mechanism", path, "--poses", 3], ["effects", "--mechanism", path]]
+
+    return make
+
+
+def in_table(column: str, *, header: bool = False) -> Callable[[str, Path], list[list[object]]]:
+    def make(text: str, folder: Path) -> list[list[object]]:
+        frame = table(40)
+        frame = frame.assign(**{f"{text} [degC]": range(40)} if header else {column: ["a", text] * 20})
+        path, model = write(frame, folder / "t.csv"), saved(folder)
+        whole = [["calibrate", path, "--mechanism", "irb6400r", "--out", folder / "out"], ["export", folder / "out"]]
+        used = [[command, model, path] for command in ("predict", "compensate", "verify")]
+        return [["check", path, "--mechanism", "irb6400r"], *used, *whole]
+
+    return make
+
+
+def beside_table(kind: str) -> Callable[[str, Path], list[list[object]]]:
+    """The name of a camera, a board or a surface."""
+
+    def make(text: str, folder: Path) -> list[list[object]]:
+        name = {"cameras": "camera", "board": "board", "surfaces": "plane"}[kind]
+        keys = {
+            "cameras": f"link = {json.dumps(text)}\nfocal_px = [1000, 1000]\ncentre_px = [500, 500]",
+            "board": f"link = {json.dumps(text)}\ncolumns = 3\nrows = 3\npitch_mm = 20",
+            "surfaces": "normal = [0, 0, 1]",
+        }[kind]
+        file = folder / f"{kind}.toml"
+        file.write_text(f"[{name}.{json.dumps(text)}]\n{keys}\n", encoding="utf-8")
+        data = write(table(40), folder / "t.csv")
+        return [["check", data, "--mechanism", "irb6400r", f"--{kind}", file]]
+
+    return make
+
+
+def saved(folder: Path) -> Path:
+    """A model in a folder, of a table with labels and a findable effect."""
+    if not KNOWN:
+        mechanism, made = robot(40, effects=("joint_compliance J2=2e-6",))
+        fit = calibrate(mechanism, made.dataset, ["joint_compliance J2"])
+        write_numbers(fit.record, fit.model, folder)
+        KNOWN.update({name: (folder / name).read_text() for name in ("model.json", "report.json")})
+    for name, text in KNOWN.items():
+        (folder / name).write_text(text)
+    return folder / MODEL
+
+
+def texts_in(value: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Places of texts in JSON content, one of each kind: lists count with their first entry."""
+    if isinstance(value, str):
+        yield place
+    for key, part in (
+        value.items() if isinstance(value, dict) else list(enumerate(value))[:1] if isinstance(value, list) else ()
+    ):
+        yield from texts_in(part, (*place, key))
+
+
+def in_json(name: str) -> Callable[[str, Path], list[list[object]]]:
+    """Every text of a sealed model.json, or of report.json, one after the other."""
+
+    def make(text: str, folder: Path) -> list[list[object]]:
+        data = write(table(6), folder / "t.csv")
+        commands: list[list[object]] = []
+        saved(folder)
+        content = json.loads(KNOWN[name])
+        for number, place in enumerate(texts_in(content)):
+            changed = json.loads(KNOWN[name])
+            inner = changed
+            for key in place[:-1]:
+                inner = inner[key]
+            inner[place[-1]] = text
+            own = folder / f"{name}{number}"
+            own.mkdir()
+            saved(own)
+            changed = changed | {SEAL: seal(changed)} if name == "model.json" else changed
+            (own / name).write_text(json.dumps(changed), encoding="utf-8")
+            if name == "model.json":
+                (own / "report.json").unlink()
+                commands += [["predict", own / MODEL, data], ["export", own, "--nodes", 2, "--out", own / "out"]]
+            else:
+                commands += [["explain", own, 1], ["compare", own, folder], ["certificate", own], ["report", own]]
+        return commands
+
+    return make
+
+
+def in_particulars(text: str, folder: Path) -> list[list[object]]:
+    saved(folder)
+    (folder / "p.toml").write_text(f"serial = {json.dumps(text)}\ninstrument = {json.dumps(text)}\n")
+    return [
+        ["certificate", folder, "--particulars", folder / "p.toml"],
+        ["certificate", folder, "--serial", text.replace("\0", "")],
+    ]
+
+
+FORMATS: dict[str, Callable[[str, Path], list[list[object]]]] = {
+    **{f"TOML, {key}": described(key, ARM) for key in ("name", "convention", "kind", "joint", "surplus")},
+    "hexapod, name": described("name", HEXAPOD),
+    **{f"URDF, {place}": in_urdf(place) for place in ("ROBOT", "LINK", "JOINT")},
+    "CSV, header": in_table("", header=True),
+    **{
+        f"CSV, {label}": in_table(label) for label in ("setup", "tool", "group", "camera", "marker", "on_plane", "note")
+    },
+    **{kind: beside_table(kind) for kind in ("cameras", "board", "surfaces")},
+    "model.json": in_json("model.json"),
+    "report.json": in_json("report.json"),
+    "particulars": in_particulars,
+}
+AT_ONCE = ("TOML, name", "URDF, ROBOT", "CSV, header", "CSV, setup", "board")
+CASES = [
+    pytest.param(form, kind, marks=() if form in AT_ONCE and kind in QUICK else pytest.mark.long)
+    for form in FORMATS
+    for kind in HOSTILE
+]
+
+
+@pytest.mark.parametrize(("form", "kind"), CASES)
+def test_text_stays_text(form: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    commands = FORMATS[form](HOSTILE[kind], tmp_path)
+    quick = form in AT_ONCE and kind in QUICK
+    for words in commands[:2] if quick else commands:
+        if words[0] == "calibrate" and kind not in SOURCE:
+            words = [word for word in words if word not in ("--out", tmp_path / "out")]
+        done = run(*words)
+        if words[0] == "export" and not Path(str(words[1])).exists():
+            continue
+        said = done.stdout + done.stderr
+        assert done.exit_code in (0, 2, 3), (words, done.stderr, done.exception)
+        assert "Traceback" not in said
+        assert not [c for c in said if c not in "\n\t\xa0\u2009" and not c.isprintable()], (words, said)
+        forged = FORGED in said.splitlines()
+        assert not forged or words[0] == "check", (words, said)
+        assert said.splitlines().count(FORGED) < 2, (words, said)
+        if done.exit_code == 2:
+            assert len(done.stderr.splitlines()) == 1, (words, done.stderr)
+            assert len(done.stderr) < 1500
+        assert not list(tmp_path.rglob("CANARY")), words
+    assert not list(Path.cwd().rglob("CANARY"))

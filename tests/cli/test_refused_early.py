@@ -1,0 +1,175 @@
+"""What is too large, contradictory or would destroy something: one line, before any work."""
+
+import json
+import os
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cli_cases import one_line, robot, run, table, write
+
+import gpmodel as gp
+from gpmodel.texts import SEAL, seal
+
+ARM = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
+GOOD = table()
+COUPLING = '\n[[coupling]]\njoint = "{}"\nfollows = "{}"\nfactor = {}\n'
+
+DESCRIPTIONS = {
+    "joints without end": (ARM + "\n[[joint]]\na_mm = 100\n" * 64, "70 [[joint]] rows; expected at most 64"),
+    "one pair twice": (ARM + COUPLING.format("J3", "J2", -1), "J3 follows J2 already"),
+    "one that follows a follower": (ARM + COUPLING.format("J4", "J3", 1), "J4 follows J3, which follows another joint"),
+    "a cycle": (ARM + COUPLING.format("J2", "J3", 1), "which follows another joint"),
+    "a factor of no machine": (ARM + COUPLING.format("J5", "J4", 1e300), "factor: 1e+300"),
+    "steering characters": ('note = "a\\u001b[2J"\n' + ARM, "control characters in 'a\\x1b[2J'"),
+    "a line in a name": ('name = "a\\nb"\n', "control characters in 'a\\nb'"),
+    "a joint called x": (ARM.replace('name = "J1"', 'name = "x"'), "joint 'x' has the name of another column"),
+}
+
+
+@pytest.mark.parametrize("case", DESCRIPTIONS)
+def test_a_description_is_refused(case: str, tmp_path: Path) -> None:
+    text, said = DESCRIPTIONS[case]
+    (tmp_path / "arm.toml").write_text(text, encoding="utf-8")
+    assert said in one_line(run("simulate", "--mechanism", tmp_path / "arm.toml", "--poses", 3), 2)
+
+
+def wide(count: int) -> str:
+    """The text of a table with so many more columns."""
+    names, *rows = GOOD.to_csv(index=False).splitlines()
+    more = "".join(f",c{i} [mm]" for i in range(count))
+    return "\n".join([names + more, *(row + ",1" * count for row in rows)])
+
+
+TABLES: dict[str, tuple[Callable[[], pd.DataFrame | str], str]] = {
+    "columns": (lambda: wide(5000), "5009 columns; expected at most 1000"),
+    "more columns": (lambda: wide(30_000), "a header of "),
+    "a long name": (lambda: GOOD.assign(**{"a" * 10**6 + " [mm]": "1"}), "a header of 1000"),
+    "a joint in another case": (
+        lambda: GOOD.assign(**{"j1 [deg]": "1"}),
+        "column 'j1': written 'J1' where it is meant",
+    ),
+    "an empty joint": (lambda: GOOD.assign(**{"J2 [deg]": ""}), "column 'J2': empty in every row; expected a number"),
+    "a label that steers": (lambda: GOOD.assign(setup="a\x1b[2J"), "column 'setup', row 1: control characters"),
+    "a header that steers": (lambda: GOOD.assign(**{"a\x07 [mm]": "1"}), "column 10 has control characters"),
+}
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_a_table_is_refused(case: str, tmp_path: Path) -> None:
+    make, said = TABLES[case]
+    made, path = make(), tmp_path / "t.csv"
+    path.write_text(made) if isinstance(made, str) else write(made, path)
+    line = one_line(run("check", path, "--mechanism", "irb6400r"), 2)
+    assert said in line
+    assert len(line) < 400
+
+
+def test_line_ends_within_headers_and_labels_are_spaces() -> None:
+    frame = GOOD.rename(columns={"J1 [deg]": "J1\n[deg]"}).assign(setup="left\nhand")
+    read = gp.read_table(frame, "irb6400r")
+    assert read.columns[0] == "J1"
+    assert set(read.label("setup")) == {"left hand"}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    mechanism, made = robot(40)
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    gp.calibrate(mechanism, made.dataset).model.save(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "said"),
+    [
+        (("unknowns", 0), "x", "unknowns: 'x', expected what and its axis"),
+        (("unknowns", 0), "tool up", "unknowns: 'tool up', expected what and its axis"),
+        (("measured", "heldout"), [999], "measured.heldout: expected places below 40"),
+        (("measured", "columns"), ["a"], "measured.columns: expected the 6 joints"),
+        (("mechanism", "name"), "a\nb", "mechanism.name: Expected"),
+    ],
+)
+def test_a_model_sealed_again_is_refused_by_its_place(
+    keys: tuple[str | int, ...], value: object, said: str, model: Path, tmp_path: Path
+) -> None:
+    content = json.loads(model.read_text())
+    inner = content
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    changed = tmp_path / "model.json"
+    changed.write_text(json.dumps(content | {SEAL: seal(content)}))
+    assert f"model.json: {said}" in one_line(run("predict", changed, write(GOOD[:3], tmp_path / "t.csv")), 2)
+
+
+def test_a_pipe_beside_a_model_is_not_waited_for(model: Path, tmp_path: Path) -> None:
+    (tmp_path / "model.json").write_text(model.read_text())
+    os.mkfifo(tmp_path / "report.json")
+    assert run("predict", tmp_path / "model.json", write(GOOD[:3], tmp_path / "t.csv")).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["simulate", "--mechanism", "irb6400r", "--poses", 3],
+        ["predict", "MODEL", "POSES"],
+        pytest.param(["poses", "--mechanism", "irb6400r", "-n", 3], marks=pytest.mark.long),
+        pytest.param(["compensate", "MODEL", "POSES"], marks=pytest.mark.long),
+    ],
+    ids=["simulate", "predict", "poses", "compensate"],
+)
+def test_a_measured_table_is_not_replaced(words: list[object], model: Path, tmp_path: Path) -> None:
+    measured = write(GOOD, tmp_path / "measured.csv")
+    poses = write(GOOD.filter(like="J")[:3], tmp_path / "poses.csv")
+    words = [{"MODEL": model, "POSES": poses}.get(str(word), word) for word in words]
+    before = measured.read_bytes()
+    line = one_line(run(*words, "--out", measured), 2)
+    assert "measured.csv: holds measurements, which would be lost; expected another name" in line
+    assert measured.read_bytes() == before
+    for _ in range(2):  # its own output is replaced
+        assert run(*words, "--out", tmp_path / "own.csv").exit_code == 0
+
+
+def test_too_little_memory_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise MemoryError("Unable to allocate 3.5 TiB")
+
+    monkeypatch.setattr("gpmodel.cli.simulate.measure", refuse)
+    line = one_line(run("simulate", "--mechanism", "irb6400r"), 2)
+    assert "not enough memory (Unable to allocate 3.5 TiB); expected fewer poses" in line
+
+
+class Wrong:
+    """A basis of another shape."""
+
+    inputs = ("J1",)
+
+    def __call__(self, states: object) -> np.ndarray:
+        return np.zeros((3, 2))
+
+    def __str__(self) -> str:
+        return "J1"
+
+
+CALLS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
+    "a text for a file": (lambda m, p: gp.load_model(m).predict("J1 [deg],J2 [deg]\n" * 200), "cannot be read"),
+    "a lambda for a basis": (lambda m, p: gp.effect_at("e", "J1.moving", "Rz", lambda s: s["J1"]), "is no basis"),
+    "a basis of another shape": (
+        lambda m, p: gp.calibrate("irb6400r", GOOD, [gp.effect_at("e", "J1.moving", "Rz", Wrong())]),
+        "values of shape (3, 2)",
+    ),
+    "a name that is none": (lambda m, p: gp.load_model(m).save(str(p / "a\0b")), "expected a path"),
+}
+
+
+@pytest.mark.parametrize("case", CALLS)
+def test_a_call_with_what_it_cannot_take_is_one_line(case: str, model: Path, tmp_path: Path) -> None:
+    call, said = CALLS[case]
+    with pytest.raises(gp.InputError) as caught:
+        call(model, tmp_path)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
