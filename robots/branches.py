@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from gpmodel.mechanism.protocol import Joint
 from gpmodel.mechanism.workspace import links
 from gpmodel.numerics import se3
 from robots.chain import SerialChain
-from robots.statics import load_names, unit_load_names
 from robots.urdf import read_urdf
 from robots.urdf_export import write_arms_urdf
 
@@ -25,8 +24,7 @@ class Branches:
     """Chains (A,) of one tree, which share the joints that carry several of them.
 
     Slots are those of the first chain but its last, then what the others have beside them, FRAME.tool at the end of
-    each, and `tool`, the first one's. Loads are those of the joints that one chain alone has: what rests on a shared
-    one depends on all arms.
+    each, and `tool`, the first one's.
     """
 
     name: str
@@ -82,21 +80,27 @@ class Branches:
 
     def transforms(self, q: Array) -> Array:
         """Transforms (S, N, 4, 4) from each slot to the next in the list, m; q: (N, n), rad and m."""
-        names = [joint.name for joint in self.joints]
         frames: dict[str, Array] = {}
         for chain, own in zip(self.chains, self._own, strict=True):
-            columns = [names.index(name) for name in chain.joint_names]
-            frames.update(zip(own, se3.chain(chain.transforms(np.asarray(q)[:, columns])), strict=True))
+            frames.update(zip(own, se3.chain(chain.transforms(self._of(chain, q))), strict=True))
         placed = np.array([frames[slot] for slot in self.slots])
         return np.concatenate([placed[:1], np.linalg.solve(placed[:-1], placed[1:])])
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Of the joints of one arm, by its own weight and nothing carried; see SerialChain.loads."""
-        return self._of_one_arm(q, lambda chain, own: chain.loads(own, np.zeros(len(own))))
+        """Of every joint, and of the base, by the weight of all that it carries and nothing carried by the tools; see
+        SerialChain.loads. A load is linear in the masses: each link weighs in the first chain that has it."""
+        out = dict[str, Array]()
+        for chain in self._weighed_once:
+            for name, values in chain.loads(self._of(chain, q), np.zeros(len(q))).items():
+                out[name] = out[name] + values if name in out else values
+        return out
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Likewise; see SerialChain.unit_loads."""
-        return self._of_one_arm(q, lambda chain, own: chain.unit_loads(own))
+        """Likewise; a shared link weighs alike in every chain. See SerialChain.unit_loads."""
+        out = dict[str, Array]()
+        for chain in self.chains:
+            out |= chain.unit_loads(self._of(chain, q))
+        return out
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Writes the arms with constant error twists, by slot, as URDF; see robots.urdf_export."""
@@ -108,15 +112,20 @@ class Branches:
             before |= {*own}
         return write_arms_urdf(arms, path)
 
-    def _of_one_arm(self, q: Array, of: Callable[[SerialChain, Array], dict[str, Array]]) -> dict[str, Array]:
-        """Loads of every chain by name, those of the joints that no other chain has."""
-        names, out = [joint.name for joint in self.joints], dict[str, Array]()
+    @cached_property
+    def _weighed_once(self) -> tuple[SerialChain, ...]:
+        """The chains, with masses of the links that no chain before has."""
+        counted, out = set[str](), []
         for chain in self.chains:
-            alone = [n for n in chain.joint_names if sum(n in other.joint_names for other in self.chains) == 1]
-            kept = {*load_names(alone), *unit_load_names(alone, [link.name for link in chain.links])}
-            loads = of(chain, np.asarray(q)[:, [names.index(name) for name in chain.joint_names]])
-            out |= {name: values for name, values in loads.items() if name in kept}
-        return out
+            links = (replace(link, mass=0.0) if link.name in counted else link for link in chain.links)
+            out.append(replace(chain, links=tuple(links)))
+            counted |= {link.name for link in chain.links}
+        return tuple(out)
+
+    def _of(self, chain: SerialChain, q: Array) -> Array:
+        """Joint values (N, n) of a chain, of those of the tree."""
+        names = [joint.name for joint in self.joints]
+        return np.asarray(q)[:, [names.index(name) for name in chain.joint_names]]
 
 
 def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
@@ -141,4 +150,4 @@ def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> 
     """The arms of a URDF file that end at links `frames`. Raises InputError as `read_urdf`, or for a link twice."""
     if len(set(frames)) < len(frames):
         raise InputError(f"{name or path}: frames {', '.join(frames)}; expected each link once")
-    return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame) for frame in frames))
+    return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame, arms=frames) for frame in frames))

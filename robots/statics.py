@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-
 import numpy as np
 
 from gpmodel.arrays import Array
@@ -71,19 +69,6 @@ def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: A
     """Generalized force (N,) on motion j of a couple (N, 3) or, where it slides, of a weight (3,)."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
     return np.asarray(np.einsum("ni,ni->n", axes[j], acting))
-
-
-def load_names(names: Iterable[str]) -> Iterator[str]:
-    """What `gravity_loads` calls the loads of joints."""
-    for name in names:
-        yield from (text.format(name) for text in ("torque_{}", *_COMPONENTS))
-
-
-def unit_load_names(names: Sequence[str], links: Iterable[str]) -> Iterator[str]:
-    """What `unit_loads` calls those of joints by links."""
-    for link in links:
-        for part in (link, *(f"{link}_{axis}" for axis in "xyz")):
-            yield from (f"torque_{name}_of_{part}" for name in names)
 
 
 def _on_joints(chain: Chain, on_motions: list[Array], part: str) -> dict[str, Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +21,15 @@ FINGER_DEPTH = 3
 ARM_DEPTH = 3
 
 
-def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) -> SerialChain:
+def read_urdf(
+    path: Path, *, name: str | None = None, frame: str | None = None, arms: Sequence[str] = ()
+) -> SerialChain:
     """The chain of a URDF file from its root link to `frame`, a link (default: `default_frame`).
 
     It is called `name`, else as its <robot> is, else as the file. Revolute, continuous and prismatic joints on the
     chain are its joints, except mimic joints, which follow theirs; all joints off the chain stay at neutral, and what
-    hangs there weighs on the chain. A joint whose axis is no coordinate axis has the frames of its slots turned so that
-    it is z.
+    hangs there weighs on the chain, but for arms to the links `arms`, whose own chains weigh it. A joint whose axis is
+    no coordinate axis has the frames of its slots turned so that it is z.
 
     Raises InputError where the file cannot be read as URDF, `frame` is no link beyond a moving joint, or a joint of the
     chain is floating or planar.
@@ -47,7 +51,8 @@ def read_urdf(path: Path, *, name: str | None = None, frame: str | None = None) 
         raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
     if len(chain) > LONGEST_CHAIN:
         raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
-    return _chain(tree, chain, name or tree.name or path.stem, frame, path)
+    others = [joint for arm in arms for joint in tree.route(arm) if joint.kind != "fixed"]
+    return _chain(tree, chain, others, _Called(name or tree.name or path.stem, frame, path))
 
 
 def default_frame(tree: UrdfTree) -> str:
@@ -85,7 +90,17 @@ def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
     return links
 
 
-def _chain(tree: UrdfTree, chain: list[UrdfJoint], name: str, frame: str, path: Path) -> SerialChain:
+@dataclass(frozen=True)
+class _Called:
+    """Names of a chain, its measured link and its file."""
+
+    name: str
+    frame: str
+    path: Path
+
+
+def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], called: _Called) -> SerialChain:
+    name, frame, path = called.name, called.frame, called.path
     names = [joint.name for joint in chain]
     driven = [joint for joint in chain if joint.mimic is None or joint.mimic.leader not in names]
     leaders = [joint.name for joint in driven]
@@ -103,7 +118,7 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], name: str, frame: str, path: 
             raise InputError(f"{path}: joint {joint.name!r} mimics {leader!r}, which itself mimics another joint")
         coupling[row, leaders.index(leader)] = sign * factor
         after = tree.frames[joint.child] @ alignment
-        mass, com = _carried(tree, joint, chain)
+        mass, com = _carried(tree, joint, [*chain, *others])
         links.append(
             Link(
                 name=identifier(joint.name),
@@ -132,9 +147,9 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], name: str, frame: str, path: 
     )
 
 
-def _carried(tree: UrdfTree, joint: UrdfJoint, chain: list[UrdfJoint]) -> tuple[float, Array]:
+def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
     """Mass, kg, and its centre (3,), m, in the frame of the joint's child, of all that hangs there up to the next joint
-    of the chain; joints off the chain rest."""
+    of the chain or of another; other joints rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:
@@ -142,7 +157,7 @@ def _carried(tree: UrdfTree, joint: UrdfJoint, chain: list[UrdfJoint]) -> tuple[
         weighs, com = tree.masses[link]
         seen = inverse @ tree.frames[link]
         mass, moment = mass + weighs, moment + weighs * (seen[:3, :3] @ com + seen[:3, 3])
-        waiting += [beyond.child for beyond in tree.below[link] if beyond not in chain]
+        waiting += [beyond.child for beyond in tree.below[link] if beyond not in chains]
     return mass, moment / mass if mass else moment
 
 

@@ -1,28 +1,32 @@
 """Two arms on one torso: the tree as it is, and the arms calibrated against one another by points that both touch."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, run
-from torso_cases import TIPS, torso
+from torso_cases import MASS, TIPS, torso
 
 import gpmodel as gp
 from gpmodel.api.simulate import SimulationResult
 from gpmodel.application.exports.make import exports_of
 from gpmodel.application.exports.sample import Place
+from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
+from gpmodel.families.load import base_compliance, joint_compliance
 from gpmodel.mechanism.branches import assembled, lineage
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.bundles import copies
+from gpmodel.table.dataset import unmeasured
 from robots.urdf import read_urdf
 
 
@@ -180,7 +184,30 @@ def test_each_arm_bears_its_own_weight(weighty: Path) -> None:
         np.testing.assert_array_equal(loads[f"torque_{side}_1"], wanted[f"torque_{side}_1"])
         part = f"torque_{side}_1_of_{side}_3_x"
         np.testing.assert_array_equal(parts[part], alone.unit_loads(own)[part])
-    assert not {"torque_torso", "moment_base_x", "torque_torso_of_left_1"} & {*loads, *parts}
+
+
+def test_a_shared_joint_bears_both_arms_and_what_they_share_once(tmp_path: Path) -> None:
+    """The chest weighs as well, and the torso leans."""
+    text = torso(weighty=True).replace('<link name="chest"/>', f'<link name="chest">{MASS}</link>', 1)
+    file = tmp_path / "leaning.urdf"
+    file.write_text(text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>', 1))
+    light = tmp_path / "chest.urdf"
+    light.write_text(re.sub(r'<link name="(\w+_link_\d)">.*?</link>', r'<link name="\1"/>', file.read_text()))
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    names, q = [j.name for j in arms.joints], random_poses(arms, 9, np.random.default_rng(0))
+
+    def alone(source: Path, tip: str) -> dict[str, Array]:
+        chain = read_urdf(source, frame=tip, arms=TIPS.split(","))
+        return chain.loads(q[:, [names.index(j.name) for j in chain.joints]], np.zeros(9))
+
+    left, right, chest = alone(file, "left_tool"), alone(file, "right_tool"), alone(light, "left_tool")
+    loads = arms.loads(q, np.zeros(9))
+    assert np.abs(chest["torque_torso"]).max() > 0.1
+    for name in ("torque_torso", "moment_torso_x", "force_base_z", "moment_base_x"):
+        np.testing.assert_allclose(loads[name], left[name] + right[name] - chest[name], atol=1e-9)
+    states = prepare(arms, unmeasured(names, q)).states
+    offered = {c.name for family in (joint_compliance, base_compliance) for c in family(arms, states)}
+    assert {"joint compliance, torso", "base compliance"} <= offered
 
 
 def test_two_arms_by_the_commands(file: Path, tmp_path: Path) -> None:
