@@ -189,8 +189,8 @@ def _as_laws(
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
     for program in programs:
-        nodes = program.complexity
-        cost = curve.cost + search.cost(nodes, 1) if curve.family else search.cost(nodes, places)
+        own = (1, curve.cost) if curve.family else (places, 0.0)
+        cost = search.cost_with_constants(program, own[0], residual.measured) + own[1]
         candidate = as_candidate(program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield ShortLaw(program, task, replace(candidate, found_by="formula"))

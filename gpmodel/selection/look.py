@@ -1,6 +1,6 @@
 """One look: the chain linearised where it was left, groups chosen of all that is offered, the exact chain solved."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,10 +17,7 @@ from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.price import Price
 from gpmodel.selection.refit import Expansion, far_out, refit
 from gpmodel.selection.rows import Rows
-from gpmodel.selection.sparse_bayes import reestimate, select
-
-MOST_LOOKS = 3
-"""Linearisations at most; the second usually finds nothing to change."""
+from gpmodel.selection.sparse_bayes import reestimate
 
 UNKNOWN = 1e-6
 """Variance from which that of a group is sought which is always in the model."""
@@ -33,11 +30,6 @@ class Screening:
     shapes: Shapes
     prices: Price
 
-    @property
-    def criteria(self) -> Criteria:
-        """The limits of the selection."""
-        return self.prices.limits
-
 
 @dataclass(frozen=True)
 class Look:
@@ -48,14 +40,10 @@ class Look:
     state: Expansion
 
 
-def looked(screening: Screening, groups: Sequence[Group], state: Expansion) -> Look:
-    """The last look: from what was chosen before, again until the next would see the same problem."""
-    for _ in range(MOST_LOOKS):
-        active = select(_started(screening, groups, state))
-        before, state = state, _refitted(active, screening, state)
-        if _same(before, state):
-            break
-    return Look(active, alternatives(active), state)
+def looked(screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]) -> Look:
+    """Take a step of the selection from what was selected before, and fit the exact chain with it."""
+    active = step(_started(screening, groups, state))
+    return Look(active, alternatives(active), _refitted(active, screening, state))
 
 
 def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> Active:
@@ -97,9 +85,9 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
     sigma = float(np.sqrt(active.sigma2))
     fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
     fit = refit(Expansion(fitting, theta, state.placement, sigma, variances, left))
-    use = far_out(fit.error, fitting.use, screening.criteria.outlier_sigmas)
+    use = far_out(fit.error, fitting.use, screening.prices.limits.outlier_sigmas)
     if not use.all():
-        use |= _back_in(fit.state, screening.criteria)
+        use |= _back_in(fit.state, screening.prices.limits)
     if (use != fitting.use).any():
         fitting = replace(fitting, use=use)
         fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
@@ -114,13 +102,3 @@ def _back_in(state: Expansion, criteria: Criteria) -> Mask:
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return far_out(fit.error, everything, criteria.outlier_sigmas)
-
-
-def _same(before: Expansion, after: Expansion) -> bool:
-    """Whether another look would see the same problem: the same poses in use, the same noise on both levels."""
-    first, second = before.fitting, after.fitting
-    return (
-        bool((first.use == second.use).all())
-        and abs(np.log1p(first.ratio) - np.log1p(second.ratio)) < 0.1
-        and abs(np.log(before.sigma / after.sigma)) < 0.05
-    )

@@ -84,9 +84,9 @@ class Selection:
     def by_chance(self) -> Array:
         """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
-        together = exchangeable(self.state.fitting.poses.dataset, screening.criteria)
+        together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
         with threadpool_limits(limits=1, user_api="blas"):
-            return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.criteria.shuffles)
+            return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
 def summarised(offered: Offered, look: Look) -> Selection:

@@ -22,17 +22,15 @@ from gpmodel.selection.offers import Offering, singles, without_copies
 from gpmodel.selection.price import Price
 from gpmodel.selection.refit import Expansion
 from gpmodel.selection.result import Offered, Selection, summarised
+from gpmodel.selection.sparse_bayes import exchange, grow
 from gpmodel.selection.surfaces import surfaces_left
 from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
+Step = Callable[[Active], Active]
+
 Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
 """Groups that the residual of a selection asks for, and the names of curves whose formulas are among them."""
-
-
-def nothing_proposed(chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
-    """No groups."""
-    return (), frozenset()
 
 
 def select(
@@ -42,32 +40,41 @@ def select(
     *,
     prices: Price | None = None,
     workers: Workers = ALONE,
-    propose: Proposer = nothing_proposed,
+    propose: Proposer | None = None,
 ) -> Selection:
     """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
 
-    Smooth terms are proposed for the residual of the calibration; they and sinusoids for that of every selection.
+    Groups are added and deleted, then exchanged. Smooth terms are proposed for the residual of the calibration, they
+    and sinusoids for that of every new selection; where it stays the same, further ones.
     poses: those the calibration was fitted to. workers: search for proposals. propose: further ones, such as formulas
     of the selected curves.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
-        new, before = _smooth_terms(chosen.look.active, offering), None
+        new, before = _smooth_terms(chosen.look.active, offering), chosen.names
+        step: Step = grow
+        exchanged = False
         while True:
-            chosen = _among(chosen, groups, new)
-            if chosen.names == before:
-                return chosen
-            before = chosen.names
-            active = chosen.look.active
-            proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
-            smooth, sinusoids = called(workers, proposals)
-            known = {group.name for group in active.pool.groups}
-            further, curves = propose(chosen)
-            new = [g for g in (*smooth, *sinusoids, *further) if g.name not in known]
-            if not new:
-                return chosen
-            chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
+            chosen = _among(chosen, groups, new, step)
+            known = {group.name for group in chosen.look.active.pool.groups}
+            if chosen.names != before:
+                before = chosen.names
+                active = chosen.look.active
+                proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
+                new = [group for found in called(workers, proposals) for group in found if group.name not in known]
+            elif not exchanged:
+                exchanged, new = True, []
+                step = exchange
+                continue
+            else:
+                further, curves = propose(chosen) if propose else ((), frozenset())
+                new = [group for group in further if group.name not in known]
+                if not new:
+                    return chosen
+                chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
+            if exchanged:
+                step = partial(exchange, new=frozenset(group.name for group in new))
 
 
 def nothing_selected(
@@ -86,14 +93,14 @@ def nothing_selected(
     return Selection((), Offered(screening, base, (), (), grids), Look(left_by(screening, base, state), {}, state))
 
 
-def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group]) -> Selection:
-    """Select from where a selection ended, among its groups and new ones. Every group may come and go."""
+def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
+    """Take a step from where a selection ended, among its groups and new ones. Every group may come and go."""
     offered = before.offered
     unique = {group.name: group for group in (*groups, *offered.proposed, *new)}
     proposed = without_copies(group for name, group in unique.items() if name not in {g.name for g in groups})
     offered = replace(offered, single=tuple(groups), proposed=tuple(proposed))
     mechanism = before.state.fitting.model.mechanism
-    return summarised(offered, looked(offered.screening, offered.groups(mechanism), before.state))
+    return summarised(offered, looked(offered.screening, offered.groups(mechanism), before.state, step))
 
 
 def _smooth_terms(active: Active, offering: Offering) -> list[Group]:

@@ -33,11 +33,20 @@ PLAUSIBLE = 0.05
 """Share of what a removal costs that the three best groups must gain one by one for a regrowth to be tried."""
 
 
-def select(model: Active) -> Active:
-    """Maximise the utility over all groups of the pool, from the model that grows. Deterministic."""
-    model = named_by_site(grow(model))
-    while better := next((t for t in exchanges(model) if t.utility > model.utility + TOLERANCE), None):
-        model = better
+def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
+    """Maximise the utility over all groups of the pool, from the model that grows. Deterministic.
+
+    new: names of groups that came into the pool since no exchange of this model was better; None for all.
+    """
+    grown = named_by_site(grow(model))
+    asked = (
+        None
+        if new is None or grown.found != model.found
+        else frozenset(g for g, group in enumerate(model.pool.groups) if group.name in new)
+    )
+    model = grown
+    while better := next((t for t in exchanges(model, asked) if t.utility > model.utility + TOLERANCE), None):
+        model, asked = better, None
     return model
 
 
@@ -74,35 +83,39 @@ def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool =
             refused.add(g)
 
 
-def exchanges(model: Active) -> Iterator[Active]:
+def exchanges(model: Active, new: frozenset[int] | None = None) -> Iterator[Active]:
     """Models grown again without each group, the weakest first, and without all groups that act at one site.
 
-    Growth begins with the group of largest net gain where the remaining groups may take any size: a group held to its
-    size keeps out what would change it. Each model is followed by the one grown without the groups that came in: a pair
-    may hide behind its best approximation.
+    Growth begins with the group of largest net gain, of some new ones if given, where the remaining groups may take any
+    size: a group held to its size keeps out what would change it. Each model is followed by the one grown without the
+    groups that came in: a pair may hide behind its best approximation.
     """
     alone = [frozenset({g}) for g in sorted(model.found, key=model.net_gain)]
     for removed in (*alone, *_at_one_site(model)):
         fewer = reestimate(_without(model, removed), 4)
-        grown = _regrown(fewer, removed, model.utility - fewer.utility)
+        grown = _regrown(fewer, removed, model.utility - fewer.utility, new)
         if grown is None:
             continue
         yield grown
-        new = frozenset(grown.variances) - frozenset(model.variances)
-        again = _regrown(_without(grown, new), new | removed, 0.0) if new else None
+        came = frozenset(grown.variances) - frozenset(model.variances)
+        again = _regrown(_without(grown, came), came | removed, 0.0) if came else None
         if again is not None:
             yield again
 
 
-def _regrown(fewer: Active, forbidden: frozenset[int], lost: float) -> Active | None:
-    """The model grown without some groups; None where the three best of the others cannot make up for the loss."""
+def _regrown(
+    fewer: Active, forbidden: frozenset[int], lost: float, first: frozenset[int] | None = None
+) -> Active | None:
+    """The model grown without some groups, from the best of the first; None where nothing makes up for the loss."""
     free = _relaxed(fewer)
     gains, variances, fit = scan(free)
     gains[[*fewer.variances, *forbidden]] = -np.inf
     net = with_own_noise(gains - fewer.pool.price - fewer.pool.reading, fit, free.mismatch)
     if not float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost:
         return None
-    best = int(np.argmax(net))
+    best = int(np.argmax(net)) if first is None else max(first, key=lambda g: net[g], default=0)
+    if not net[best] > 0.0:
+        return None
     return named_by_site(grow(free.added(best, float(variances[best])), forbidden, reading=True))
 
 
@@ -140,14 +153,12 @@ def named_by_site(model: Active) -> Active:
     that each named site pays its price.
     """
     number = {group.name: g for g, group in enumerate(model.pool.groups)}
-    for g in model.found:
-        parts = model.pool.groups[g].parts
-        sites = np.unique(model.part_of_column(g)) if parts else ()
-        trial = model.without(g)
-        for part in sites:
+    for g in [g for g in model.found if model.pool.groups[g].parts]:
+        parts, trial = model.pool.groups[g].parts, model.without(g)
+        for part in np.unique(model.part_of_column(g)):
             trial = trial.added(number[parts[part].name], model.variances[g] / len(parts))
         trial = reestimate(trial)
-        if len(sites) and all(trial.net_gain(h) >= 0.0 for h in trial.variances if h not in model.variances):
+        if all(trial.net_gain(h) >= 0.0 for h in trial.variances if h not in model.variances):
             model = trial
     return model
 

@@ -21,7 +21,7 @@ from gpmodel.selection.offers import Offering, of_evolved
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.price import Price
 from gpmodel.selection.programs import laws
-from gpmodel.selection.sparse_bayes import grow, prune, reestimate, select
+from gpmodel.selection.sparse_bayes import exchange, grow, prune, reestimate
 
 LIFT, ELBOW = "shoulder_lift_joint", "elbow_joint"
 BASE, WAVE, CROSS = "base compliance", f"eccentricity, 1 per turn, {LIFT}", "shoulder under the elbow's torque"
@@ -49,11 +49,11 @@ def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_wha
         active = active.added(number[name], 1e-7)
     active = prune(reestimate(active))
     assert {number[name] for name in several} <= set(active.variances)
-    one = select(active)
+    one = exchange(active)
     assert set(one.variances) - set(active.variances) == {number["true"]}
     assert not {number[name] for name in several} & set(one.variances)
     assert one.objective > active.objective
-    assert select(one).variances.keys() == one.variances.keys()
+    assert exchange(one).variances.keys() == one.variances.keys()
 
 
 def hinge(cost: float) -> Candidate:
@@ -109,7 +109,7 @@ def test_a_curve_gives_way_to_a_formula_with_what_grows_with_it() -> None:
     active, number = started(truth, [group for group in (line, law, curve) if group is not None])
     curved = prune(reestimate(active.added(number[curve.name], 1e-7)))
     assert set(curved.variances) - set(active.variances) == {number[curve.name]}
-    spelled = select(curved)
+    spelled = exchange(curved)
     assert set(spelled.variances) - set(active.variances) == {number["line"], number["law"]}
     assert spelled.objective > curved.objective
 
@@ -143,7 +143,7 @@ def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_ea
     broad = reestimate(active.added(number["broad"], 1e-7))
     greedy = grow(active, frozenset({number["broad"]}))
     assert {greedy.pool.groups[g].name for g in greedy.found} == {"nearly"}
-    apart = select(broad)
+    apart = exchange(broad)
     assert {apart.pool.groups[g].name for g in apart.found} == {"one", "other"}
     assert apart.objective > max(broad.objective, greedy.objective)
 
@@ -165,7 +165,7 @@ def test_what_explains_it_takes_the_place_of_what_explains_it_with_less_beside_i
 
     groups = [group_of(pool[name], Shapes(truth.poses.states)) for name in (BASE, WAVE, CROSS)]
     active, number = started(truth, [g for g in groups if g is not None])
-    chosen = select(reestimate(active.added(number[WAVE], 1e-9).added(number[CROSS], 1e-9)))
+    chosen = exchange(reestimate(active.added(number[WAVE], 1e-9).added(number[CROSS], 1e-9)))
     assert {number[BASE], number[WAVE]} <= set(chosen.variances)
     assert number[CROSS] not in chosen.variances
 
