@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from experiments.bench import run
+from experiments.bench import fixed, run
 from experiments.bench.judge import judge
 from experiments.bench.robots import ROBOTS
 from experiments.bench.table import changed, counted, worse
@@ -76,3 +76,23 @@ def test_a_robot_is_judged_from_end_to_end(name: str, tmp_path: Path) -> None:
     row = judge(replace(ROBOTS[name], evolved=False), tmp_path / name)
     assert row["ratio"] < 1.25
     assert (row["named"], row["false"]) == (row["effects"], 0)
+
+
+@pytest.mark.parametrize(
+    ("now", "told"),
+    [
+        ({"a": [1.0, {"b": "x"}], "n": None}, []),
+        ({"a": [1.0 + 1e-10, {"b": "x"}], "n": None}, []),
+        ({"a": [1.0 + 1e-8, {"b": "x"}], "n": None}, ["a[0]"]),
+        ({"a": [1.0, {"b": "y"}], "n": 0.0}, ["a[1].b", "n"]),
+        ({"a": [1.0], "n": None}, ["a"]),
+        ({"a": [1.0, {"b": "x"}]}, []),
+    ],
+)
+def test_fixed_reports_differ_by_numbers_past_nine_digits_and_by_words(now: object, told: list[str]) -> None:
+    before = {"a": [1.0, {"b": "x"}], "n": None}
+    assert [line.split(":")[0] for line in fixed.differences(before, now)] == told
+
+
+def test_times_and_versions_are_left_out_of_fixed_reports_at_any_depth() -> None:
+    assert fixed.without({"a": [{"seconds": 2.0, "b": 1}], "versions": {"python": "3"}}) == {"a": [{"b": 1}]}
