@@ -244,3 +244,15 @@ def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
     assert len(pd.read_csv(tmp_path / "exports" / "grid.csv")) == 27
     assert "--box" in one_line(run("export", tmp_path, "--box", "0:1,2:3mm"), 2)
     assert "--box" in one_line(run("export", tmp_path, "--box", "9:10,9:10,9:10m"), 2)
+
+
+@pytest.mark.long
+def test_the_exported_urdf_of_an_arm_with_a_parallel_bar_fits_its_own_table(tmp_path: Path) -> None:
+    options = ("--mechanism", "irb6400r", "--noise", "0.05mm", "--geometry-sigma", "0.3mm", "--poses", 90)
+    assert run("simulate", *options, "--out", tmp_path / "t.csv").exit_code == 0
+    done = run("calibrate", tmp_path / "t.csv", *options[:2], "--out", tmp_path / "result")
+    assert done.exit_code == 0, done.stderr
+    said = run("check", tmp_path / "t.csv", "--mechanism", tmp_path / "result" / "calibrated.urdf").stdout
+    left = re.search(r"registration and tool alone leave ([\d.]+) mm RMS", said)
+    assert left is not None
+    assert float(left[1]) < 0.11

@@ -126,7 +126,7 @@ def frames_of(urdf: str, link: str, case: Case) -> np.ndarray:
             joint = model.joints[model.getJointId(name)]
             q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
         pin.framesForwardKinematics(model, data, q)
-        out.append(data.oMf[model.getFrameId(link)].homogeneous)
+        out.append(data.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous)
     return np.array(out)
 
 
